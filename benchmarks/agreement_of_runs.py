@@ -24,8 +24,8 @@ from kicked_motion import kicked_motion, smooth_forces  # noqa: E402
 
 from sysid_trib import identify, load_library, run_agreement  # noqa: E402
 from sysid_trib.errors import SysidTribError  # noqa: E402
+from sysid_trib.likelihood.random_force import RandomForce  # noqa: E402
 from sysid_trib.methods import Direct, Trajectory  # noqa: E402
-from sysid_trib.noise.random_force import RandomForce  # noqa: E402
 
 W, NOISE, WANDER, PERIODS, PER_PERIOD = 8.87, 2e-4, 5.0, 20, 60
 TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}

@@ -30,7 +30,7 @@ from sysid_trib import load_library
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.systems import load_system, without_impossible
 from sysid_trib.methods.scope import with_random_force
-from sysid_trib.simulation.example import paper_twin
+from sysid_trib.simulation.simulate import paper_twin
 from sysid_trib.validation.answer import better_of, identifications
 from sysid_trib.validation.residuals import fitted_motion
 

@@ -13,7 +13,7 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError
-from sysid_trib.noise.random_force import RandomForce, random_force_of
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 
 W, NOISE, PERIODS, PER_PERIOD, ANGLE = 8.87, 2e-4, 20, 60, 0.3
 TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}

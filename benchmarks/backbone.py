@@ -21,8 +21,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 import sysid_trib as st
-from sysid_trib.averaging.backbone import CURVES, BackboneCurves, backbone_curves
-from sysid_trib.averaging.period_rows import period_rows
+from sysid_trib.cycles.backbone import CURVES, BackboneCurves, backbone_curves, period_rows
 from sysid_trib.forces.library import parse_library
 
 W, PERIODS, PER_PERIOD, NOISE, STEP, COLOUR, RANDOM_FORCE = 2.0 * np.pi, 80, 50, 5e-4, 2e-3, 0.8, 1e-6

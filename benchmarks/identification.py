@@ -39,7 +39,7 @@ from stopwatch import timed  # noqa: E402
 import sysid_trib as st  # noqa: E402
 from sysid_trib import ForceLibrary  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
-from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound  # noqa: E402
+from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound  # noqa: E402
 from sysid_trib.validation.cross_check import cross_check  # noqa: E402
 
 STRONG = SIX | {"lambda": 1e-3}

@@ -20,8 +20,8 @@ from rich.table import Table
 from scipy.signal import lfilter
 
 import sysid_trib as st
-from sysid_trib.noise.random_force import random_force_of
-from sysid_trib.noise.sensor_noise import sensor_noise_of
+from sysid_trib.likelihood.random_force import random_force_of
+from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 
 STRIDES = {"Ship model": 1, "Steel pendulum": 10}
 LAGS = 20

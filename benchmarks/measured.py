@@ -30,7 +30,7 @@ from sysid_trib import Model, free_decay, load_library, read_record
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.physics import model_of
-from sysid_trib.trajectory_fit.initial_conditions import first_guess, fit_start
+from sysid_trib.simulation.initial_conditions import first_guess, fit_start
 
 SIX = load_library()
 BOTH = replace(SIX, forces=(*SIX.forces, *load_library("candidate_effects").forces))

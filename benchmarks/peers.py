@@ -7,7 +7,7 @@ import pysindy
 from scipy.signal import savgol_filter
 
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.regression.pysindy_features import ForceFeatures
+from sysid_trib.likelihood.pysindy_features import ForceFeatures
 
 # Best for the paper's run of the windows from 0.15 to 0.45 s and orders tried: bias and noise about equal.
 WINDOW, ORDER = 0.25, 6

@@ -28,7 +28,7 @@ from random_force_kinds import BOTH, RECORDS  # noqa: E402
 
 import sysid_trib as st  # noqa: E402
 from sysid_trib.errors import SysidTribError  # noqa: E402
-from sysid_trib.noise.random_force import RandomForce, random_force_of  # noqa: E402
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of  # noqa: E402
 from sysid_trib.validation.holdout import first_held_out  # noqa: E402
 
 W, NOISE, PERIODS, PER_PERIOD, ANGLE = 8.87, 2e-4, 60, 60, 0.3

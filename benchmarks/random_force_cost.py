@@ -22,9 +22,9 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / 
 from random_force_study import FREE  # noqa: E402
 
 import sysid_trib as st  # noqa: E402
-from sysid_trib.noise.ratio_posterior import probability_of_none  # noqa: E402
-from sysid_trib.noise.variance_ratio import ratio_span  # noqa: E402
-from sysid_trib.state_space.linearised import Derivatives, linearised_about  # noqa: E402
+from sysid_trib.likelihood.ratio_posterior import probability_of_none  # noqa: E402
+from sysid_trib.likelihood.variance_ratio import ratio_span  # noqa: E402
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_about  # noqa: E402
 from sysid_trib.validation.likelihood_gain import TrialModel, trial_model  # noqa: E402
 
 # e-folds between two ratios that are tried, and how many of them: up to a wander of 3 noise levels.

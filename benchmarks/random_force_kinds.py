@@ -27,16 +27,16 @@ from scipy.optimize import minimize
 
 from sysid_trib import methods, simulate
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.forces.to_identify import forces_to_identify
-from sysid_trib.noise.variance_ratio import WhiteRows
+from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.likelihood.linearisation import deviation_matrix, linearised
+from sysid_trib.likelihood.optimizers import constraint_map
+from sysid_trib.likelihood.problem import begin
+from sysid_trib.likelihood.pushed_columns import regress_pushed
+from sysid_trib.likelihood.rows import rows_about, weak_regression
+from sysid_trib.likelihood.solution import solve
+from sysid_trib.likelihood.variance_ratio import WhiteRows
+from sysid_trib.likelihood.weak_form import coloured
 from sysid_trib.physics import model_of
-from sysid_trib.regression.constraint_map import constraint_map
-from sysid_trib.regression.linearisation import deviation_matrix, linearised
-from sysid_trib.regression.problem import begin
-from sysid_trib.regression.rows import rows_about, weak_regression
-from sysid_trib.regression.solution import solve
-from sysid_trib.regression.weak_form import coloured
-from sysid_trib.trajectory_fit.pushed_columns import regress_pushed
 
 Array = NDArray[np.float64]
 

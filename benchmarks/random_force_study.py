@@ -30,7 +30,7 @@ from stopwatch import timed  # noqa: E402
 
 import sysid_trib as st  # noqa: E402
 from sysid_trib.errors import SysidTribError  # noqa: E402
-from sysid_trib.noise.random_force import RandomForce, random_force_of  # noqa: E402
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of  # noqa: E402
 
 W, NOISE, PERIODS = 8.87, 2e-4, 20
 TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}

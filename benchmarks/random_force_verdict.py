@@ -23,8 +23,8 @@ from helpers import correlated_noise  # noqa: E402
 
 import sysid_trib as st  # noqa: E402
 from sysid_trib.errors import SysidTribError  # noqa: E402
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of  # noqa: E402
 from sysid_trib.methods.scope import Method  # noqa: E402
-from sysid_trib.noise.random_force import RandomForce, random_force_of  # noqa: E402
 
 W, NOISE, PERIODS, PER_PERIOD, ANGLE = 8.87, 2e-4, 20, 60, 0.3
 TRUTH = {"zeta": 5e-3, "delta": 2e-3, "epsilon": -0.1}

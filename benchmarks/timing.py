@@ -25,8 +25,8 @@ from helpers import FIVE, W, paper_run  # noqa: E402
 from stopwatch import median_ms, timed  # noqa: E402
 
 from sysid_trib import ForceLibrary, Model, discover, load_library, simulate  # noqa: E402
+from sysid_trib.likelihood.random_force import RandomForce  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
-from sysid_trib.noise.random_force import RandomForce  # noqa: E402
 from sysid_trib.validation.cross_check import cross_check  # noqa: E402
 
 SAMPLING_RATES = (100.0, 1000.0)

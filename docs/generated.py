@@ -30,11 +30,11 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sysid_trib as st
-from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
 from sysid_trib.commands.app import app
+from sysid_trib.cycles.identifiability import exactly_dependent, without_signature
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
-from sysid_trib.printing.forces import loses_power, signature_text
+from sysid_trib.printing.looked import loses_power, signature_text
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("SYSID_TRIB_DATA", ROOT.parent / "shared" / "data"))

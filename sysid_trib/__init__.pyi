@@ -1,4 +1,19 @@
 # The public names and where each lives: the one list, read by type checkers and by the package itself.
+from sysid_trib.cycles.backbone import backbone as backbone
+from sysid_trib.cycles.envelope_prediction import predict_envelope as predict_envelope
+from sysid_trib.cycles.signatures import signature as signature
+from sysid_trib.discovery.discover import discover as discover
+from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
+from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound as cramer_rao_bound
+from sysid_trib.records.free_decay import free_decay as free_decay
+from sysid_trib.records.half_sines import envelope as envelope
+from sysid_trib.records.read import read_record as read_record
+from sysid_trib.reporting.page import report as report
+from sysid_trib.results.files import load as load, save as save
+from sysid_trib.simulation.simulate import simulate as simulate
+from sysid_trib.validation.cross_check import cross_check as cross_check
+from sysid_trib.validation.homogeneity import difference as difference
+
 from . import (
     campaigns as campaigns,
     control as control,
@@ -9,24 +24,10 @@ from . import (
     records as records,
     validation as validation,
 )
-from .averaging.backbone import backbone as backbone
-from .averaging.envelope_prediction import predict_envelope as predict_envelope
-from .averaging.signatures import signature as signature
 from .campaigns.campaign import campaign as campaign
-from .decays.free_decay import free_decay as free_decay
-from .decays.half_sines import envelope as envelope
-from .discrepancy.discover import discover as discover
 from .forces.library import load_library as load_library
-from .records.read import read_record as read_record
-from .regression.pysindy_features import ForceFeatures as ForceFeatures
-from .reporting.page import report as report
-from .results.files import load as load, save as save
 from .simulation.model import Model as Model
-from .simulation.simulate import simulate as simulate
-from .trajectory_fit.cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .validation.compare import compare as compare
-from .validation.cross_check import cross_check as cross_check
-from .validation.homogeneity import difference as difference
 from .validation.identify import identify as identify
 from .validation.prediction import predict as predict
 

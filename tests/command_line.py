@@ -40,7 +40,7 @@ def run(*arguments: object, encoding: str = "utf-8") -> Ending:
     """Run `sysid-trib ARGUMENTS` in this process, on terminals of this encoding."""
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding=encoding, write_through=True) for _ in range(2))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sysid_trib.validation.cross_check_statistics.scatter", scatter_once)
+        patch.setattr("sysid_trib.validation.cross_check.scatter", scatter_once)
         patch.setattr(sys, "argv", ["sysid-trib", *map(str, arguments)])
         patch.setattr(sys, "stdout", out)
         patch.setattr(sys, "stderr", err)

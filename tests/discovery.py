@@ -8,16 +8,16 @@ import xarray as xr
 from helpers import FIVE, NOISE, Array, W, decay
 
 from sysid_trib import Model, load_library
-from sysid_trib.discrepancy.evidence import credible, probabilities
-from sysid_trib.discrepancy.search import Search, search, with_steps
+from sysid_trib.discovery.fits import credible, probabilities
+from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood_fit.fitted_model import FittedModel
-from sysid_trib.likelihood_fit.paths import path_of
-from sysid_trib.likelihood_fit.run_rows import RunRows, run_rows
-from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
-from sysid_trib.likelihood_fit.start_model import fit_start_model
-from sysid_trib.likelihood_fit.trials import TrialEffect
-from sysid_trib.noise.noise_model import NoiseModel
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.paths import path_of
+from sysid_trib.likelihood.run_rows import RunRows, run_rows
+from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.start_model import fit_start_model
+from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.simulation.simulate import trajectory
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")

@@ -10,7 +10,7 @@ from helpers import decay
 
 from sysid_trib import discover, free_decay, load_library
 from sysid_trib.errors import LibraryError, SysidTribError
-from sysid_trib.likelihood_fit.frequency_parameters import is_resonance
+from sysid_trib.likelihood.trials import is_resonance
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from blind.cases import HIDDEN

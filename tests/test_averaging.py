@@ -21,8 +21,8 @@ from helpers import (
 from sysid_trib import Model, load_library
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging
-from sysid_trib.results.contactless import with_contactless_frequency
-from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.results.references import with_contactless_frequency
 
 FORCES = load_library()
 SEEDS = 40

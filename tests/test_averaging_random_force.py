@@ -7,12 +7,12 @@ import xarray as xr
 from helpers import library_of_formulas
 
 import sysid_trib as st
-from sysid_trib.decays.half_sines import envelope
-from sysid_trib.decays.kick_response import KICKS, SPAN, kick_response
+from sysid_trib.cycles.kick_response import KICKS, SPAN, kick_response
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.methods import Averaging, EnergyDecay, FeenyLiang, FrequencyShift, WuDecrement
-from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.regression.half_period_noise import HalfPeriodEquations
+from sysid_trib.methods.half_period_noise import HalfPeriodEquations
+from sysid_trib.records.half_sines import envelope
 
 W, NOISE, PERIODS, PER_PERIOD = 8.87, 2e-4, 20, 60
 TIME = np.arange(PERIODS * PER_PERIOD) * 2.0 * np.pi / W / PER_PERIOD

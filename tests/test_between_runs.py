@@ -10,8 +10,7 @@ from statsmodels.stats.meta_analysis import combine_effects
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
-from sysid_trib.validation.random_effects import RandomEffects
-from sysid_trib.validation.reproducibility import precision
+from sysid_trib.validation.random_effects import RandomEffects, precision
 from sysid_trib.validation.run_conditions import without_collinear
 
 

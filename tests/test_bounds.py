@@ -6,7 +6,7 @@ from helpers import FIVE, NOISE, SIX, W, library_of_formulas, paper_run
 
 from sysid_trib import Model
 from sysid_trib.errors import UsageError
-from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from scipy.special import beta, dawsn, iv, j1, modstruve
 from scipy_motion import scipy_motion
 
 from sysid_trib import Model, load_library
-from sysid_trib.averaging.identifiability import exactly_dependent, without_signature
-from sysid_trib.averaging.signatures import averages
+from sysid_trib.cycles.identifiability import exactly_dependent, without_signature
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.scaling import reference_powers
 from sysid_trib.methods import Averaging

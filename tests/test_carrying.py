@@ -3,9 +3,9 @@ import pytest
 from candidates import candidate, force
 from scipy.interpolate import CubicSpline
 
-from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.library import parse_library
+from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import simulate
 

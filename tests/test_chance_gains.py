@@ -8,17 +8,17 @@ from discovery import CONTACT, EFFECTS, EVERY, TIME, start_model, with_effect
 from helpers import NOISE, W
 from scipy.stats import chi2, t as student
 
-from sysid_trib.likelihood_fit.likelihood import likelihood, of_many_rows
-from sysid_trib.likelihood_fit.run_products import RowNoise, products_of
-from sysid_trib.likelihood_fit.settings import DEFAULTS
-from sysid_trib.likelihood_fit.trials import TrialEffect
-from sysid_trib.regression.local_rows import covariance_band
-from sysid_trib.regression.weak_form import build_weak_form, noise_operator
-from sysid_trib.screening import omnibus_test
-from sysid_trib.screening.columns_beside import each_beside
-from sysid_trib.screening.omnibus_test import trial_columns, trial_names
-from sysid_trib.screening.screen import TOO_FINE, screen
-from sysid_trib.screening.white_columns import known_directions, known_finely, outside_of
+from sysid_trib.discovery import omnibus_test
+from sysid_trib.discovery.columns_beside import each_beside
+from sysid_trib.discovery.omnibus_test import trial_columns, trial_names
+from sysid_trib.discovery.screen import TOO_FINE, screen
+from sysid_trib.discovery.simulated_gains import known_directions, known_finely, outside_of
+from sysid_trib.likelihood.likelihood import likelihood, of_many_rows
+from sysid_trib.likelihood.row_noise import covariance_band
+from sysid_trib.likelihood.run_products import RowNoise, products_of
+from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import TrialEffect
+from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
 
 SAMPLES, LEVEL = 160, 0.01
 FORM = build_weak_form(np.arange(SAMPLES) * 0.25)

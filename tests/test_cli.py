@@ -14,7 +14,7 @@ from sysid_trib.commands.terminal import print_table
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results import files as result_files
-from sysid_trib.simulation.example import PAPER_COEFFICIENTS, PAPER_FREQUENCY
+from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS, PAPER_FREQUENCY
 
 DAHL = """
 [[force]]

@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.likelihood_fit.decimation import decimated
-from sysid_trib.noise.coarse_step import coarse_step
+from sysid_trib.likelihood.run_rows import decimated
+from sysid_trib.records.sensor import coarse_step
 from sysid_trib.validation.answer import identifications
 
 TRUTH = {"zeta": 0.003, "delta": 0.10}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sysid_trib.noise.colour import of_order
+from sysid_trib.likelihood.colour import of_order
 
 # Of noise that swings, as of a sensor with a resonance.
 SWINGING = np.array([1.0, -1.7, 0.9])

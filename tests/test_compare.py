@@ -16,10 +16,10 @@ from sysid_trib import Model, compare, identify, load_library, plots
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
-from sysid_trib.noise.level import sensor_noise
-from sysid_trib.plots.comparison_data import comparison_data
+from sysid_trib.plots.compared import comparison_data
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.comparison_tables import coefficient_table, difference_table, quality_table
+from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.files import load, save
 from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.validation.compare import _by_label, every_method

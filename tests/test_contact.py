@@ -11,9 +11,9 @@ import pytest
 import xarray as xr
 from command_line import run
 
-from sysid_trib.decays.free_decay import free_decays
-from sysid_trib.decays.half_periods import dominant_periods
 from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.records.free_decay import free_decays
+from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 

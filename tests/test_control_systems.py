@@ -5,11 +5,11 @@ from candidates import CANDIDATES
 from known_results import PAPER, W, correlated, known
 
 from sysid_trib import Model, load_library
-from sysid_trib.averaging.signatures import averages
 from sysid_trib.control import damp, linearise, to_nonlinear_system
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
-from sysid_trib.physics.crossing import crossovers
+from sysid_trib.physics.force_weights import crossovers
 from sysid_trib.simulation.simulate import simulate
 
 A = 0.3

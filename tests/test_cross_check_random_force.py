@@ -8,22 +8,17 @@ from helpers import sentences_of
 import sysid_trib as st
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.noise.random_force import RandomForce
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.random_force import NOT_FOUND, allowed_for
-from sysid_trib.printing.runs import runs_json, runs_sentences
-from sysid_trib.results.common_reference import comparison_values
+from sysid_trib.printing.verdict import runs_json, runs_sentences
+from sysid_trib.results.references import comparison_values
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.state_space.wander import wander
-from sysid_trib.validation.compared_part import (
-    PERIODS_PER_STRETCH,
-    ComparedPart,
-    compared_part,
-    fitted_motions,
-)
-from sysid_trib.validation.density_agreement import density_agreement
+from sysid_trib.validation.holdout import PERIODS_PER_STRETCH, ComparedPart, compared_part, fitted_motions
+from sysid_trib.validation.homogeneity import density_agreement
 from sysid_trib.validation.simulated_pairs import Scatter, with_held_random_force
+from sysid_trib.validation.simulated_records import wander
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces").select(["zeta", "delta"])

@@ -10,9 +10,9 @@ import pytest
 import scipy.io
 import xarray as xr
 
-from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.errors import DecayError, RecordError, UsageError
-from sysid_trib.records.axes import is_magnitude
+from sysid_trib.records.as_angle import is_magnitude
+from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.read import read_record, read_records
 
 TIME = np.arange(0.0, 10.0, 0.01)

@@ -24,8 +24,8 @@ from sysid_trib import Model
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
+from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
 
 SEEDS = 50
 # By the issue: RMS error over its Cramér-Rao bound in 400 seeds, here widened by the chance of 50 seeds.

@@ -11,7 +11,7 @@ from helpers import FIVE, W, library_of_formulas, overlaps, paper_run, sentences
 
 from sysid_trib import Model, discover, load, plots
 from sysid_trib.commands.terminal import print_blocks
-from sysid_trib.discrepancy.trends import trend
+from sysid_trib.discovery.demodulation import trend
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.plots import style
 from sysid_trib.printing.blocks import Layer
@@ -23,8 +23,8 @@ from sysid_trib.printing.next_step import SECOND_RECORD, next_step
 from sysid_trib.results.discoveries import credible_set, or_others, strongest
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.breakdown import record_noise
 from sysid_trib.validation.findings import residual_of
+from sysid_trib.validation.verdict import record_noise
 
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}

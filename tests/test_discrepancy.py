@@ -28,30 +28,35 @@ from kicked_motion import kicked_motion, smooth_forces
 from scipy.stats import chi2
 
 from sysid_trib import discover
-from sysid_trib.discrepancy import fits as fits_of_search
-from sysid_trib.discrepancy.discover import verdict_of
-from sysid_trib.discrepancy.exchange import decisive_p_values, exchange_effects, rivals_of
-from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.holdout import _scores_of_periods, better_by, predicted
-from sysid_trib.discrepancy.search import search, with_steps
+from sysid_trib.discovery import fits as fits_of_search
+from sysid_trib.discovery.columns_beside import each_beside
+from sysid_trib.discovery.discover import verdict_of
+from sysid_trib.discovery.exchange import decisive_p_values, exchange_effects, rivals_of
+from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.omnibus_test import corrected
+from sysid_trib.discovery.screen import independent_tests, screen
+from sysid_trib.discovery.search import search, with_steps
+from sysid_trib.discovery.unseen import _scores_of_periods, better_by, predicted
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import parse
 from sysid_trib.forces.library import parse_library
-from sysid_trib.likelihood_fit.decimation import decimated
-from sysid_trib.likelihood_fit.frequency_parameters import has_frequency_parameter, is_frequency, is_resonance
-from sysid_trib.likelihood_fit.likelihood import likelihood, of_many_rows
-from sysid_trib.likelihood_fit.reference import refitted
-from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
-from sysid_trib.likelihood_fit.trials import TrialEffect, trials_of
-from sysid_trib.noise.smoothing import KNOTS_PER_PERIOD
+from sysid_trib.likelihood.likelihood import likelihood, of_many_rows
+from sysid_trib.likelihood.run_rows import decimated
+from sysid_trib.likelihood.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.start_model import refitted
+from sysid_trib.likelihood.trials import (
+    TrialEffect,
+    has_frequency_parameter,
+    is_frequency,
+    is_resonance,
+    trials_of,
+)
 from sysid_trib.printing.discovery_tables import formula_text
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layout import value_with_error
+from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.results.discoveries import shapes_of
-from sysid_trib.screening.columns_beside import each_beside
-from sysid_trib.screening.omnibus_test import corrected
-from sysid_trib.screening.screen import independent_tests, screen
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.holdout import split, up_to_held_out

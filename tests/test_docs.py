@@ -16,9 +16,8 @@ from numpydoc.validate import validate
 
 import sysid_trib as st
 from sysid_trib.printing.comparison_tables import comparison_json
-from sysid_trib.printing.driven import driven_json
+from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.json_results import discovery_json, identification_json
-from sysid_trib.printing.predicted import prediction_json
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

@@ -8,10 +8,10 @@ from hypothesis import given, settings, strategies as st
 from scipy.integrate import solve_ivp
 from scipy.stats import binom
 
-from sysid_trib.decays import equilibrium
-from sysid_trib.decays.free_decay import free_decay
-from sysid_trib.decays.half_sines import _scatter_ratio, envelope, instant_derivatives
 from sysid_trib.errors import DecayError
+from sysid_trib.records import equilibrium
+from sysid_trib.records.free_decay import free_decay
+from sysid_trib.records.half_sines import _scatter_ratio, envelope, instant_derivatives
 from sysid_trib.records.read import read_record
 
 OMEGA = 9.91

@@ -19,12 +19,12 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 
-from sysid_trib.averaging.internal_states import values_along
-from sysid_trib.discrepancy.evidence import _at_end, credible, evidence, probabilities
-from sysid_trib.likelihood_fit.likelihood import likelihood
-from sysid_trib.likelihood_fit.run_rows import nuisances
-from sysid_trib.likelihood_fit.settings import DEFAULTS
-from sysid_trib.likelihood_fit.trials import TrialEffect, from_unit, to_unit, trials_of
+from sysid_trib.discovery.fits import _at_end, credible, evidence, probabilities
+from sysid_trib.likelihood.likelihood import likelihood
+from sysid_trib.likelihood.run_rows import nuisances
+from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import TrialEffect, from_unit, to_unit, trials_of
+from sysid_trib.simulation.internal_states import values_along
 from sysid_trib.simulation.simulate import trajectory
 
 PATH = rows_about(model_of(FIVE), TIME[:320]).path

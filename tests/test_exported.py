@@ -24,7 +24,7 @@ from sysid_trib.printing.exported import (
     unit_in_latex,
 )
 from sysid_trib.printing.physics import translation_sentences
-from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
 
 FORCES = st.load_library()

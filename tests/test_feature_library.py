@@ -8,10 +8,10 @@ from candidates import CANDIDATES, candidate
 from sklearn.base import clone
 
 from sysid_trib import load_library
-from sysid_trib.averaging.internal_states import states_along
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.library import parse_library
-from sysid_trib.regression.pysindy_features import ForceFeatures, readable
+from sysid_trib.likelihood.pysindy_features import ForceFeatures, readable
+from sysid_trib.simulation.internal_states import states_along
 
 # The paper's PDMS sphere on glass, with a linear elastic force besides.
 PAPER = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "alpha": 0.05, "nu": -0.40, "epsilon": 0.30}
@@ -151,6 +151,6 @@ def test_sensors_are_no_features():
 
 
 def test_the_package_does_not_import_pysindy():
-    modules = "sysid_trib, sysid_trib.averaging.internal_states, sysid_trib.averaging.envelope_prediction"
+    modules = "sysid_trib, sysid_trib.simulation.internal_states, sysid_trib.cycles.envelope_prediction"
     code = f"import sys, {modules}; sys.exit('pysindy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

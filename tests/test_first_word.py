@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sysid_trib.commands.terminal import TimeLeft
-from sysid_trib.noise.sensor_step import sensor_step
+from sysid_trib.records.sensor import sensor_step
 
 COMMANDS = ("look", "identify", "discover", "compare", "simulate", "report", "forces")
 HEAVY = ("numpy", "scipy", "pandas", "xarray", "matplotlib", "pysindy", "numba")

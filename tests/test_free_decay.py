@@ -9,15 +9,15 @@ from hypothesis import given, settings, strategies as st
 from scipy.integrate import solve_ivp
 
 from sysid_trib import Model, load_library, simulate
-from sysid_trib.decays.free_decay import free_decay, free_decays
-from sysid_trib.decays.half_periods import (
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.free_decay import free_decay, free_decays
+from sysid_trib.records.half_periods import (
     find_half_periods,
     noise_level,
     quantisation_step,
     regular_run,
     smooth,
 )
-from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records.read import read_record
 
 OMEGA = 9.91

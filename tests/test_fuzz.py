@@ -15,10 +15,10 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.decays.half_periods import dominant_periods
 from sysid_trib.errors import DecayError, LibraryError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.systems import load_system
 from sysid_trib.records import probe
+from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.headers import split_header
 from sysid_trib.records.numbers import _number
 from sysid_trib.records.units import signal_unit

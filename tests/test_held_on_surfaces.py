@@ -6,10 +6,10 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 from sysid_trib import free_decay, simulate
-from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY, integrate
 from sysid_trib.simulation.model import Model
 from sysid_trib.validation.residuals import residual_of

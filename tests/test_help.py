@@ -6,8 +6,7 @@ import shlex
 import pytest
 from command_line import run
 
-from sysid_trib.commands.app import app
-from sysid_trib.commands.help import EXAMPLES
+from sysid_trib.commands.app import EXAMPLES, app
 
 GROUPS = {
     "identify": ["Records", "Model", "Constraints", "Output", "Other", "Examples"],

@@ -3,27 +3,25 @@
 import ast
 import io
 import re
-import statistics
 import tokenize
 from collections import Counter
-from functools import cache
-from pathlib import Path
 
 import pytest
+from house import PACKAGE, arrows, circles, imported, modules, numbers, room_of
 
 import sysid_trib as st
 
-PACKAGE = Path(st.__file__).parent
 ROOT = PACKAGE.parent
 
 # From the ground up; each room imports only from rooms before it.
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
-    errors _version _lazy arrays forces decays records simulation results averaging noise regression
-    state_space trajectory_fit methods validation looking likelihood_fit screening discrepancy campaigns
-    physics control printing plots reporting commands cli
+    errors _version _lazy arrays progress forces records simulation results cycles likelihood motion_fit
+    methods validation discovery physics control campaigns printing plots reporting commands cli
 """)
-LOOSE = 7
+# Rooms that are a package.
+PACKAGES = 16
+LOOSE = 9
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(
     _split("""
@@ -59,32 +57,9 @@ PHRASES = re.compile(
 ALIASES = {"Array", "Vector", "Index", "Mask"}
 
 
-@cache
-def modules():
-    """Every module by its path within the package, as a tree and as text."""
-    paths = {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
-    texts = {name: path.read_text(encoding="utf-8") for name, path in paths.items()}
-    return {name: (ast.parse(text), text) for name, text in texts.items()}
-
-
-def room_of(name):
-    return name.partition("/")[0].removesuffix(".py")
-
-
 def modules_of(room):
-    """The modules of a room without those of the engine: (name, tree, text)."""
-    return [(name, *found) for name, found in modules().items() if room_of(name) == room]
-
-
-def imported(tree):
-    """Rooms that a module imports from."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module == "sysid_trib":
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sysid_trib."):
-            yield node.module.split(".")[1]
-        elif isinstance(node, ast.Import):
-            yield from (a.name.split(".")[1] for a in node.names if a.name.startswith("sysid_trib."))
+    """The modules of a room: (name, tree, text)."""
+    return [(name, *module) for name, module in modules().items() if room_of(name) == room]
 
 
 def identifiers(tree):
@@ -142,6 +117,20 @@ def test_a_room_imports_only_from_rooms_below(room):
 def test_every_room_is_in_the_list():
     assert {room_of(name) for name in modules()} - {"__init__", "__main__"} == set(ROOMS)
     assert sum("/" not in name for name in modules()) <= LOOSE
+    assert len({name.partition("/")[0] for name in modules() if "/" in name}) == PACKAGES
+
+
+def test_no_circle_of_imports():
+    assert not circles()
+
+
+def test_the_house_does_not_grow():
+    """What it had when it was last measured (`python tests/house.py`): each landing brings these down."""
+    now = numbers()
+    assert len(arrows()) <= 150
+    assert now["files"] <= 252
+    assert now["code lines"] <= 29_700
+    assert now["classes"] <= 211
 
 
 @pytest.mark.parametrize("room", ROOMS)
@@ -227,7 +216,7 @@ def test_functions_and_modules_are_small():
     ]
     assert not [f"{name}: {node.name}" for name, node in functions if _length(node) > 60]
     assert len([node for _, node in functions if _arguments(node) > 6]) <= 8
-    assert statistics.median(text.count("\n") for _, text in modules().values()) <= 125
+    assert 90 <= numbers()["median code lines of a module"] <= 160
 
 
 def _length(function):

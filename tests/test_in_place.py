@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 from discovery import CONTACT, EVERY, library, start_model, with_effect
 
-from sysid_trib.discrepancy import exchange
-from sysid_trib.discrepancy.exchange import rivals_of
-from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.search import search
-from sysid_trib.likelihood_fit.settings import DEFAULTS
-from sysid_trib.likelihood_fit.trials import TrialEffect
-from sysid_trib.screening.in_place import in_place
-from sysid_trib.screening.screen import SAME_EFFECT, screen
+from sysid_trib.discovery import exchange
+from sysid_trib.discovery.exchange import rivals_of
+from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.in_place import in_place
+from sysid_trib.discovery.screen import SAME_EFFECT, screen
+from sysid_trib.discovery.search import search
+from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import TrialEffect
 
 
 def fitted(run, symbol):

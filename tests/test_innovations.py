@@ -6,13 +6,12 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.noise.autoregression import fractional_difference
-from sysid_trib.noise.random_force import RandomForce
-from sysid_trib.noise.sensor_noise import colour_variables
-from sysid_trib.state_space.bands import _expected_density
-from sysid_trib.state_space.recent_predictions import widening
-from sysid_trib.state_space.tracked import track
-from sysid_trib.trajectory_fit.initial_conditions import fit_start
+from sysid_trib.likelihood.random_force import RandomForce
+from sysid_trib.likelihood.sensor_noise import colour_variables, fractional_difference
+from sysid_trib.motion_fit.bands import _expected_density
+from sysid_trib.motion_fit.innovations import widening
+from sysid_trib.motion_fit.tracked import track
+from sysid_trib.simulation.initial_conditions import fit_start
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces").select(["lambda", "zeta", "delta"])

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import sysid_trib as st
 from sysid_trib.errors import DecayError, LibraryError, UsageError
 from sysid_trib.forces.library import parse_library
-from sysid_trib.physics.input_units import per_input
+from sysid_trib.physics.si_units import per_input
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.simulate import trajectory

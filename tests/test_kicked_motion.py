@@ -6,7 +6,7 @@ from kicked_motion import kicked_motion, smooth_forces
 from reference_motion import reference_motion
 
 import sysid_trib as st
-from sysid_trib.noise.random_force import RandomForce
+from sysid_trib.likelihood.random_force import RandomForce
 
 W, PER_TAU = 8.87, 1e-6
 DENSITY = RandomForce.density_of(PER_TAU, W)

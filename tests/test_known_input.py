@@ -11,9 +11,9 @@ from scipy.interpolate import CubicSpline
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.state_space.expected_steps import expected_steps
-from sysid_trib.trajectory_fit.initial_conditions import fit_start
+from sysid_trib.simulation.initial_conditions import fit_start
 
 W = 9.9
 TRUTH = {"lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}

@@ -10,9 +10,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.contact.judging import drawn
 from benchmarks.contact.writing import KINDS
-from sysid_trib.decays.cleaning import unwrapped_anywhere
-from sysid_trib.decays.free_decay import swing_within
-from sysid_trib.records.notes import noted_rate, noted_unit
+from sysid_trib.records.cleaning import unwrapped_anywhere
+from sysid_trib.records.free_decay import swing_within
+from sysid_trib.records.headers import noted_rate, noted_unit
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.units import signal_unit
 

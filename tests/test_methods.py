@@ -9,7 +9,7 @@ from sysid_trib import load_library, methods
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import METHODS, Averaging, Trajectory, method_of
 from sysid_trib.methods.scope import MethodScope, scope_of
-from sysid_trib.plots.comparison_data import FAMILY_MARKS
+from sysid_trib.plots.compared import FAMILY_MARKS
 from sysid_trib.validation.compare import every_method
 
 EVERY = every_method()

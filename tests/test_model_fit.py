@@ -26,18 +26,18 @@ from helpers import FIVE, NOISE, W, decay, rms, rms_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import simulate
-from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.homogeneity_test import homogeneity
+from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.parts import homogeneity
 from sysid_trib.forces.library import parse_library
-from sysid_trib.likelihood_fit import model_fit
-from sysid_trib.likelihood_fit.fine_motion import fine_motion
-from sysid_trib.likelihood_fit.model_fit import fit_model, fitted_along
-from sysid_trib.likelihood_fit.paths import path_of
-from sysid_trib.likelihood_fit.reference import refitted
-from sysid_trib.likelihood_fit.run_rows import nuisances
-from sysid_trib.likelihood_fit.trials import TrialEffect, from_unit, to_unit, trials_of
-from sysid_trib.noise.random_force import RandomForce
-from sysid_trib.regression.weak_form import cholesky_factor, whiten
+from sysid_trib.likelihood import model_fit
+from sysid_trib.likelihood.model_fit import fit_model, fitted_along
+from sysid_trib.likelihood.paths import path_of
+from sysid_trib.likelihood.random_force import RandomForce
+from sysid_trib.likelihood.resolution import fine_motion
+from sysid_trib.likelihood.run_rows import nuisances
+from sysid_trib.likelihood.start_model import refitted
+from sysid_trib.likelihood.trials import TrialEffect, from_unit, to_unit, trials_of
+from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.validation import cramer_rao_bound
 
 FRICTION = FIVE | {"lambda": 2e-4}

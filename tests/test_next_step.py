@@ -15,10 +15,9 @@ from helpers import FIVE, W, decay, paper_run, sentences_of
 from known_results import PAPER, known
 
 import sysid_trib as st
-from sysid_trib.commands.next_command import command_after
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions
+from sysid_trib.commands.terminal import command_after
 from sysid_trib.forces.library import parse_library
-from sysid_trib.noise.level import sensor_noise
 from sysid_trib.physics.fingerprint import speaks_of_slip
 from sysid_trib.plots.motion_data import motion_data
 from sysid_trib.printing.comparison_tables import coefficient_table, quality_table
@@ -27,10 +26,11 @@ from sysid_trib.printing.json_results import identification_json
 from sysid_trib.printing.next_step import SECOND_RECORD, NextStep, next_step
 from sysid_trib.printing.physics import physics_sentences
 from sysid_trib.printing.verdict import separation_sentences, verdict_sentence
-from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.significance import determines, significant, sufficient_forces
-from sysid_trib.validation.breakdown import breakdown, no_nearer_than_rest, record_noise, widening
 from sysid_trib.validation.findings import answer_of, holds
+from sysid_trib.validation.verdict import breakdown, no_nearer_than_rest, record_noise, widening
 
 FORCES = st.load_library()
 

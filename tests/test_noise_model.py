@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from helpers import rms, rms_range
 
-from sysid_trib.noise.autoregression import fractional_difference, whitened
-from sysid_trib.noise.noise_model import NoiseModel
+from sysid_trib.likelihood.sensor_noise import NoiseModel, fractional_difference, whitened
 
 
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], fractional_difference(0.5, 2000), [1.0, -1.0]])

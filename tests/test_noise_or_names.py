@@ -6,9 +6,9 @@ from discovery import CONTACT, EFFECTS, exact, model_of
 from helpers import decay
 from scipy.signal import lfilter
 
-from sysid_trib.discrepancy.discover import discover
-from sysid_trib.likelihood_fit import start_model
-from sysid_trib.noise.colour import MAX_COLOUR
+from sysid_trib.discovery.discover import discover
+from sysid_trib.likelihood import start_model
+from sysid_trib.likelihood.colour import MAX_COLOUR
 
 TIME = np.arange(600) / 20.0
 

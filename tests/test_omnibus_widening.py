@@ -5,12 +5,12 @@ import pytest
 from discovery import BASE, EVERY, start_model, with_effect
 
 from sysid_trib import discover
+from sysid_trib.discovery.omnibus_test import OmnibusTest
+from sysid_trib.discovery.screen import screen
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.results.discoveries import error_widening
-from sysid_trib.screening.omnibus_test import OmnibusTest
-from sysid_trib.screening.screen import screen
 
 KNOWN = {"lambda": 1e-3, "zeta": 9.7e-3, "delta": 0.037, "epsilon": 0.3}
 LEVEL = 0.01

@@ -8,11 +8,10 @@ from scipy.linalg import expm
 from scipy.special import erf
 
 import sysid_trib as st
-from sysid_trib.noise.random_force import RandomForce
-from sysid_trib.noise.ratio_posterior import average_over_ratios, probability_of_none, ratio_posterior
-from sysid_trib.noise.smoothing_error import smoothed_rate_error
-from sysid_trib.noise.variance_ratio import VarianceRatio, WhiteRows, variance_ratio
-from sysid_trib.regression.pysindy_features import ForceFeatures
+from sysid_trib.likelihood.pysindy_features import ForceFeatures
+from sysid_trib.likelihood.random_force import RandomForce
+from sysid_trib.likelihood.ratio_posterior import average_over_ratios, probability_of_none, ratio_posterior
+from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, smoothed_rate_error, variance_ratio
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces")

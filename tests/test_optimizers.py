@@ -9,8 +9,8 @@ from scipy.linalg import cholesky_banded, toeplitz
 from sklearn.base import clone
 
 from sysid_trib import load_library
-from sysid_trib.regression.optimizers import SignificanceSelection, WhitenedLeastSquares
-from sysid_trib.regression.pysindy_features import ForceFeatures
+from sysid_trib.likelihood.optimizers import SignificanceSelection, WhitenedLeastSquares
+from sysid_trib.likelihood.pysindy_features import ForceFeatures
 
 NOISE = 1e-4
 

@@ -6,12 +6,12 @@ from discovery import CONTACT, EFFECTS, EVERY, exact, library, model_of, start_m
 from helpers import decay
 
 from sysid_trib import discover
-from sysid_trib.discrepancy import pairs
-from sysid_trib.discrepancy.fits import Fits
+from sysid_trib.discovery import final_models as pairs
+from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.screen import screen
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood_fit.settings import Settings
+from sysid_trib.likelihood.settings import Settings
 from sysid_trib.results.discoveries import credible_set
-from sysid_trib.screening.screen import screen
 
 FRICTIONS = {"zeta": 0.0105, "delta": 0.012, "epsilon": 0.427, "dahl": 0.0066}
 

@@ -9,8 +9,8 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.trajectory_fit.parameters import FREQUENCY, Parameters
-from sysid_trib.trajectory_fit.problem import OUT_OF_PROPORTION, FitProblem, WhitenedRecord
+from sysid_trib.motion_fit.parameters import FREQUENCY, Parameters
+from sysid_trib.motion_fit.problem import OUT_OF_PROPORTION, FitProblem, WhitenedRecord
 from sysid_trib.validation.homogeneity import run_agreement
 
 FORCES = load_library()
@@ -177,7 +177,7 @@ def test_a_motion_that_cannot_be_computed_at_all_leads_to_smaller_forces(record,
     def refuse(*_, **__):
         raise SimulationError("It diverges.")
 
-    monkeypatch.setattr("sysid_trib.trajectory_fit.problem.trajectory", refuse)
+    monkeypatch.setattr("sysid_trib.motion_fit.problem.trajectory", refuse)
     whole = WhitenedRecord(record.time.values, record.angle.values)
     far, nearer = (
         whole.residual(Model(BASE, {"lambda": 0.0, "zeta": c}, W), np.array([0.3, 0.0, 0.0]))

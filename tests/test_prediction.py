@@ -7,8 +7,8 @@ from hypothesis import given, strategies as st
 from scipy.special import beta
 
 from sysid_trib import Model, load_library
-from sysid_trib.averaging.envelope_prediction import predict_envelope
-from sysid_trib.averaging.signatures import averages
+from sysid_trib.cycles.envelope_prediction import predict_envelope
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.simulation.simulate import simulate

@@ -9,12 +9,12 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 import sysid_trib as st
+from sysid_trib.likelihood.colour import lines_above, most_likely_colour, sensor_colour
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of
+from sysid_trib.likelihood.row_noise import covariance_band, covariance_of_local_rows
+from sysid_trib.likelihood.weak_form import build_weak_form, coloured, noise_operator
 from sysid_trib.methods import Direct, Trajectory
-from sysid_trib.noise.colour import lines_above, most_likely_colour, sensor_colour
-from sysid_trib.noise.random_force import RandomForce, random_force_of
-from sysid_trib.regression.local_rows import covariance_band, covariance_of_local_rows
-from sysid_trib.regression.weak_form import build_weak_form, coloured, noise_operator
-from sysid_trib.state_space.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
 
 W, NOISE = 8.87, 2e-4
 TRUTH = {"lambda": 1e-3, "zeta": 5e-5, "delta": 2e-3, "epsilon": -0.1}

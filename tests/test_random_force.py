@@ -11,13 +11,12 @@ from scipy.special import erf
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.noise.random_force import RandomForce, check_random_force, random_force_of
-from sysid_trib.noise.variance_ratio import WhiteRows, variance_ratio
+from sysid_trib.likelihood.random_force import RandomForce, check_random_force, random_force_of
+from sysid_trib.likelihood.variance_ratio import WhiteRows, variance_ratio
+from sysid_trib.motion_fit.kalman import likely_ratio, set_signal, statsmodels_model
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.state_space.expected_steps import expected_steps
-from sysid_trib.state_space.kalman import set_signal, statsmodels_model
-from sysid_trib.state_space.likely_ratio import likely_ratio
-from sysid_trib.state_space.linearised import Derivatives, linearised_about
 
 W = 8.87
 PENDULUM = Path(__file__).parents[2] / "shared" / "data" / "single_pendulum" / "free_swing.csv"

@@ -13,16 +13,16 @@ from sysid_trib import plots
 from sysid_trib.commands.checks import parse_random_force
 from sysid_trib.commands.destination import random_force_figures
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of
+from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.methods.scope import with_random_force
-from sysid_trib.noise.noise_model import NoiseModel
-from sysid_trib.noise.random_force import RandomForce, random_force_of
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.tracked import FollowedRuns, track
+from sysid_trib.motion_fit.trial_forces import trial_forces
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.json_results import identification_json
 from sysid_trib.printing.verdict import verdict_sentence
-from sysid_trib.state_space.linearised import Derivatives, linearised_about
-from sysid_trib.state_space.tracked import FollowedRuns, track
-from sysid_trib.state_space.trial_forces import trial_forces
 from sysid_trib.validation.likelihood_gain import simulated_records
 from sysid_trib.validation.verdict import verdict_on_record
 
@@ -149,7 +149,7 @@ def test_a_run_that_cannot_be_followed_says_why_each_time(pushed, monkeypatch):
         tried.append(arguments)
         raise DecayError("does not settle")
 
-    monkeypatch.setattr("sysid_trib.state_space.tracked.track", fails)
+    monkeypatch.setattr("sysid_trib.motion_fit.tracked.track", fails)
     followed = FollowedRuns({0: pushed[0]}, pushed[1])
     for _ in range(2):
         with pytest.raises(DecayError, match="does not settle"):

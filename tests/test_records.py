@@ -10,13 +10,13 @@ import scipy.io
 import xarray as xr
 from hypothesis import given, strategies as st
 
-from sysid_trib.decays.free_decay import free_decay
-from sysid_trib.decays.uniform import is_uniform
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import probe
+from sysid_trib.records.as_angle import scale_translation
+from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.headers import split_header
 from sysid_trib.records.read import read_record
-from sysid_trib.records.translation import scale_translation
+from sysid_trib.records.signal import is_uniform
 
 TIME = np.round(np.arange(0.0, 3.0, 0.01), 3)
 ANGLE = np.round(0.3 * np.exp(-0.1 * TIME) * np.cos(9.91 * TIME), 6)

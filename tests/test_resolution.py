@@ -6,10 +6,10 @@ from discovery import EVERY, library, start_model
 from helpers import NOISE, W, decay
 from kicked_motion import kicked_motion, smooth_forces
 
-from sysid_trib.likelihood_fit.model_fit import fit_model
-from sysid_trib.likelihood_fit.resolution import unresolved
-from sysid_trib.regression.weak_form import build_weak_form, noise_operator
-from sysid_trib.screening.screen import screen
+from sysid_trib.discovery.screen import screen
+from sysid_trib.likelihood.model_fit import fit_model
+from sysid_trib.likelihood.resolution import unresolved
+from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
 
 PERIODS, PER_PERIOD, PARTS = 20, 100, 15
 POINTS = np.linspace(0.0, 2.0 * np.pi * PERIODS, PERIODS * PER_PERIOD * PARTS + 1)

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from sysid_trib.likelihood_fit.likelihood import DEVIANCE_SETTLED, likelihood
-from sysid_trib.likelihood_fit.near_ratios import likeliest_near
-from sysid_trib.likelihood_fit.run_products import RowNoise, has_products, products_of
-from sysid_trib.likelihood_fit.settings import DEFAULTS
-from sysid_trib.noise.variance_ratio import ratio_span
-from sysid_trib.regression.local_rows import covariance_band
-from sysid_trib.regression.weak_form import build_weak_form, noise_operator
-from sysid_trib.screening.columns_beside import each_beside, projected
+from sysid_trib.discovery.columns_beside import each_beside, projected
+from sysid_trib.likelihood.likelihood import DEVIANCE_SETTLED, likeliest_near, likelihood
+from sysid_trib.likelihood.row_noise import covariance_band
+from sysid_trib.likelihood.run_products import RowNoise, has_products, products_of
+from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.variance_ratio import ratio_span
+from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
 
 FORM = build_weak_form(np.arange(90) * 0.25)
 OPERATOR = noise_operator(FORM, np.ones(90), np.full(90, 0.02))

@@ -18,11 +18,10 @@ from helpers import (
 
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.likelihood.optimizers import ConstraintMap, SignificanceSelection
+from sysid_trib.likelihood.rows import Rows
+from sysid_trib.likelihood.solution import select
 from sysid_trib.methods import Direct
-from sysid_trib.regression.constraint_map import ConstraintMap
-from sysid_trib.regression.optimizers import SignificanceSelection
-from sysid_trib.regression.rows import Rows
-from sysid_trib.regression.solution import select
 from sysid_trib.results.schema import model_of
 
 PAPER = paper_run()

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 from discovery import EFFECTS, W, start_model, with_effect
 
-from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.likelihood_fit.settings import DEFAULTS
-from sysid_trib.likelihood_fit.trials import TrialEffect, trials_of
-from sysid_trib.screening import shape_climb
-from sysid_trib.screening.screen import screen
-from sysid_trib.screening.shape_climb import climbed
+from sysid_trib.discovery import shapes as shape_climb
+from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.screen import screen
+from sysid_trib.discovery.shapes import climbed
+from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import TrialEffect, trials_of
 
 LUGRE, DAHL = EFFECTS.select(["lugre", "dahl"])
 SHAPES = {"lugre.s": 0.008, "lugre.r": 1.5, "lugre.u": 0.04}

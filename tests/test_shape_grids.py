@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from discovery import EFFECTS, start_model, with_effect
 
-from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.likelihood_fit.settings import DEFAULTS
-from sysid_trib.likelihood_fit.trials import TrialEffect, to_unit
-from sysid_trib.screening.screen import screen
-from sysid_trib.screening.shape_grids import HALVINGS
+from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.screen import screen
+from sysid_trib.discovery.shapes import HALVINGS
+from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import TrialEffect, to_unit
 
 
 def seen(symbol, shapes, coefficient, seed):

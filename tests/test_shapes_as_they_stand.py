@@ -7,12 +7,12 @@ import pytest
 from discovery import EVERY, WHITE, exact, model_of
 from helpers import NOISE, W, decay, rms
 
-from sysid_trib.discrepancy.free_motion import free_motions
-from sysid_trib.likelihood_fit.likelihood import likelihood
-from sysid_trib.likelihood_fit.model_fit import fit_model, fitted_along
-from sysid_trib.likelihood_fit.paths import path_of
-from sysid_trib.likelihood_fit.start_model import default_shapes
-from sysid_trib.likelihood_fit.trials import TrialEffect
+from sysid_trib.discovery.free_motion import free_motions
+from sysid_trib.likelihood.likelihood import likelihood
+from sysid_trib.likelihood.model_fit import fit_model, fitted_along
+from sysid_trib.likelihood.paths import path_of
+from sysid_trib.likelihood.start_model import default_shapes
+from sysid_trib.likelihood.trials import TrialEffect
 
 FRICTIONS = model_of({"zeta": 7e-3, "delta": 0.03, "lambda": 5e-4})
 TIME = np.arange(0.0, 9.0, 0.01)

@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 
 import sysid_trib as st
 from sysid_trib.campaigns.task import IDENTIFIED, rows_of
-from sysid_trib.decays.free_decay import free_decay, free_decays
 from sysid_trib.errors import DecayError
 from sysid_trib.methods.indirect import _as_measured
+from sysid_trib.records.free_decay import free_decay, free_decays
 
 FREQUENCY = 9.0
 

@@ -11,7 +11,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import beta, dawsn, iv, j1, modstruve
 
 from sysid_trib import load_library
-from sysid_trib.averaging.signatures import averages, dissipated_power, signature
+from sysid_trib.cycles.signatures import averages, dissipated_power, signature
 from sysid_trib.errors import LibraryError, UsageError
 
 A = np.array([0.005, 0.03, 0.1, 0.2, 0.7, 1.5])

@@ -9,8 +9,9 @@ from candidates import force
 from scipy.interpolate import CubicSpline
 
 from sysid_trib import load_library
-from sysid_trib.averaging import stepped_states
-from sysid_trib.averaging.internal_states import (
+from sysid_trib.forces.formulas import parse
+from sysid_trib.simulation import stepped_states
+from sysid_trib.simulation.internal_states import (
     LARGER,
     GivenMotion,
     roots_of,
@@ -18,8 +19,7 @@ from sysid_trib.averaging.internal_states import (
     tangent_along,
     values_along,
 )
-from sysid_trib.averaging.stepped_states import is_linear, is_stepped
-from sysid_trib.forces.formulas import parse
+from sysid_trib.simulation.stepped_states import is_linear, is_stepped
 
 EFFECTS = load_library("candidate_effects")
 HISTORIES = [effect.symbol for effect in EFFECTS if not effect.memoryless]

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sysid_trib.campaigns import lock
+from sysid_trib.campaigns import chunks as lock
 from sysid_trib.errors import RecordError
 
 

@@ -9,7 +9,7 @@ import pytest
 from command_line import linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns.lock import sole_writer
+from sysid_trib.campaigns.chunks import sole_writer
 from sysid_trib.campaigns.store import as_dataset
 from sysid_trib.errors import RecordError
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sysid_trib.averaging.identifiability import (
+from sysid_trib.cycles.identifiability import (
     dependent_columns,
     exactly_dependent,
     indistinguishable,

@@ -21,11 +21,11 @@ from helpers import (
 from sysid_trib import Model, load_library
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
+from sysid_trib.likelihood.sensor_noise import autoregression
 from sysid_trib.methods import Trajectory
-from sysid_trib.noise.autoregression import autoregression
+from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.motion_fit.problem import OUT_OF_PROPORTION, WhitenedRecord
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.cramer_rao import cramer_rao_bound
-from sysid_trib.trajectory_fit.problem import OUT_OF_PROPORTION, WhitenedRecord
 
 FORCES = load_library()
 STOPPING = SIX | {"lambda": 1e-3}
@@ -141,7 +141,7 @@ def test_motions_out_of_all_proportion_are_far_off_without_being_followed(monkey
     record = WhitenedRecord(time, angle)
     np.testing.assert_allclose(record.residual(model, np.array([0.3, 0.0, 0.0])), 0.0, atol=1e-6)
     monkeypatch.setattr(
-        "sysid_trib.trajectory_fit.problem.trajectory", lambda *_, **__: pytest.fail("was followed")
+        "sysid_trib.motion_fit.problem.trajectory", lambda *_, **__: pytest.fail("was followed")
     )
     far, nearer = (
         record.residual(Model(model.library, {"zeta": 0.0}, part * w), np.array([*own, 0.0]) * part)

@@ -13,30 +13,24 @@ from scipy.interpolate import BSpline
 
 from sysid_trib import load_library
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.noise import smoothing, spline_design
-from sysid_trib.noise.smoothing import (
+from sysid_trib.likelihood.linearisation import derivatives_along, linearised
+from sysid_trib.likelihood.optimizers import constraint_map
+from sysid_trib.likelihood.problem import begin
+from sysid_trib.likelihood.refined_columns import simulated
+from sysid_trib.likelihood.rows import weak_rows
+from sysid_trib.likelihood.weak_form import SAMPLES_PER_ROW, build_weak_form, noise_operator, whiten, whitener
+from sysid_trib.records import smoothing, smoothing as spline_design
+from sysid_trib.records.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
     SPLINE_DEGREE,
+    SplinesAt,
     first_of_spline,
     knot_intervals,
     knot_sequence,
     least_squares_spline,
     smooth,
 )
-from sysid_trib.noise.spline_design import SplinesAt
-from sysid_trib.regression.constraint_map import constraint_map
-from sysid_trib.regression.linearisation import derivatives_along, linearised
-from sysid_trib.regression.problem import begin
-from sysid_trib.regression.rows import weak_rows
-from sysid_trib.regression.weak_form import (
-    SAMPLES_PER_ROW,
-    build_weak_form,
-    noise_operator,
-    whiten,
-    whitener,
-)
-from sysid_trib.trajectory_fit.refined_columns import simulated
 
 EVEN = np.linspace(0.0, 60.0, 1001)
 # Relative to the integral of the absolute value; at the ends the test functions do not end smoothly.

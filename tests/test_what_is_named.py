@@ -17,15 +17,13 @@ from discovery import (
 from helpers import W, decay, library_of_formulas
 
 from sysid_trib import Model
-from sysid_trib.discrepancy.discover import discover
-from sysid_trib.discrepancy.evidence import errors_off
-from sysid_trib.discrepancy.final_models import final_of_set
-from sysid_trib.discrepancy.fits import Fits
-from sysid_trib.discrepancy.growth import Growth
-from sysid_trib.discrepancy.holdout import Prediction
-from sysid_trib.discrepancy.parts import names_in_parts
-from sysid_trib.discrepancy.search import search
-from sysid_trib.likelihood_fit.trials import TrialEffect
+from sysid_trib.discovery.discover import discover
+from sysid_trib.discovery.final_models import Growth, final_of_set
+from sysid_trib.discovery.fits import Fits, errors_off
+from sysid_trib.discovery.parts import names_in_parts
+from sysid_trib.discovery.search import search
+from sysid_trib.discovery.unseen import Prediction
+from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.simulation.simulate import trajectory
@@ -121,7 +119,7 @@ def foretold(*rms):
 def test_a_model_grows_while_it_predicts_better(monkeypatch):
     """A spring that imitates an even one is added, and refused: then there is none."""
     monkeypatch.setattr(Growth, "is_complete", lambda growth, model: False)
-    monkeypatch.setattr("sysid_trib.discrepancy.growth.MOST_REFUSED", 0)
+    monkeypatch.setattr("sysid_trib.discovery.final_models.MOST_REFUSED", 0)
     run = with_effect({"even_spring": 3e-2}, seed=8)
     few, start = EFFECTS.select(["bilinear", "bias"]), start_model([run])
     found = [

@@ -36,7 +36,7 @@ from blind.confirmation_report import SLOW, report
 from blind.naming import named_blind
 from blind.wide_cases import Drawn, draw_case
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.settings import DEFAULTS, Settings
 
 # Seconds of the processor after which a record is given up, and counted as a failure.
 LIMIT = 300

@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import free_decay, load_library, read_record
-from sysid_trib.discrepancy.discover import discover
-from sysid_trib.likelihood_fit.settings import Settings
+from sysid_trib.discovery.discover import discover
+from sysid_trib.likelihood.settings import Settings
 from sysid_trib.results.discoveries import credible_set
 
 from .seen import CONTACT, offered

@@ -10,17 +10,17 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import free_decay, load_library
+from sysid_trib.discovery.columns_beside import each_beside, projected
+from sysid_trib.discovery.screen import screen
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.likelihood_fit.decimation import decimated
-from sysid_trib.likelihood_fit.fitted_model import FittedModel
-from sysid_trib.likelihood_fit.likelihood import likelihood
-from sysid_trib.likelihood_fit.model_fit import fit_model
-from sysid_trib.likelihood_fit.start_model import fit_start_model
-from sysid_trib.likelihood_fit.trials import TrialEffect
-from sysid_trib.screening.columns_beside import each_beside, projected
-from sysid_trib.screening.screen import screen
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.likelihood import likelihood
+from sysid_trib.likelihood.model_fit import fit_model
+from sysid_trib.likelihood.run_rows import decimated
+from sysid_trib.likelihood.start_model import fit_start_model
+from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.validation.holdout import split
 
 from .effects import Shapes

@@ -21,7 +21,7 @@ if __package__ in (None, "", "benchmarks.blind"):
 
 from blind.confirmation import look
 from blind.wide_cases import Drawn, draw_case
-from sysid_trib.likelihood_fit.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.settings import DEFAULTS, Settings
 
 SALT = "pilot"
 # Of two or three thousand samples and fewer: seconds each.

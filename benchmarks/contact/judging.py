@@ -7,9 +7,9 @@ import numpy as np
 
 from benchmarks.contact import binaries, defects, further, stumbles, texts  # noqa: F401
 from benchmarks.contact.writing import KINDS, Draw, Right
-from sysid_trib.decays.free_decay import free_decays
+from sysid_trib.cycles.look import look
 from sysid_trib.errors import SysidTribError
-from sysid_trib.looking.look import look
+from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 

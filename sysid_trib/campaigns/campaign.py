@@ -8,14 +8,14 @@ from pathlib import Path
 
 import xarray as xr
 
-from sysid_trib.campaigns.lock import sole_writer
+from sysid_trib.campaigns.chunks import sole_writer
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.run import finished_blocks
 from sysid_trib.campaigns.store import Store, as_dataset
 from sysid_trib.campaigns.study import Study
 from sysid_trib.campaigns.task import Task
 from sysid_trib.errors import UsageError
-from sysid_trib.validation.progress import Tell, silent
+from sysid_trib.progress import Tell, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
 BLOCKS, LARGEST_BLOCK = 1000, 100

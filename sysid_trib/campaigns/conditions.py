@@ -10,7 +10,7 @@ import xarray as xr
 from sysid_trib.campaigns.task import IDENTIFIED, PREDICTS_BEST
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import check_is_file
-from sysid_trib.results.common_reference import ASYMPTOTIC_FREQUENCY
+from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY
 
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
 RECORD = "record"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid_trib.campaigns.checksums import CHECKSUM
+from sysid_trib.campaigns.chunks import CHECKSUM
 from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import Task, empty_row, shape_names
 from sysid_trib.campaigns.variables import EDGES, TRUTH, VARIABLES

@@ -14,16 +14,18 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.campaigns.checksums import (
+from sysid_trib.campaigns.chunks import (
     CHECKSUM,
+    UNFINISHED,
     arrays_of,
     check_rows,
     damaged,
     labels_checksum,
+    read_chunk,
     row_arrays,
     row_checksums,
+    write_chunk,
 )
-from sysid_trib.campaigns.chunks import UNFINISHED, read_chunk, write_chunk
 from sysid_trib.campaigns.new_store import (
     FINGERPRINT,
     STATUS,

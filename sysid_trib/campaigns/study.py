@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.free_decay import free_decay
 from sysid_trib.errors import DecayError, RecordError, did_you_mean
 from sysid_trib.forces.library import load_library
+from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.tables import check_is_file
 from sysid_trib.simulation.model import Model, check_shapes
 from sysid_trib.simulation.simulate import simulate

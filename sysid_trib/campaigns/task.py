@@ -22,25 +22,25 @@ from sysid_trib.campaigns.variables import (
     filled,
     outline_of,
 )
-from sysid_trib.decays.free_decay import free_decays
-from sysid_trib.discrepancy.discover import discover
+from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.usual import further_forces
+from sysid_trib.forces.selection import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method, constrained
+from sysid_trib.records.decay import one_or_all
+from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
-from sysid_trib.records.runs import one_or_all
-from sysid_trib.results.contactless import with_contactless_frequency
 from sysid_trib.results.discoveries import others_in_place, tied_name
+from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications
-from sysid_trib.results.signal_units import signal_units
+from sysid_trib.results.variables import signal_units
 from sysid_trib.validation.answer import identifications
-from sysid_trib.validation.breakdown import breakdown
 from sysid_trib.validation.compare import compare, every_method
 from sysid_trib.validation.cross_check import identified_and_checked
+from sysid_trib.validation.verdict import breakdown
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]

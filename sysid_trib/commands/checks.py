@@ -12,7 +12,7 @@ from sysid_trib.forces.systems import SHIPPED_LIBRARIES
 if TYPE_CHECKING:
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
-    from sysid_trib.noise.random_force import RandomForceOption
+    from sysid_trib.likelihood.random_force import RandomForceOption
 
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
@@ -89,8 +89,8 @@ class AskedModel:
 def asked_model(model: ModelOptions, given: ConstraintOptions, system: str | None = None) -> AskedModel:
     """What is to be identified, with what a system (name or file) always has."""
     from sysid_trib.forces.constraints import Constraints
+    from sysid_trib.forces.selection import forces_to_identify
     from sysid_trib.forces.systems import load_system
-    from sysid_trib.forces.to_identify import forces_to_identify
 
     swinging = None if system is None else load_system(system)
     contactless, held = parse_value_with_error(model.omega0, "--omega0"), model.reference_frequency
@@ -140,8 +140,8 @@ def settings(
     texts: list[str], library: "ForceLibrary", *, papers: bool
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
-    from sysid_trib.simulation.example import PAPER_COEFFICIENTS
     from sysid_trib.simulation.model import check_shapes
+    from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS
 
     values = _assigned(texts, "--set '{}' must be SYMBOL=VALUE, such as lambda=1e-3.")
     for name, value in values.items():
@@ -179,7 +179,7 @@ def _assigned(texts: list[str], refusal: str) -> dict[str, float]:
 
 def parse_random_force(text: str) -> "RandomForceOption":
     """A word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
-    from sysid_trib.noise.random_force import DENSITY_UNITS, OPTIONS
+    from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS
 
     word = text.strip()
     if word in OPTIONS:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from sysid_trib.validation.progress import Tell
+    from sysid_trib.progress import Tell
 
     Figures = Callable[[Any], Iterable[tuple[str, Callable[[], Figure]]]]
 
@@ -165,7 +165,7 @@ def figures_of_runs(
     tree: "xr.DataTree", name: str, draw: "Callable[[xr.DataTree, int], Figure]"
 ) -> "list[tuple[str, Callable[[], Figure]]]":
     """The figure of each run of a result: its name, and what draws it."""
-    from sysid_trib.results.per_run import group_names, record_groups
+    from sysid_trib.results.variables import group_names, record_groups
 
     names = group_names(name, len(record_groups(tree)))
     return [(label, partial(draw, tree, run)) for run, label in enumerate(names)]
@@ -173,7 +173,7 @@ def figures_of_runs(
 
 def random_force_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
     """The figures of a random force in each run, where the result has one."""
-    from sysid_trib.results.per_run import group_names, record_groups
+    from sysid_trib.results.variables import group_names, record_groups
 
     count = len(record_groups(tree))
     kinds = (

@@ -1,11 +1,11 @@
-"""`sysid-trib identify`."""
+"""`sysid-trib identify` and `compare`."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
-from sysid_trib.commands.next_command import keep_next
 from sysid_trib.commands.options import (
     MODEL,
     ConstraintOptions,
@@ -14,12 +14,13 @@ from sysid_trib.commands.options import (
     option,
     with_options,
 )
+from sysid_trib.commands.terminal import keep_next
 from sysid_trib.errors import UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sysid_trib.validation.progress import Tell
+    from sysid_trib.progress import Tell
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,13 @@ def identify(
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.commands.terminal import record_sentences
-        from sysid_trib.decays.signal import unit_of_signal
         from sysid_trib.methods.scope import with_random_force
-        from sysid_trib.physics.translation import check_length_unit
+        from sysid_trib.physics.si_units import check_length_unit
         from sysid_trib.printing.blocks import Block
+        from sysid_trib.printing.driven import prediction_json, prediction_sentences
         from sysid_trib.printing.identification import identification_blocks
         from sysid_trib.printing.json_results import identification_json
-        from sysid_trib.printing.predicted import prediction_json, prediction_sentences
+        from sysid_trib.records.signal import unit_of_signal
         from sysid_trib.validation.driven import is_driven
         from sysid_trib.validation.identify import identify, usual_methods
 
@@ -150,8 +151,7 @@ def _deliver_driven(
     """Print and write an identification with inputs."""
     from sysid_trib.commands.terminal import record_sentences
     from sysid_trib.printing.blocks import Block
-    from sysid_trib.printing.driven import driven_blocks, driven_json
-    from sysid_trib.printing.predicted import prediction_json, prediction_sentences
+    from sysid_trib.printing.driven import driven_blocks, driven_json, prediction_json, prediction_sentences
 
     destination.deliver(
         tree,
@@ -161,4 +161,49 @@ def _deliver_driven(
         ],
         lambda: driven_json(tree) | prediction_json(predicted),
         lambda plots: figures_of_runs(tree, "driven", plots.driven),
+    )
+
+
+@with_options
+def compare(
+    *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, destination: Destination
+) -> None:
+    """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
+    from sysid_trib.commands.terminal import record_sentences, working
+
+    with working(given.records) as tell:
+        from sysid_trib.commands import checks
+        from sysid_trib.commands.record_inputs import read_decays
+        from sysid_trib.methods.scope import with_random_force
+        from sysid_trib.printing.comparison import comparison_blocks
+        from sysid_trib.printing.comparison_tables import comparison_json
+        from sysid_trib.validation import compare as comparison
+
+        asked = checks.asked_model(model, constraint, given.system)
+        destination.check(given.records)
+        tell("reading")
+        decays, sources = read_decays(
+            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces)
+        )
+        methods = {
+            label: with_random_force(method, asked.random_force)
+            for label, method in comparison.every_method(asked.reference_frequency, asked.shapes).items()
+        }
+        tree = comparison.compare(
+            decays,
+            asked.library,
+            methods,
+            contactless=asked.contactless,
+            constraints=asked.constraints.table,
+            tell=tell,
+        )
+        keep_next(tree, given, model, constraint)
+    destination.deliver(
+        tree,
+        lambda: comparison_blocks(tree, record_sentences(tree, sources)),
+        lambda: comparison_json(tree),
+        lambda plots: [
+            *figures_of_runs(tree, "overview", plots.overview),
+            ("comparison", partial(plots.comparison, tree)),
+        ],
     )

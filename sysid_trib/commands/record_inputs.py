@@ -1,5 +1,6 @@
-"""The records of a command: files, or the embedded example, and the decays in them."""
+"""The records of a command: files, or the embedded example, the decays in them, and what is no record."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,11 +9,75 @@ import numpy as np
 
 from sysid_trib.commands.checks import parse_number, parse_window
 from sysid_trib.commands.options import DecayOptions
-from sysid_trib.commands.written_files import what_else
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+RESULT_ENDINGS = (".nc", ".nc4", ".cdf")
+# Bytes; what a command prints with --json is far smaller.
+MOST_JSON = 2**24
+# Of either version of Zarr.
+STORE_FILES = ("zarr.json", ".zgroup")
+PROGRAM = "sysid-trib"
+
+
+def what_else(path: Path) -> str:
+    """What a file is that is no record, and what shows it; empty where it is none of this package's.
+
+    Parameters
+    ----------
+    path : path
+        A file, or folder, that could not be read as a record.
+    """
+    name, page = path.name, f"{path.stem}.html"
+    if path.is_dir():
+        store = any((path / file).is_file() for file in STORE_FILES)
+        return (
+            f"{name}: this is the store of a campaign, no record; its page {page} shows it." if store else ""
+        )
+    if not path.is_file():
+        return ""
+    try:
+        with path.open("rb") as file:
+            start = file.read(1024).lstrip().lower()
+    except OSError:
+        return ""
+    if start.startswith((b"<!doctype html", b"<html")):
+        return f"{name}: this is a page of HTML, no record; a browser shows it."
+    if start.startswith(b"{") and _is_printed(path):
+        return (
+            f"{name}: this is what a command printed with --json, no record; -o RESULT.nc keeps what "
+            f"{PROGRAM} report shows."
+        )
+    if path.suffix.lower() in RESULT_ENDINGS and (maker := _maker_of(path)):
+        return f"{name}: this is a result of {maker}, no record; {PROGRAM} report {name} -o {page} shows it."
+    return ""
+
+
+def _is_printed(path: Path) -> bool:
+    """Whether a file is the JSON that a command printed."""
+    if path.stat().st_size > MOST_JSON:
+        return False
+    try:
+        data = json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        return False
+    return str(data.get("next")).startswith(f"{PROGRAM} ") or {"records", "without_result"} <= data.keys()
+
+
+def _maker_of(path: Path) -> str:
+    """The command that wrote a result, or its method; empty of what is no result."""
+    from sysid_trib.results.files import load
+
+    try:
+        tree = load(path)
+    except SysidTribError:
+        return ""
+    methods = [node.attrs.get("method") for node in tree.subtree if "sysid_trib_version" in node.attrs]
+    words = str(tree.attrs.get("command", "")).split()
+    return (words[1] if len(words) > 1 else str(methods[0])) if methods else ""
+
 
 # Options that say how a record is to be read.
 READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length", "distance")
@@ -100,7 +165,7 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
     from sysid_trib.records.inputs import named_inputs
     from sysid_trib.records.read import read_records
     from sysid_trib.records.reading import Reading
-    from sysid_trib.simulation.example import paper_twin
+    from sysid_trib.simulation.simulate import paper_twin
 
     how = {name: getattr(given, name) for name in READING}
     if record is None:
@@ -133,13 +198,13 @@ def _refuse_inputs(given: DecayOptions) -> None:
 
 
 def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False) -> "list[xr.Dataset]":
-    from sysid_trib.decays.free_decay import free_decays
+    from sysid_trib.records.free_decay import free_decays
     from sysid_trib.records.units import signal_unit
 
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
-        from sysid_trib.decays.driven_part import driven_part
         from sysid_trib.records.inputs import inputs_of
+        from sysid_trib.records.parts import driven_part
 
         return [driven_part(record, limits, list(inputs_of(record)))]
     centre: float | str = given.equilibrium
@@ -174,7 +239,7 @@ def _check_frequencies(
 
 
 def _check_frequency(frequency: float, flag: str, decay: "xr.Dataset") -> None:
-    from sysid_trib.noise.level import swing_frequency
+    from sysid_trib.records.smoothing import swing_frequency
 
     try:
         swing = swing_frequency(decay)

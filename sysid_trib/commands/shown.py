@@ -1,4 +1,4 @@
-"""`sysid-trib look`, `report` and `forces`: what show something that is there, without a fit."""
+"""`sysid-trib look`, `backbone`, `report` and `forces`: what show something that is there, without a fit."""
 
 import json
 from pathlib import Path
@@ -6,9 +6,44 @@ from typing import Annotated
 
 import typer
 
-from sysid_trib.commands.destination import Shown
+from sysid_trib.commands.destination import Files, Shown
 from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, DecayOptions, with_options
 from sysid_trib.errors import DecayError, RecordError, UsageError
+
+
+@with_options
+def backbone(*, given: DecayOptions, files: Files) -> None:
+    """Frequency and damping ratio against amplitude, with bands, without a model."""
+    from sysid_trib.commands.terminal import command_line, print_blocks, print_written, working
+
+    with working(given.records) as tell:
+        from functools import partial
+
+        import xarray as xr
+
+        from sysid_trib.commands.record_inputs import read_decays
+        from sysid_trib.cycles.backbone import backbone as curves_of
+        from sysid_trib.printing.blocks import Layer
+        from sysid_trib.printing.looked import backbone_blocks, backbone_csv, backbone_json
+        from sysid_trib.results.variables import group_names
+
+        files.check(given.records)
+        tell("reading")
+        decays, sources = read_decays(given)
+        names = group_names("backbone", len(decays))
+        tell("frequency and damping against amplitude")
+        backbones = {name: curves_of(decay) for name, decay in zip(names, decays, strict=True)}
+        tree = xr.DataTree.from_dict(backbones)
+        tree.attrs["command"] = command_line()
+        files.save(tree, {files.csv: lambda _: backbone_csv(backbones)})
+        files.draw(
+            lambda plots: [(name, partial(plots.backbone, data)) for name, data in backbones.items()], tell
+        )
+    if files.as_json:
+        print(json.dumps(backbone_json(backbones), indent=2, allow_nan=False))
+        return
+    print_blocks(backbone_blocks(backbones, sources), Layer.DEFAULT)
+    print_written(*files.places)
 
 
 @with_options
@@ -19,9 +54,9 @@ def look(*, given: DecayOptions, shown: Shown) -> None:
     understood: list[str] = []
     try:
         with progress() as tell:
-            from sysid_trib.commands.next_command import command_after
             from sysid_trib.commands.record_inputs import decays_within, read_sources
-            from sysid_trib.looking.look import look as facts
+            from sysid_trib.commands.terminal import command_after
+            from sysid_trib.cycles.look import look as facts
             from sysid_trib.printing.blocks import Layer
             from sysid_trib.printing.looked import look_blocks, look_json, pointed_options
             from sysid_trib.printing.next_step import NextStep
@@ -91,7 +126,7 @@ def forces(
 
     with progress():
         from sysid_trib.forces.library import load_library
-        from sysid_trib.printing.forces import force_table
+        from sysid_trib.printing.looked import force_table
 
         offered = load_library(library)
         table = force_table(offered)

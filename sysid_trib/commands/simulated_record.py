@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib.commands.checks import MOST, check_between
 from sysid_trib.commands.simulate import MotionOptions
 from sysid_trib.errors import UsageError
-from sysid_trib.noise.random_force import DENSITY_UNITS
+from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.results.files import save, write_file
 from sysid_trib.simulation.integrate import DIVERGED
 from sysid_trib.simulation.model import Model

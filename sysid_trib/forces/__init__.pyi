@@ -1,4 +1,5 @@
-from ..averaging.identifiability import indistinguishable as indistinguishable
-from ..averaging.signatures import signature as signature
-from ..regression.pysindy_features import ForceFeatures as ForceFeatures
+from sysid_trib.cycles.identifiability import indistinguishable as indistinguishable
+from sysid_trib.cycles.signatures import signature as signature
+from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
+
 from .force import Force as Force, ForceLibrary as ForceLibrary

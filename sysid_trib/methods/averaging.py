@@ -10,20 +10,19 @@ import scipy.sparse as sp
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.to_identify import forces_to_identify
-from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
+from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.likelihood.optimizers import ConstraintMap, constraint_map
+from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
+from sysid_trib.likelihood.weak_form import whiten, whitener
+from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel, averaged_equations, slopes_of_equations
+from sysid_trib.methods.half_period_noise import DENSITY, HalfPeriodEquations
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
-from sysid_trib.noise.random_force import RandomForceOption, check_random_force
-from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.regression.averaged import averaged_equations, slopes_of_equations
-from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
-from sysid_trib.regression.half_period_noise import DENSITY, HalfPeriodEquations
-from sysid_trib.regression.weak_form import whiten, whitener
+from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 SCOPE = MethodScope(

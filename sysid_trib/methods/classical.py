@@ -9,15 +9,15 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.to_identify import refuse_sensors
-from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
+from sysid_trib.forces.selection import refuse_sensors
+from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
+from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
+from sysid_trib.methods.relations import Equations, solve
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
-from sysid_trib.noise.random_force import RandomForceOption, check_random_force
-from sysid_trib.regression.relations import Equations, solve
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 

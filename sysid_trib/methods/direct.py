@@ -12,30 +12,29 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.to_identify import forces_to_identify
-from sysid_trib.methods.scope import MethodScope
-from sysid_trib.noise.level import swing_frequency
-from sysid_trib.noise.random_force import (
+from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.likelihood.linearisation import linearised
+from sysid_trib.likelihood.optimizers import ConstraintMap, constraint_map
+from sysid_trib.likelihood.problem import Runs, along_own_path, begin
+from sysid_trib.likelihood.pushed_columns import PushedRegression, regress_pushed
+from sysid_trib.likelihood.random_force import (
     RandomForceOption,
     check_random_force,
     is_fitted,
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.noise.ratio_posterior import RatioAverage
-from sysid_trib.noise.sensor_noise import colour_variables
-from sysid_trib.records.runs import Decays, as_runs, one_or_all, root_mean_square
-from sysid_trib.regression.constraint_map import ConstraintMap, constraint_map
-from sysid_trib.regression.linearisation import linearised
-from sysid_trib.regression.problem import Runs, along_own_path, begin
-from sysid_trib.regression.rows import Rows, stack_rows, strong_rows, weak_regression
-from sysid_trib.regression.solution import Solution, select, solve, with_errors_of_dropped
-from sysid_trib.results.per_run import start_variables
+from sysid_trib.likelihood.ratio_posterior import RatioAverage
+from sysid_trib.likelihood.refined_columns import common_values, refine_columns, shifted
+from sysid_trib.likelihood.rows import Rows, stack_rows, strong_rows, weak_regression
+from sysid_trib.likelihood.sensor_noise import colour_variables
+from sysid_trib.likelihood.solution import Solution, select, solve, with_errors_of_dropped
+from sysid_trib.methods.scope import MethodScope
+from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables
-from sysid_trib.trajectory_fit.pushed_columns import PushedRegression, regress_pushed
-from sysid_trib.trajectory_fit.refined_columns import common_values, refine_columns, shifted
+from sysid_trib.results.variables import Variables, start_variables
 
 MAX_SELECTIONS = 5
 # The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
@@ -283,7 +282,7 @@ def _selected(method: Direct, rows: Rows, constraints: ConstraintMap) -> Mask:
     """Forces that are kept, by significance and by the optimiser."""
     optimizers = [] if method.optimizer is None else [method.optimizer]
     if method.significance is not None:
-        from sysid_trib.regression.optimizers import SignificanceSelection
+        from sysid_trib.likelihood.optimizers import SignificanceSelection
 
         removed = rows.nuisances.shape[1]
         optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))

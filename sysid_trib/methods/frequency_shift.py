@@ -8,18 +8,18 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.signatures import averages
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import parse_library
-from sysid_trib.forces.to_identify import refuse_sensors
-from sysid_trib.methods.auxiliary import AuxiliaryModel
+from sysid_trib.forces.selection import refuse_sensors
+from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
+from sysid_trib.methods.averaged import AuxiliaryModel
 from sysid_trib.methods.classical import half_period_model, one_record
+from sysid_trib.methods.decrements import energy_balance
 from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
+from sysid_trib.methods.relations import Equations
 from sysid_trib.methods.scope import MethodScope
-from sysid_trib.methods.wu_decrement import energy_balance
-from sysid_trib.noise.random_force import RandomForceOption, check_random_force
-from sysid_trib.regression.relations import Equations
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.

@@ -10,29 +10,29 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel
-from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.noise.level import sensor_noise
-from sysid_trib.noise.random_force import (
+from sysid_trib.likelihood.random_force import (
     RandomForce,
     RandomForceOption,
     is_fitted,
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.noise.variance_ratio import VarianceRatio
-from sysid_trib.records.runs import Decays
-from sysid_trib.regression.half_period_noise import (
+from sysid_trib.likelihood.variance_ratio import VarianceRatio
+from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel
+from sysid_trib.methods.half_period_noise import (
     DENSITY,
     random_force_ratio,
     swing_frequency,
     with_random_force,
 )
+from sysid_trib.methods.scope import Method, scope_of
+from sysid_trib.records.decay import Decays
+from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import variable
+from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, fit_start
 
 MAX_CORRECTIONS = 20
 # Corrections by whose differences the next is shortened or lengthened.

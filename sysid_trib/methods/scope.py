@@ -7,12 +7,12 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import xarray as xr
 
-from sysid_trib.averaging.identifiability import exactly_dependent, indistinguishable
-from sysid_trib.averaging.signatures import averages
+from sysid_trib.cycles.identifiability import exactly_dependent, indistinguishable
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.noise.random_force import RandomForceOption, check_random_force
+from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 
 MOTION = "the motion"
 # Of the largest force on the cycle; below it a signature is rounding.

@@ -12,30 +12,31 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.to_identify import forces_to_identify, is_free_to_move
+from sysid_trib.forces.selection import forces_to_identify, is_free_to_move
+from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force, is_fitted
+from sysid_trib.likelihood.sensor_noise import (
+    WHITE_LEVEL,
+    autoregression,
+    sensor_noise_of,
+    white_p_value,
+    whitened,
+)
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
-from sysid_trib.noise.autoregression import autoregression, whitened
-from sysid_trib.noise.level import sensor_noise
-from sysid_trib.noise.random_force import RandomForceOption, check_random_force, is_fitted
-from sysid_trib.noise.sensor_noise import sensor_noise_of
-from sysid_trib.noise.whiteness import WHITE_LEVEL, white_p_value
+from sysid_trib.motion_fit.least_squares import Fit, FitEstimate, fitted, grown, rms, stopped_by_bounds
+from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
+from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
+from sysid_trib.motion_fit.pushed_step import penalised_deviance
+from sysid_trib.motion_fit.random_motion import RandomMotionFit, fit_random_motion, pushed_identification
+from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import KnownInput, inputs_for
-from sysid_trib.records.runs import Decays, as_runs, root_mean_square
-from sysid_trib.results.birge import birge_ratio
+from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.significance import birge_ratio
+from sysid_trib.simulation.initial_conditions import MEASURED, first_guess, measured_part
 from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
-from sysid_trib.trajectory_fit.initial_conditions import first_guess
-from sysid_trib.trajectory_fit.least_squares import Fit, fitted, grown, rms, stopped_by_bounds
-from sysid_trib.trajectory_fit.observation import MEASURED, measured_part
-from sysid_trib.trajectory_fit.parameters import PER_RUN, Parameters
-from sysid_trib.trajectory_fit.problem import FitProblem, WhitenedRecord
-from sysid_trib.trajectory_fit.pushed_result import pushed_identification
-from sysid_trib.trajectory_fit.pushed_step import penalised_deviance
-from sysid_trib.trajectory_fit.random_motion import RandomMotionFit, fit_random_motion
-from sysid_trib.trajectory_fit.result import FitEstimate
 
 # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
 NOISE_ROUNDS = 3

@@ -6,17 +6,184 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.windowed_modes import Windows, fit_windows, table
+from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.classical import needed_forces, one_record
 from sysid_trib.methods.scope import MethodScope
-from sysid_trib.noise.level import sensor_noise
-from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.birge import birge_ratio
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.records.equilibrium import with_half_periods
+from sysid_trib.records.half_periods import noise_of_record
+from sysid_trib.records.half_sines import with_standard_error
+from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.significance import birge_ratio
+
+ComplexArray = NDArray[np.complex128]
+
+# The Hankel matrix of a window has about 60 rows and columns: two periods of at least so many samples.
+SAMPLES = 122
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The mode of each window: the motion is the real part of a multiple of exp(exponent t).
+
+    Attributes
+    ----------
+    middle : (window,) array of float, s
+        Middles of the windows.
+    exponent : (window,) array of complex, 1/s
+        Of each window's mode.
+    amplitude, amplitude_error : (window,) array of float, rad
+        In the middle, with the standard error.
+    influence : (window, mean) sparse matrix
+        Of unit errors of the means of samples on the exponent.
+    noise : float, rad
+        Of one mean.
+    """
+
+    middle: Array
+    exponent: ComplexArray
+    amplitude: Array
+    amplitude_error: Array
+    influence: sp.csr_matrix
+    noise: float
+
+
+def windowed_modes(decay: xr.Dataset) -> xr.Dataset:
+    """Frequency, decay rate and amplitude against time, without a model (Juang & Pappa 1985).
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)` about its equilibrium; motion that is locally that of a damped linear oscillator.
+
+    Returns
+    -------
+    Dataset
+        Over `era_window`, windows of two periods half a period apart: `window_time` (s, the middle),
+        `window_frequency` (rad/s), `window_decay_rate` (1/s), `window_amplitude` (rad); all but the time with
+        their `..._standard_error`. Neighbouring windows share samples, and so their errors.
+
+    Raises
+    ------
+    DecayError
+        The decay has fewer than three windows, or too few samples in a half period.
+    """
+    return table(fit_windows(decay))
+
+
+def table(windows: Windows) -> xr.Dataset:
+    """Windows as `windowed_modes` gives them."""
+    rate, frequency = (
+        windows.noise * np.sqrt(np.asarray(part.multiply(part).sum(axis=1)).ravel())
+        for part in (windows.influence.real, windows.influence.imag)
+    )
+    attrs = {"units": "s", "long_name": "middle of the window"}
+    variables = {"window_time": ("era_window", windows.middle, attrs)}
+    for name, value, error, units, long_name in (
+        ("window_frequency", windows.exponent.imag, frequency, "rad/s", "instantaneous frequency"),
+        ("window_decay_rate", -windows.exponent.real, rate, "s-1", "instantaneous decay rate"),
+        ("window_amplitude", windows.amplitude, windows.amplitude_error, "rad", "amplitude"),
+    ):
+        variables |= with_standard_error("era_window", name, value, error, units, long_name)
+    return xr.Dataset(variables)
+
+
+def fit_windows(decay: xr.Dataset) -> Windows:
+    """The mode of every window of a decay (see `windowed_modes`)."""
+    source = str(decay.attrs.get("source", "decay"))
+    time, angle, halves = with_half_periods(decay)
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    period = 2.0 * float(np.mean(halves.duration))
+    if period < 10.0 * step:
+        raise DecayError(f"{source}: fewer than five samples in a half period; sample faster.")
+    noise = noise_of_record(time, angle)
+    if np.ptp(np.diff(time)) > 1e-6 * step:
+        even = time[0] + step * np.arange(len(time))
+        time, angle = even, CubicSpline(time, angle)(even)
+    # A second sample within a sixtieth of a period tells nothing that the mean of both does not.
+    block = max(1, round(2.0 * period / step / SAMPLES))
+    first, last = np.searchsorted(time, halves.crossing[[0, -1]])
+    count = int(last - first) // block
+    used = slice(first, first + count * block)
+    coarse, y = (values[used].reshape(count, block).mean(axis=1) for values in (time, angle))
+    length = round(2.0 * period / (block * step))
+    starts = np.arange(0, count - length + 1, max(1, round(0.25 * length)))
+    if len(starts) < 3:
+        raise DecayError(f"{source}: fewer than three windows of two periods; give a longer record.")
+    return _windows(coarse, y, starts, length, block, noise)
+
+
+def _windows(
+    time: Array, y: Array, starts: NDArray[np.int64], length: int, block: int, noise: float
+) -> Windows:
+    step = float(time[1] - time[0])
+    kept, modes = [], []
+    for start in starts:
+        part = y[start : start + length]
+        root = _mode_root(part)
+        if root is not None:
+            kept.append(start)
+            modes.append((root, *_swing(part, root, block)))
+    if len(modes) < 3:
+        raise DecayError("Fewer than three windows hold an oscillation; the noise is too large.")
+    roots, weights, errors = (np.array(column) for column in zip(*modes, strict=True))
+    rows = [_influence_on_root(*pair, length) / (pair[0] * step) for pair in zip(roots, weights, strict=True)]
+    columns = np.add.outer(kept, np.arange(length))
+    pointers = length * np.arange(len(kept) + 1)
+    influence = sp.csr_matrix((np.concatenate(rows), columns.ravel(), pointers), (len(kept), len(y)))
+    middle = time[kept] + 0.5 * (length - 1) * step
+    less = noise / np.sqrt(block)
+    return Windows(middle, np.log(roots) / step, np.abs(weights), less * errors.real, influence, less)
+
+
+def _mode_root(part: Array) -> complex | None:
+    """Factor by which the mode of a window goes on from one sample to the next; None if it does not turn."""
+    from control import eigensys_realization
+
+    size = _hankel(len(part))
+    system, _ = eigensys_realization(part, r=2, m=size, n=size)
+    roots = np.linalg.eigvals(system.A)
+    return complex(roots[np.argmax(roots.imag)]) if np.any(roots.imag > 0.0) else None
+
+
+def _hankel(length: int) -> int:
+    return (length - 2) // 2
+
+
+def _swing(part: Array, root: complex, block: int) -> tuple[complex, float]:
+    """Complex amplitude in the middle of a window, and the standard error of its size at a noise of 1."""
+    exponent = np.log(root)
+    mode = np.exp(exponent * (np.arange(len(part)) - 0.5 * (len(part) - 1)))
+    # A mean over a block of samples is less than the motion in its middle.
+    mode *= np.mean(np.exp(exponent * (np.arange(block) - 0.5 * (block - 1)) / block)).real
+    design = np.stack([mode.real, -mode.imag], axis=1)
+    inverse = np.linalg.inv(design.T @ design)
+    size = inverse @ (design.T @ part)
+    return complex(*size), float(np.sqrt(size @ inverse @ size) / np.hypot(*size))
+
+
+def _influence_on_root(root: complex, weight: complex, length: int) -> ComplexArray:
+    """Of unit errors of the samples on the root, to first order in the noise: (sample,).
+
+    The samples are the real part of weight root^l, l counted from the middle. Errors of the Hankel matrices
+    act on an eigenvalue by its left and right vectors, columns of pseudo-inverse Vandermonde matrices.
+    """
+    size = _hankel(length)
+    powers = np.power.outer(np.array([root, np.conj(root)]), np.arange(size))
+    left_vector = np.linalg.pinv(powers.T)[0]
+    first = weight * root ** (-0.5 * (length - 1))
+    both = np.convolve(left_vector, left_vector) / (0.5 * first * root)
+    influence = np.zeros(length, dtype=complex)
+    influence[2 : 2 + len(both)] += both
+    influence[1 : 1 + len(both)] -= root * both
+    return influence
 
 
 @dataclass(frozen=True)

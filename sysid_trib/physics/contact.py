@@ -3,7 +3,7 @@
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.physics.error_propagation import propagate_measured
+from sysid_trib.physics.model_estimate import propagate_measured
 from sysid_trib.results.variables import with_error
 
 

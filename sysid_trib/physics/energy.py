@@ -5,12 +5,17 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.envelope_prediction import predict_envelope
-from sysid_trib.averaging.signatures import averages
+from sysid_trib.cycles.envelope_prediction import predict_envelope
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SimulationError, UsageError
-from sysid_trib.physics.error_propagation import amplitude_row, check_quantity, propagate
 from sysid_trib.physics.force_weights import shares
-from sysid_trib.physics.model_estimate import ModelEstimate, model_estimate
+from sysid_trib.physics.model_estimate import (
+    ModelEstimate,
+    amplitude_row,
+    check_quantity,
+    model_estimate,
+    propagate,
+)
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.simulation.simulate import trajectory
 

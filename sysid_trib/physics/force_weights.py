@@ -1,19 +1,23 @@
-"""How much each force weighs at an amplitude (Le Bot et al. 2019, Sec. 4)."""
+"""How much each force weighs at an amplitude, and where two weigh the same."""
 
-from collections.abc import Mapping
-from functools import lru_cache
+import itertools
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cache, lru_cache, partial
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.optimize import bisect, brentq
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.signatures import averages
-from sysid_trib.averaging.steady_cycles import cycles_at
+from sysid_trib.cycles.signatures import averages
+from sysid_trib.cycles.steady_cycles import cycles_at
+from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
-from sysid_trib.physics.error_propagation import amplitude_row
-from sysid_trib.physics.model_estimate import model_estimate
-from sysid_trib.results.variables import with_error
+from sysid_trib.physics.model_estimate import ModelEstimate, amplitude_row, model_estimate
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import text_variable, variable, with_error
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440
@@ -120,3 +124,138 @@ def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Arr
             )
             peaks[row] = 0.5 * np.ptp(h) if force.memory else np.abs(h).max()
     return peaks
+
+
+# Amplitudes (rad) among which a crossover is sought where a force is no power law: 12 a decade.
+LOWEST, HIGHEST, GRID = 1e-4, np.pi, 55
+RULES = ("peak force", "averaged")
+# Forces of these characters act on the envelope, and on the frequency.
+ACTS_ON = {"envelope": ("dissipative", "mixed"), "frequency": ("conservative", "mixed")}
+# Of ln a, for the slope of two weights that cross.
+RELATIVE_STEP = 1e-4
+
+Weight = Callable[[Array], Array]
+
+
+@in_units_of_the_motion
+def crossovers(result: xr.Dataset) -> xr.Dataset:
+    """Amplitudes at which two forces weigh the same, by peak force and by what they do on average.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+
+    Returns
+    -------
+    Dataset
+        Over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
+        (`peak force`, `averaged`): `amplitude` (rad, or the signal's unit; nan if there is none; of forces
+        that are no power laws the smallest from 1e-4 to pi, of displacements in a unit of their own motion)
+        with `amplitude_standard_error`, `crossings`, how many there are, and over `pair` `opposed`, whether
+        the two act against each other at the averaged crossover: a pair of which one feeds and one damps then
+        sustains an oscillation there. Signs do not count for the
+        amplitude. History-dependent forces are in both groups.
+
+    Raises
+    ------
+    UsageError
+        Not an identification.
+
+    Notes
+    -----
+    Le Bot et al. 2019, Sec. 4, compares peak forces in the envelope, 2 zeta/delta and lambda/(2 zeta), and
+    averages in the frequency, 32 nu/(9 pi epsilon). By averages the first are 3 pi zeta/(4 delta) and
+    2 lambda/(pi zeta), by peak force the last is nu/epsilon.
+    """
+    estimate = model_estimate(result)
+    tabulated = cache(partial(_weight, estimate))
+    pairs, rows = [], []
+    for acts_on, characters in ACTS_ON.items():
+        group = [i for i, force in enumerate(estimate.forces) if force.character in characters]
+        for pair in itertools.combinations(group, 2):
+            pairs.append((*(estimate.symbols[i] for i in pair), acts_on))
+            for rule in RULES:
+                # The peak force is the same in both groups.
+                tables = [tabulated(i, acts_on if rule == "averaged" else "", rule) for i in pair]
+                rows.append(_crossing(estimate, pair, tables))
+    table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
+    both = ("pair", "rule")
+    meaning = "amplitude at which two forces weigh the same"
+    data = with_error("amplitude", both, (table[..., 0], table[..., 1]), meaning, "rad")
+    data["crossings"] = variable(both, table[..., 2].astype(int), "number of crossings", "1")
+    data["opposed"] = variable("pair", table[:, 1, 3] > 0, "whether they act against each other")
+    texts = np.array(pairs, dtype=str).reshape(-1, 3).T
+    columns = dict(zip(("first", "second", "acts_on"), texts, strict=True))
+    coords = {name: text_variable("pair", column, name.replace("_", " ")) for name, column in columns.items()}
+    coords["pair"] = text_variable("pair", [" ".join(pair) for pair in pairs], "the two and what they act on")
+    return xr.Dataset(data, coords | {"rule": list(RULES)}, estimate.provenance)
+
+
+def _weight(estimate: ModelEstimate, i: int, acts_on: str, rule: str) -> tuple[Weight, Array]:
+    """Weight of a force with coefficient 1 as a function of amplitude, and on the grid."""
+    force, shapes = estimate.forces[i], estimate.shapes
+
+    def weight(a: Array) -> Array:
+        if rule == "peak force":
+            return peak(force, a, shapes)
+        return averages(force, a, shapes)[0 if acts_on == "envelope" else 1]
+
+    def where_finite(a: Array) -> Array:
+        try:
+            return weight(a)
+        except LibraryError:
+            finite = np.full(a.size, np.nan)
+        # A limit of a formula: larger amplitudes are none of this force.
+        with suppress(LibraryError):
+            for at in range(a.size if a.size > 1 else 0):
+                finite[at] = weight(a[at : at + 1])[0]
+        return finite
+
+    return where_finite, where_finite(np.geomspace(LOWEST, HIGHEST, GRID))
+
+
+def _crossing(
+    estimate: ModelEstimate, pair: tuple[int, ...], tables: list[tuple[Weight, Array]]
+) -> tuple[float, float, int, bool]:
+    """Smallest amplitude of equal weights, its error, how many there are, and whether they are opposed."""
+    c, covariance = estimate.coefficients[list(pair)], estimate.coefficient_covariance[np.ix_(pair, pair)]
+
+    def difference(weights: list[Array]) -> Array:
+        with np.errstate(all="ignore"):
+            levels = [np.log(np.abs(k * weight)) for k, weight in zip(c, weights, strict=True)]
+            return levels[0] - levels[1]
+
+    def at(log_a: float) -> float:
+        return float(difference([weight(np.array([np.exp(log_a)])) for weight, _ in tables])[0])
+
+    degrees = [estimate.forces[i].degree for i in pair]
+    if degrees[0] is not None and degrees[1] is not None:
+        level = at(0.0)
+        powers = degrees[1] - degrees[0]
+        roots = [level / powers] if powers and np.isfinite(level) else []
+    else:
+        roots = _roots(at, difference([table for _, table in tables]))
+    if not roots:
+        return np.nan, np.nan, 0, False
+    root = min(roots)
+    a = float(np.exp(root))
+    slope = (at(root + RELATIVE_STEP) - at(root - RELATIVE_STEP)) / (2.0 * RELATIVE_STEP)
+    gradient = np.array([1.0, -1.0]) / c
+    error = a * float(np.sqrt(gradient @ covariance @ gradient)) / abs(slope) if slope else np.nan
+    signed = [k * weight(np.array([a]))[0] for k, (weight, _) in zip(c, tables, strict=True)]
+    return a, error, len(roots), bool(signed[0] * signed[1] < 0)
+
+
+def _roots(function: Callable[[float], float], level: Array) -> list[float]:
+    """Zeros in ln a of a function that is `level` on the grid."""
+    grid = np.log(np.geomspace(LOWEST, HIGHEST, GRID))
+    # A force that does not act at small amplitudes has an infinite level there, which has a sign too.
+    sides = np.sign(level)
+    if not np.any(np.isfinite(level) & (level != 0.0)):
+        return []
+    roots = grid[level == 0.0].tolist()
+    for i in np.flatnonzero(sides[:-1] * sides[1:] < 0):
+        search = brentq if np.all(np.isfinite(level[i : i + 2])) else bisect
+        roots.append(float(search(function, grid[i], grid[i + 1], xtol=1e-12)))
+    return roots

@@ -1,13 +1,12 @@
 # The figures and where each lives: the one list, read by type checkers and by the package itself.
+from sysid_trib.plots.compared import comparison as comparison
+from sysid_trib.plots.conditions import against_condition as against_condition, precision as precision
+from sysid_trib.plots.looked import driven as driven, look as look
+from sysid_trib.plots.named_effects import disagreement as disagreement, story as story
+
 from .at_a_glance import overview as overview
-from .compared import comparison as comparison
-from .conditions import against_condition as against_condition
 from .curves import backbone as backbone
-from .driven_record import driven as driven
-from .force_map import disagreement as disagreement
-from .looked import look as look
 from .motion_panels import half_periods as half_periods
-from .named_effects import story as story
 from .paper import (
     frequency_shift as frequency_shift,
     half_sines as half_sines,
@@ -17,4 +16,3 @@ from .paper import (
 )
 from .random_force_figures import innovations as innovations, prediction_bands as prediction_bands
 from .scored import forecast as forecast, ranking as ranking
-from .studied import precision as precision

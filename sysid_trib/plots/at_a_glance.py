@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from sysid_trib.plots.curves import CURVE_LABELS, draw_curve
-from sysid_trib.plots.force_map import draw_cells
 from sysid_trib.plots.motion_panels import draw_in_time
+from sysid_trib.plots.named_effects import draw_cells
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
     BLUE,

@@ -19,7 +19,7 @@ from sysid_trib.plots.style import (
     line,
     logarithmic_ticks,
 )
-from sysid_trib.results.per_run import group_names, record_groups
+from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation.findings import kept_results
 
 CURVE_HEIGHT = 2.6

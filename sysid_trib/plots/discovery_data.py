@@ -7,7 +7,7 @@ import xarray as xr
 
 from sysid_trib.plots.style import CANDIDATE_MARKS
 from sysid_trib.results.discoveries import added_effects, credible_set, strongest
-from sysid_trib.results.signal_units import signal_units, small_units
+from sysid_trib.results.variables import signal_units, small_units
 
 LAST_THIRD = "the last third"
 # Candidates in a ranking.

@@ -11,13 +11,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.half_sines import envelope as half_sine_envelope
 from sysid_trib.errors import SysidTribError
 from sysid_trib.plots.style import MODEL_LINES, Style
+from sysid_trib.records.half_sines import envelope as half_sine_envelope
 from sysid_trib.results.discoveries import tied_name
-from sysid_trib.results.per_run import record_groups
-from sysid_trib.results.signal_units import signal_label, signal_units, small_units
-from sysid_trib.validation.breakdown import breakdown, run_record_noise
+from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
+from sysid_trib.validation.verdict import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 3000

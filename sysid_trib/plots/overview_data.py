@@ -14,13 +14,13 @@ from sysid_trib.plots.curves import curves_of
 from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
 from sysid_trib.plots.motion_data import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
-from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.significance import determines
-from sysid_trib.validation.breakdown import run_record_noise
+from sysid_trib.results.variables import record_groups
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.findings import answer_of, holds, kept_results
 from sysid_trib.validation.residual_force import residual_force
 from sysid_trib.validation.residuals import fitted_motion
+from sysid_trib.validation.verdict import run_record_noise
 
 # Amplitudes between which shares are drawn, instants at which power is.
 DRAWN_AMPLITUDES, DRAWN_INSTANTS = 60, 120

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
 from sysid_trib.plots.style import BAR_WIDTH, LEGEND, SERIES, axes, in_latex, letter, line, mark, new_figure
-from sysid_trib.results.signal_units import signal_label, signal_symbol, signal_units
+from sysid_trib.results.variables import signal_label, signal_symbol, signal_units
 
 # Room in a legend above the panel.
 CLOSE_LEGEND: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}

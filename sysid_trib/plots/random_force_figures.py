@@ -19,7 +19,7 @@ from sysid_trib.plots.style import (
     letter,
     new_figure,
 )
-from sysid_trib.results.signal_units import signal_units, small_units
+from sysid_trib.results.variables import signal_units, small_units
 
 # Of a Gaussian, in standard deviations.
 BAND_LEVEL = 0.95

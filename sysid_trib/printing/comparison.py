@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from sysid_trib.noise.random_force import random_force_of
+from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing.blocks import ALWAYS, USUALLY, Block, Layer
 from sysid_trib.printing.comparison_tables import (
     FREQUENCY_SYMBOL,
@@ -20,8 +20,7 @@ from sysid_trib.printing.layout import (
     in_small_units,
 )
 from sysid_trib.printing.verdict import EFFECTIVE
-from sysid_trib.results.per_run import record_groups
-from sysid_trib.results.signal_units import signal_units, small_units
+from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.comparison_table import applied_methods
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.findings import given_results

@@ -7,8 +7,7 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.printing.layout import by_label, quantity, text_table, values_with_errors
-from sysid_trib.printing.mapping import (
+from sysid_trib.printing.blocks import (
     COEFFICIENT,
     FREQUENCIES_JSON,
     Source,
@@ -18,8 +17,8 @@ from sysid_trib.printing.mapping import (
     records_json,
     same,
 )
-from sysid_trib.results.per_run import record_groups
-from sysid_trib.results.signal_units import signal_units, small_units
+from sysid_trib.printing.layout import by_label, quantity, text_table, values_with_errors
+from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.comparison_table import applied_methods, column_power
 
 FREQUENCY_SYMBOL = "w_inf"

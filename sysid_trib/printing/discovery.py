@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discrepancy.detectability import NAMED
+from sysid_trib.discovery.missing_force import NAMED
 from sysid_trib.forces.force import Force
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.discovery_tables import RANKING, effects_table, ranking_table, steps_of
@@ -18,16 +18,16 @@ from sysid_trib.printing.residual import (
     slow_noise_sentences,
     times_noise,
 )
-from sysid_trib.printing.runs import step_heterogeneity_sentences
+from sysid_trib.printing.verdict import step_heterogeneity_sentences
 from sysid_trib.results.discoveries import (
     candidates_of,
     credible_set,
     failed_competitors,
     pairs_in_place,
 )
-from sysid_trib.results.signal_units import signal_units
-from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.results.variables import signal_units
 from sysid_trib.validation.findings import given_results, residual_of
+from sysid_trib.validation.verdict import record_noise
 
 # Competing effects that are named, the most probable; a file has all. And pairs of them.
 COMPETING, COMPETING_PAIRS = 10, 3

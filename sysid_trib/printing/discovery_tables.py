@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.noise.random_force import DENSITY_UNITS
+from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table, value_with_error, with_unit
 from sysid_trib.results.discoveries import (
     added_effects,
@@ -14,7 +14,7 @@ from sysid_trib.results.discoveries import (
     shapes_of,
     strongest,
 )
-from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.validation.verdict import record_noise
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3

@@ -10,12 +10,12 @@ from sysid_trib.printing.discovery_tables import effect_with_ties, steps_of
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p_value_text, quantity
 from sysid_trib.printing.residual import force_type_sentences, residual_text
-from sysid_trib.printing.runs import heterogeneity_sentences
-from sysid_trib.records.runs import RECORD_PARTS
+from sysid_trib.printing.verdict import heterogeneity_sentences
+from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.discoveries import PAIRS, added_effects, error_widening, misnamed_effects
-from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import determines
-from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.results.variables import signal_units
+from sysid_trib.validation.verdict import record_noise
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
 MOST_NAMED = 3

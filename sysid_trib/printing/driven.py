@@ -1,4 +1,4 @@
-"""Driven records in words and as plain data: the answer, both methods side by side, what is left."""
+"""Driven and other records in words and plain data: the answer, both methods, what it predicts."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,14 +6,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.physics.input_units import MASS, STIFFNESS, per_input
-from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
+from sysid_trib.printing.blocks import ALWAYS, COEFFICIENT, Block, Layer, mapped, number, same
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import by_label, coefficient_cell, quantity, text_table, value_with_error
-from sysid_trib.printing.mapping import COEFFICIENT, mapped, number, same
-from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of
-from sysid_trib.results.signal_units import signal_units
+from sysid_trib.results.variables import record_groups, signal_units
 
 W = "reference_frequency"
 RESIDUAL_SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
@@ -119,3 +117,28 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     of_input = {k: mapped(row, same("value", "standard_error")) for k, row in rows.items()}
     said = {key: compared.attrs[key] for key in ("answer", "verdict_on_record")}
     return {**said, "methods": methods, "per_input": of_input}
+
+
+def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
+    """How near a free run comes to each record, its start fitted there (see `predict`)."""
+    sentences = []
+    for record in predicted:
+        warm_up = float(record.attrs["warm_up"])
+        start = f"to its first {warm_up:g} s, which do not count" if warm_up else "to all of it"
+        unit = record.residual_rms.attrs["units"]
+        part = 100.0 * record.residual_over_motion.item()
+        sentences.append(
+            f"Predicted: {record.attrs.get('source', 'record')}, its start fitted {start}: "
+            f"{record.residual_rms.item():.3g} {unit} are left (RMS), {part:.2g} % of its motion."
+        )
+    return sentences
+
+
+def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
+    """The same as plain data, under `test`; nothing where nothing was predicted."""
+    rows = [
+        {"source": record.attrs.get("source", ""), "warm_up": record.attrs["warm_up"]}
+        | mapped(record, same("residual_rms", "residual_over_motion"))
+        for record in predicted
+    ]
+    return {"test": rows} if rows else {}

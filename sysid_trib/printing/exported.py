@@ -11,10 +11,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.layout import by_label, error_of, quantity
-from sysid_trib.results.kinds import kind_of
-from sysid_trib.results.per_run import record_groups
+from sysid_trib.results.files import kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
-from sysid_trib.results.signal_units import signal_symbol, signal_units
+from sysid_trib.results.variables import record_groups, signal_symbol, signal_units
 from sysid_trib.validation.findings import (
     answer_of,
     given_results,

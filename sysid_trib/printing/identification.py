@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.noise.random_force import random_force_of
-from sysid_trib.printing import runs, verdict
+from sysid_trib.likelihood.random_force import random_force_of
+from sysid_trib.printing import verdict, verdict as runs
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import (
@@ -20,10 +20,8 @@ from sysid_trib.printing.layout import (
 )
 from sysid_trib.printing.physics import physics_sentences, translation_sentences, weight_sentences
 from sysid_trib.printing.random_force import random_force_sentences
-from sysid_trib.results.per_run import record_groups
 from sysid_trib.results.schema import library_of
-from sysid_trib.results.signal_units import signal_units
-from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import (
     amplitudes,
     answer_of,
@@ -36,6 +34,7 @@ from sysid_trib.validation.findings import (
     times_of_amplitudes,
     verdict_of,
 )
+from sysid_trib.validation.verdict import record_noise
 
 # Between the level at which methods disagree and this one they agree, but barely.
 BARELY = 0.05

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.physics.translation import translation_units
-from sysid_trib.printing.discovery_tables import steps_of
-from sysid_trib.printing.identification import consequences
-from sysid_trib.printing.mapping import (
+from sysid_trib.physics.si_units import translation_units
+from sysid_trib.printing.blocks import (
     COEFFICIENT,
     FREQUENCIES_JSON,
     Source,
@@ -19,10 +17,12 @@ from sysid_trib.printing.mapping import (
     records_json,
     same,
 )
+from sysid_trib.printing.discovery_tables import steps_of
+from sysid_trib.printing.identification import consequences
 from sysid_trib.printing.physics import physics_json
 from sysid_trib.printing.random_force import random_force_json
-from sysid_trib.printing.runs import GROUP, TESTED, runs_json
-from sysid_trib.records.runs import RECORD_PARTS
+from sysid_trib.printing.verdict import GROUP, TESTED, runs_json
+from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.discoveries import (
     PAIR,
     PAIRS,
@@ -32,7 +32,6 @@ from sysid_trib.results.discoveries import (
     pairs_in_place,
     shapes_of,
 )
-from sysid_trib.validation.breakdown import record_noise
 from sysid_trib.validation.findings import (
     amplitudes,
     answer_of,
@@ -45,6 +44,7 @@ from sysid_trib.validation.findings import (
     times_of_amplitudes,
     with_error_parts,
 )
+from sysid_trib.validation.verdict import record_noise
 
 TEST = ("chi_square", "degrees_of_freedom", "p_value")
 FORCE = COEFFICIENT | same("error_of_noise", "error_of_model", "active", "refers_to", "unit")

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from rich.table import Table
 
-from sysid_trib.results.signal_units import small_units
+from sysid_trib.results.variables import small_units
 
 # Attributes of a comparison that warn, and their sentences.
 ENVELOPE = "Methods of the envelope and the frequency, such as averaging, cannot"

@@ -7,18 +7,16 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import LibraryError
-from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
-from sysid_trib.physics.error_propagation import amplitude_row
 from sysid_trib.physics.fingerprint import SIGNIFICANT_FRICTION, slip_fingerprint, speaks_of_slip
-from sysid_trib.physics.force_weights import weights
-from sysid_trib.physics.translation import translation_units
-from sysid_trib.physics.units import physical_units
+from sysid_trib.physics.force_weights import crossovers, weights
+from sysid_trib.physics.model_estimate import amplitude_row
+from sysid_trib.physics.si_units import physical_units, translation_units
+from sysid_trib.printing.blocks import COEFFICIENT, Source, mapped, per_label, same
 from sysid_trib.printing.layout import by_label, quantity
-from sysid_trib.printing.mapping import COEFFICIENT, Source, mapped, per_label, same
 from sysid_trib.results.schema import library_of
-from sysid_trib.results.signal_units import signal_units
 from sysid_trib.results.significance import significant
+from sysid_trib.results.variables import signal_units
 
 # A share below this is not worth a word.
 SMALL = 5e-4

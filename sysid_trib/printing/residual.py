@@ -5,11 +5,9 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing.layout import in_small_units, text_table
-from sysid_trib.results.per_run import record_groups
-from sysid_trib.results.signal_units import signal_units, small_units
-from sysid_trib.validation.breakdown import record_noise
+from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.findings import residual_over_noise
-from sysid_trib.validation.verdict import LOUD
+from sysid_trib.validation.verdict import LOUD, record_noise
 
 UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
 # Places that a sentence names; a gap that is everywhere needs none.

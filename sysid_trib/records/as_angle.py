@@ -1,15 +1,140 @@
-"""What was measured as an angle or a displacement: rates and accelerations integrated, gravity undone."""
+"""What was measured as an angle or a displacement: axes combined, rates and accelerations integrated."""
 
+import re
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.equilibrium import find_swing
-from sysid_trib.decays.integration import integrated
-from sysid_trib.errors import RecordError
+from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.equilibrium import find_swing
 from sysid_trib.records.units import ACCELEROMETER, INTEGRATIONS, METRES, STANDARD_GRAVITY, SignalUnit
+
+# Correlation of axes that see one motion, noise included.
+IN_PHASE = 0.8
+# Of its range: a magnitude comes back to zero as near as this in every swing.
+NEAR_ZERO = 0.05
+_AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<=acc)[xyz]$|(?<=gyro)[xyz]$")
+
+
+def are_axes(first: str, second: str) -> bool:
+    """Whether two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
+    plain = [_AXIS.sub("", name) for name in (first, second)]
+    return first != second and plain[0] == plain[1] and first not in plain and second not in plain
+
+
+def in_phase(first: Array, second: Array) -> bool:
+    """Whether two columns are one motion, of either sign, but for their noise."""
+    if first.size != second.size:
+        return False
+    good = np.isfinite(first) & np.isfinite(second)
+    x, y = first[good], second[good]
+    return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > IN_PHASE)
+
+
+def is_magnitude(values: Array) -> bool:
+    """Whether a column is never negative but near zero to the end: a magnitude, not a signal with a sign."""
+    good = values[np.isfinite(values)]
+    if good.size < 2 or good.min() < 0.0:
+        return False
+    parts = [part for part in np.array_split(good, 4) if part.size]
+    allowed = NEAR_ZERO * max(float(part.max()) for part in parts)
+    return all(part.min() < allowed for part in parts)
+
+
+# Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias wanders.
+DRIFT_PERIODS_PER_KNOT = 2.0
+DRIFT_DEGREE = 3
+
+
+def integrated(time: Array, signal: Array, period: float) -> Array:
+    """Integral of an oscillation over time, about its slow mean.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Rising.
+    signal : (sample,) array of float
+    period : float, s
+        Of the oscillation.
+
+    Returns
+    -------
+    (sample,) array of float
+        In the signal's unit times s.
+
+    Notes
+    -----
+    The antiderivative of the quintic spline through the samples, less its drift: the slow part of the least
+    squares fit of splines (knots two periods apart) times 1, cos and sin. Without the waves the ends of the
+    swing would pass for drift.
+    """
+    spline = (
+        make_interp_spline(time, signal - np.median(signal), 5)
+        if time.size > 6
+        else CubicSpline(time, signal)
+    )
+    whole = np.asarray(spline.antiderivative()(time), dtype=float)
+    return whole - _drift(time, whole, period)
+
+
+def _drift(time: Array, signal: Array, period: float) -> Array:
+    spans = max(1, int((time[-1] - time[0]) / (DRIFT_PERIODS_PER_KNOT * period)))
+    knots = np.linspace(time[0], time[-1], spans + 1)
+    padded = np.concatenate((np.full(DRIFT_DEGREE, knots[0]), knots, np.full(DRIFT_DEGREE, knots[-1])))
+    slow = BSpline.design_matrix(time, padded, DRIFT_DEGREE).tocsr()
+    phase = 2.0 * np.pi * (time - time[0]) / period
+    design = sp.hstack([slow, *(sp.diags_array(wave(phase)) @ slow for wave in (np.cos, np.sin))]).tocsr()
+    # Normal equations: a few hundred unknowns of many thousand samples.
+    normal = (design.T @ design).toarray()
+    solution = np.linalg.lstsq(normal, design.T @ signal, rcond=1e-12)[0]
+    return np.asarray(slow @ solution[: slow.shape[1]])
+
+
+def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float, load: float) -> xr.Dataset:
+    """Turn the position of a translational tribometer into the dimensionless angle of the theory.
+
+    Parameters
+    ----------
+    record : Dataset
+        `angle(time)` in a unit of length.
+    mass : float, kg
+        m.
+    natural_frequency : float, rad/s
+        w0.
+    load : float, N
+        P.
+
+    Returns
+    -------
+    Dataset
+        `angle(time)` = m w0^2 x / P; a friction force T then acts as f = -T/P (Le Bot et al. 2019, Sec. 2).
+
+    Raises
+    ------
+    UsageError
+        The record is not a position in a unit of length, or a value is not positive.
+    """
+    source = record.attrs.get("source", "record")
+    unit = str(record["angle"].attrs.get("units"))
+    if unit not in METRES:
+        raise UsageError(f"{source}: only a position can be scaled; read the record with units=m (or mm).")
+    for name, value in (("mass", mass), ("natural frequency", natural_frequency), ("load", load)):
+        if not (np.isfinite(value) and value > 0):
+            raise UsageError(f"{name} of {value}: give a positive number.")
+    factor = METRES[unit] * mass * natural_frequency**2 / load
+    scaled = record.copy()
+    scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
+    scaled.attrs = record.attrs | {
+        "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, "
+        f"P = {load:g} N",
+        "translation_factor": factor,
+    }
+    return scaled
+
 
 # An accelerometer that feels less of gravity than this part shows no angle.
 LEAST_FELT = 0.02

@@ -5,10 +5,10 @@ import xarray as xr
 from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.free_decay import free_decay
-from sysid_trib.decays.half_periods import dominant_periods
-from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, RecordError, UsageError
+from sysid_trib.records.free_decay import free_decay
+from sysid_trib.records.half_periods import dominant_periods
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.headers import names_quantity, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.tables import FileTable

@@ -6,15 +6,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.cleaning import unwrapped, unwrapped_anywhere
-from sysid_trib.decays.equilibrium import Swing
-from sysid_trib.decays.free_decay import swing_within
 from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
-from sysid_trib.records.axes import are_axes, in_phase, is_magnitude
+from sysid_trib.records.as_angle import are_axes, in_phase, is_magnitude
+from sysid_trib.records.cleaning import unwrapped, unwrapped_anywhere
 from sysid_trib.records.clock import MOST_SET_BACK, read_clock
-from sysid_trib.records.headers import counts_rows, is_time, names_quantity, split_header
+from sysid_trib.records.equilibrium import Swing
+from sysid_trib.records.free_decay import swing_within
+from sysid_trib.records.headers import (
+    cells,
+    counts_rows,
+    is_time,
+    names_quantity,
+    runs_side_by_side,
+    split_header,
+    time_of,
+)
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, without_sentinels
-from sysid_trib.records.side_by_side import cells, runs_side_by_side, time_of
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import INTEGRATIONS, TIME_UNITS, SignalUnit, signal_unit
 

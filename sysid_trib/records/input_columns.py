@@ -18,8 +18,7 @@ from sysid_trib.records.expression import evaluated, is_expression
 from sysid_trib.records.headers import as_written, split_header
 from sysid_trib.records.inputs import ROLE
 from sysid_trib.records.numbers import numbers
-from sysid_trib.records.opened import opened
-from sysid_trib.records.reading import Reading
+from sysid_trib.records.reading import Reading, opened
 from sysid_trib.records.row_times import row_times
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import signal_unit

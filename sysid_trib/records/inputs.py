@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly, make_interp_spline
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.signal import checked_signal, unit_of_signal
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
+from sysid_trib.records.signal import checked_signal, unit_of_signal
 
 # The input that pushes by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"

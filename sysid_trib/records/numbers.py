@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.arrays import Array
-from sysid_trib.decays.signal import LARGEST_NUMBER
 from sysid_trib.errors import RecordError
+from sysid_trib.records.signal import LARGEST_NUMBER
 
 # Rows of a column by which its kind is judged.
 MOST_LOOKED_AT = 1000

@@ -8,8 +8,8 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.columns import Chosen, no_clock
-from sysid_trib.records.counter import sample_numbers
-from sysid_trib.records.notes import noted_duration, noted_rate
+from sysid_trib.records.even_rows import sample_numbers
+from sysid_trib.records.headers import noted_duration, noted_rate
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import FileTable

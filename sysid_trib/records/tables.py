@@ -10,10 +10,9 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.json_tables import json_columns, json_content
 from sysid_trib.records.numbers import is_missing, is_number
 from sysid_trib.records.probe import check_binary
-from sysid_trib.records.text import check_width, header_names, read_text
+from sysid_trib.records.text import check_width, header_names, json_columns, json_content, read_text
 
 # Attributes of HDF5 that hold a unit.
 UNIT_ATTRIBUTES = ("units", "unit")

@@ -15,9 +15,8 @@ from sysid_trib.campaigns.store import counts_of
 from sysid_trib.plots.conditions import FAR
 from sysid_trib.printing.campaign import campaign_blocks, named_text
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.reporting.contents import sections_of
+from sysid_trib.reporting.contents import Figures, Page, PageTable, Section, Thumbnail, sections_of
 from sysid_trib.reporting.page import rendered, write_page
-from sysid_trib.reporting.parts import Figures, Page, PageTable, Section, Thumbnail
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000

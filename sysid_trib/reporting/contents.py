@@ -1,14 +1,17 @@
-"""What a page says of each kind of result: the blocks that the command prints with --explain, and figures."""
+"""What a page says of each kind of result: the blocks of the command with --explain, and figures."""
 
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from rich.table import Table as PrintedTable
 
 from sysid_trib import plots
 from sysid_trib.plots.at_a_glance import drawn_overview
@@ -21,9 +24,72 @@ from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.driven import driven_blocks
 from sysid_trib.printing.identification import estimate_blocks, identification_blocks
-from sysid_trib.reporting.parts import Figures, Section, as_table
-from sysid_trib.results.kinds import kind_of
-from sysid_trib.results.per_run import group_names, record_groups
+from sysid_trib.results.files import kind_of
+from sysid_trib.results.variables import group_names, record_groups
+
+
+@dataclass(frozen=True)
+class Thumbnail:
+    """A figure in a cell: a filled path of SVG in a box of 100 by 24, and what it shows in words."""
+
+    path: str
+    label: str
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table; the columns `numbers` are set to the right."""
+
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str | Thumbnail]]
+    numbers: frozenset[int]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of one caption, which says what a footnote of theirs would say."""
+
+    caption: str
+    drawn: Sequence[Figure]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what is below it."""
+
+    title: str
+    sentences: Sequence[str] = ()
+    tables: Sequence[PageTable] = ()
+    figures: Sequence[Figures] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page: title, attributes of the records (their `source`), sentences above all sections, sections.
+
+    Then where it is from: facts as terms and texts, methods with their options, libraries whole by title, and
+    the command and the Python that make it again.
+    """
+
+    title: str
+    records: Sequence[Mapping[Any, Any]]
+    summary: Sequence[str]
+    sections: Sequence[Section]
+    facts: Sequence[tuple[str, str]]
+    methods: PageTable | None = None
+    texts: Mapping[str, str] = field(default_factory=dict)
+    command: str = ""
+    python: str = ""
+
+
+def as_table(title: str, printed: PrintedTable) -> PageTable:
+    """The table that a command prints."""
+    cells = [[str(cell) for cell in column.cells] for column in printed.columns]
+    heads = [str(column.header) for column in printed.columns]
+    right = frozenset(at for at, column in enumerate(printed.columns) if column.justify == "right")
+    return PageTable(title, heads, list(zip(*cells, strict=True)), right)
+
 
 # Of a single panel, inch.
 LONE_PANEL_HEIGHT = 2.4

@@ -1,18 +1,147 @@
-"""The page itself: rendered whole, written beside its place and renamed."""
+"""The page itself: rendered whole, figures as SVG, written beside its place and renamed."""
 
+import io
 import os
+import re
+from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
+import matplotlib as mpl
 import xarray as xr
 from jinja2 import Environment, PackageLoader
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.reporting import provenance, reproducing
-from sysid_trib.reporting.contents import contents_of
-from sysid_trib.reporting.parts import Page
-from sysid_trib.reporting.svg import inline_svg
-from sysid_trib.results.files import write_file
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.reporting import provenance, provenance as reproducing
+from sysid_trib.reporting.contents import Page, contents_of
+from sysid_trib.results.files import kind_of, write_file
+
+SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
+# Letters are outlines: they were placed by the widths of a font that few readers have.
+SETTINGS: dict[Any, Any] = {"svg.fonttype": "path", "path.simplify_threshold": 0.2}
+# Dots an inch of what is drawn as an image: cells of a map, each of one colour.
+IMAGE_DPI = 200
+# Of a point; a figure as wide as the page has 518 of them.
+COORDINATE_DIGITS = 2
+DECIMAL = re.compile(r"-?\d+\.\d+")
+# Attributes that refer to an element by its id, and their names in HTML; an image is its own address.
+REFERRING = {LINK: "href", "clip-path": "clip-path"}
+ID_REFERENCE = re.compile(r"#([^)]+)")
+NO_KIND = ("", "", "")
+PLACES = ("d", "x", "y", "width", "height")
+# Pixels for an inch of the figure. Where a screen has less room the figure is moved sideways, not shrunk.
+LEAST_PIXELS, MOST_PIXELS = 92, 138
+
+
+def inline_svg(figure: Figure, name: str, caption: str) -> str:
+    """A figure as an element `svg` of a page.
+
+    Parameters
+    ----------
+    figure : Figure
+    name : str
+        Its ids begin with it: those of the figures of a page must differ. A letter comes first.
+    caption : str
+        Id of the element that says what it shows.
+    """
+    written = io.BytesIO()
+    # Its footnote is in the caption.
+    figure.supxlabel("")
+    figure.dpi = IMAGE_DPI
+    with mpl.rc_context(SETTINGS | {"svg.hashsalt": name}):
+        # By `savefig` a figure is drawn twice.
+        FigureCanvasSVG(figure).print_svg(written, metadata={"Date": None})
+    root = ElementTree.fromstring(written.getvalue())
+    # Who made it, and a style of all elements, which within a page is one of all that the page holds.
+    left_out = [root.find(f"{SVG}metadata"), root.find(f"{SVG}defs[{SVG}style]")]
+    root[:] = [part for part in root if part not in left_out]
+    for element in root.iter():
+        element.tag, element.text, element.tail = element.tag.removeprefix(SVG), None, None
+        for key in PLACES:
+            if key in element.attrib:
+                element.set(key, _short(element.attrib[key]))
+    _rename(root, name)
+    _join(root)
+    inches = figure.get_size_inches()[0]
+    size = f"min-width:{LEAST_PIXELS * inches:.0f}px;max-width:{MOST_PIXELS * inches:.0f}px"
+    root.attrib = {
+        "viewBox": root.attrib["viewBox"],
+        "role": "img",
+        "aria-labelledby": caption,
+        "style": size,
+    }
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _short(places: str) -> str:
+    """Coordinates with the digits that show; of a polygon only the first point needs a letter."""
+    rounded = DECIMAL.sub(
+        lambda number: f"{float(number[0]):.{COORDINATE_DIGITS}f}".rstrip("0").rstrip("."), places
+    )
+    if not {"C", "Q"} & set(rounded):
+        rounded = rounded.replace("L", " ")
+    return re.sub(r"\s*([A-Za-z])\s*|\s+", lambda match: match[1] or " ", rounded).strip()
+
+
+def _rename(root: Element, name: str) -> None:
+    """Ids of this figure alone, where anything refers to them."""
+    elements = list(root.iter())
+    used = [ID_REFERENCE.search(element.get(key, "")) for element in elements for key in REFERRING]
+    ids = dict.fromkeys(match[1] for match in used if match)
+    new = {old: f"{name}-{at}" for at, old in enumerate(ids)}
+    for element in elements:
+        if (old := element.attrib.pop("id", "")) in new:
+            element.set("id", new[old])
+        for key, attribute in REFERRING.items():
+            if key in element.attrib:
+                text = element.attrib.pop(key)
+                element.set(attribute, ID_REFERENCE.sub(lambda match: f"#{new[match[1]]}", text))
+
+
+def _join(element: Element) -> None:
+    """Groups without a meaning dissolved, marks of a style in one group, lines of a style in one path."""
+    for part in element:
+        _join(part)
+    groups = [part if part.tag == "g" and not part.attrib else [part] for part in element]
+    # A line of which nothing is in sight has no points; so has a space, but letters refer to it.
+    parts = [
+        part for group in groups for part in group if part.tag != "path" or {"d", "id"} & part.attrib.keys()
+    ]
+    element[:] = [part for _, alike in groupby(parts, _kind) for part in _joined(list(alike))]
+
+
+def _kind(element: Element) -> tuple[str, str, str]:
+    """What elements have in common that may be joined; empty of those that may not."""
+    kept, style = element.attrib, element.get("style", "")
+    if element.tag == "use" and style:
+        return "use", style, ""
+    # Where lines that are not opaque cross, one path is paler than several.
+    lines = element.tag == "path" and "fill: none" in style and "opacity" not in style
+    return (
+        ("path", style, kept.get("clip-path", ""))
+        if lines and not {"id", "transform"} & kept.keys()
+        else NO_KIND
+    )
+
+
+def _joined(alike: list[Element]) -> Iterator[Element]:
+    kind, style, _ = _kind(alike[0])
+    if kind == "path":
+        alike[0].set("d", "".join(part.attrib["d"] for part in alike))
+        yield alike[0]
+    elif kind == "use" and len(alike) > 1:
+        group = Element("g", style=style)
+        for part in alike:
+            del part.attrib["style"]
+        group[:] = alike
+        yield group
+    else:
+        yield from alike
 
 
 def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> None:

@@ -1,14 +1,20 @@
-"""Where a result is from: record, methods with their options, library."""
+"""Where a result is from: record, methods, library, and the Python that makes it again."""
 
 import json
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from sysid_trib.reporting.parts import PageTable
-from sysid_trib.results.kinds import identifications_of
-from sysid_trib.results.per_run import record_groups
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.library import library_folder, library_of_text, load_library
+from sysid_trib.methods import method_of
+from sysid_trib.reporting.contents import PageTable
+from sysid_trib.results.files import identifications_of, kind_of
+from sysid_trib.results.variables import record_groups
+from sysid_trib.simulation.simulate import paper_twin
 
 # Attributes of a record under the words of the page; the others keep their names.
 PROVENANCE_TERMS = {
@@ -83,3 +89,155 @@ def _plain_text(value: Any) -> str:
     if isinstance(value, list):
         return "; ".join(filter(None, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def python_text(tree: xr.DataTree) -> str:
+    """Lines of Python that read the records and compute the result."""
+    kind = kind_of(tree)
+    made = {
+        "identify": _identify,
+        "cross_check": _cross_check,
+        "driven": _driven,
+        "compare": _compare,
+        "discover": _discover,
+    }
+    return "\n".join(["import sysid_trib as st", "", *_decay(tree), *made[kind](tree)])
+
+
+def _decay(tree: xr.DataTree) -> list[str]:
+    if kind_of(tree) == "identify":
+        # An identification alone keeps neither its record nor how it was cut.
+        reads = [f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"]]
+    else:
+        reads = [_one_decay(tree[group].to_dataset()) for group in record_groups(tree)]
+    if len(reads) == 1:
+        return [f"decay = {reads[0]}"]
+    return ["decay = [", *(f"    {read}," for read in reads), "]"]
+
+
+def _one_decay(data: xr.Dataset) -> str:
+    """The record as it was read, and the part of it that was kept, about the equilibrium that was found."""
+    attrs = data.attrs
+    if not attrs.get("record_checksum"):
+        synthetic = attrs.get("source") == paper_twin().attrs["source"]
+        # A record made in Python is known to its maker alone.
+        read = "st.records.paper_twin()" if synthetic else "record"
+    else:
+        read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
+    if "input_columns" in attrs:
+        first, last = data.time.values[[0, -1]].tolist()
+        return f"{read}.sel(time=slice({first!r}, {last!r}))"
+    if "free_decay" not in attrs:
+        return read
+    # The record of a discovery ends where what was held out begins.
+    window = tuple(np.asarray(attrs.get("kept_window", data.time.values[[0, -1]])).tolist())
+    cut = {"window": window, "equilibrium": data.equilibrium.item()}
+    return f"st.free_decay({read}, {_given(cut)})"
+
+
+def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    timeless = attrs["time_column"].startswith("none, ")
+    options: dict[str, Any] = {} if timeless else {"time": attrs["time_column"]}
+    options |= {"angle": attrs["angle_column"], "units": attrs["angle_unit_in_file"].removesuffix("/s")}
+    if attrs["signal"] != "angle":
+        options["signal"] = attrs["signal"]
+    if timeless:
+        options["sampling_rate"] = float(attrs["time_column"].removeprefix("none, ").removesuffix(" Hz"))
+    elif attrs["time_unit_in_file"] != "s":
+        options["time_units"] = attrs["time_unit_in_file"]
+    if "input_columns" in attrs:
+        inputs = json.loads(attrs["input_columns"])
+        options |= {"input": inputs, "between": attrs["between"]}
+    if "length" in attrs:
+        options["length"] = float(attrs["length"])
+    return options
+
+
+def _library(attrs: Mapping[Any, Any]) -> str:
+    offered = library_of_text(attrs["library"], attrs["library_source"])
+    name = attrs["library_source"].removesuffix(".toml")
+    shipped = (library_folder() / f"{name}.toml").is_file()
+    whole = shipped and load_library(name).symbols == offered.symbols
+    chosen = "" if whole or not shipped else f".select({json.dumps(list(offered.symbols))})"
+    return f"library = st.load_library({name if shipped else attrs['library_source']!r}){chosen}"
+
+
+def _identify(tree: xr.DataTree) -> list[str]:
+    result = tree.to_dataset()
+    return [
+        _library(result.attrs),
+        f"result = st.identify(decay, library, {_method(result)})",
+        *_alpha(result, "result"),
+    ]
+
+
+def _cross_check(tree: xr.DataTree) -> list[str]:
+    checked = tree["comparison"].attrs
+    first, second = (tree[checked[key]].to_dataset() for key in ("first", "second"))
+    options = {key: int(checked[key]) for key in ("draws", "seed")}
+    lines = [
+        _library(first.attrs),
+        f"first = st.identify(decay, library, {_method(first)})",
+        f"second = st.identify(decay, library, {_method(second)})",
+        f"tree = st.cross_check(decay, first, second, {_given(options)})",
+    ]
+    if "runs" in tree.children:
+        lines.append("runs = st.validation.run_agreement(decay, second)")
+    return [*lines, *_alpha(second, "second")]
+
+
+def _driven(tree: xr.DataTree) -> list[str]:
+    checked = tree["comparison"].attrs
+    results = {name: tree[name].to_dataset() for name in dict.fromkeys((checked["first"], checked["second"]))}
+    methods = ", ".join(_method(result) for result in results.values())
+    library = _library(next(iter(results.values())).attrs)
+    return [library, f"tree = st.identify(decay, library, [{methods}])"]
+
+
+def _alpha(result: xr.Dataset, name: str) -> list[str]:
+    numbers = _contactless(result)
+    return [f"{name} = st.physics.with_contactless_frequency({name}, {numbers})"] if numbers else []
+
+
+def _contactless(result: xr.Dataset) -> str:
+    """The frequency without contact and its error as arguments; empty where it is unknown."""
+    if "omega0" not in result:
+        return ""
+    return f"{result.omega0.item()!r}, {result.omega0_standard_error.item()!r}"
+
+
+def _compare(tree: xr.DataTree) -> list[str]:
+    named = identifications_of(tree)
+    first = next(iter(named.values()))
+    lines = [_library(first.attrs), "methods = {"]
+    lines += [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]
+    contactless = f", contactless=({numbers})" if (numbers := _contactless(first)) else ""
+    return [*lines, "}", f"tree = st.compare(decay, library, methods{contactless})"]
+
+
+def _discover(tree: xr.DataTree) -> list[str]:
+    options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v not in (None, {})}
+    return [
+        _library(tree.attrs),
+        'candidates = st.load_library("candidates.toml")  # the text below, as a file',
+        f"tree = st.discover(decay, library, candidates, {_given(options)})",
+    ]
+
+
+def _method(result: xr.Dataset) -> str:
+    """The method with the options that are not the usual ones."""
+    try:
+        method = method_of(result)
+    except UsageError:
+        return "method"  # of the user's own
+    kept = {field.name: getattr(method, field.name) for field in fields(method)}
+    # Kept as JSON, which knows lists but no tuples.
+    options = {name: tuple(v) if isinstance(v, list) else v for name, v in kept.items()}
+    usual = type(method)()
+    given = {name: value for name, value in options.items() if value != getattr(usual, name)}
+    return f"st.methods.{type(method).__name__}({_given(given)})"
+
+
+def _given(options: Mapping[str, Any], *first: str) -> str:
+    """Arguments of a call."""
+    return ", ".join([*map(repr, first), *(f"{key}={value!r}" for key, value in options.items())])

@@ -1,4 +1,4 @@
-"""Results as files: netCDF that comes back equal, figures. What is there is replaced only by a whole file."""
+"""Results as files: which kind a result is, and netCDF that comes back equal or replaces nothing."""
 
 import errno
 import io
@@ -9,12 +9,78 @@ import uuid
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.tables import check_is_file
-from sysid_trib.results.format import current_format
+
+# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
+FORMAT_VERSION = 2
+
+# netCDF gives a list of one text back as the text, and an empty list as an array.
+LISTS = (
+    *("record_source", "record_checksum", "first_record", "second_record"),
+    *("left_out", "failed_fits", "parts", "decimated"),
+)
+
+
+def as_list(value: Any) -> list[str]:
+    """A list of texts as netCDF gives it back."""
+    return [value] if isinstance(value, str) else np.asarray(value).astype(str).tolist()
+
+
+def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
+    """A tree as it was before it was written.
+
+    Parameters
+    ----------
+    tree : DataTree
+        What netCDF gave back.
+    path : path
+        Its file, for the message.
+
+    Raises
+    ------
+    RecordError
+        The file is of another version of the format.
+    """
+    for node in tree.subtree:
+        version = node.attrs.get("format_version", 1)
+        if "sysid_trib_version" in node.attrs and version != FORMAT_VERSION:
+            raise RecordError(
+                f"{path.name}: a result in format {version}, and this version of sysid_trib reads format "
+                f"{FORMAT_VERSION}; make the result again."
+            )
+        # A record and its envelope have one source, as one text.
+        lists = [name for name in LISTS if name in node.attrs and "source" not in node.attrs]
+        node.attrs |= {name: as_list(node.attrs[name]) for name in lists}
+    return tree
+
+
+def kind_of(tree: xr.DataTree) -> str:
+    """What made a result: identify, cross_check, driven, compare or discover; empty if none did."""
+    if "coefficient" in tree.ds and "method" in tree.attrs:
+        return "identify"
+    if {"record", "record_1"}.isdisjoint(tree.children):
+        return ""
+    if {"steps", "ranking"} <= set(tree.children):
+        return "discover"
+    if "comparison" not in tree.children:
+        return ""
+    checked = tree["comparison"]
+    if "driven" in checked.attrs:
+        return "driven"
+    return "compare" if "best" in checked.attrs else "cross_check" if "first" in checked.attrs else ""
+
+
+def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """The identifications of a result by name."""
+    if kind_of(tree) == "identify":
+        return {tree.attrs["method"]: tree.to_dataset()}
+    return {name: node.to_dataset() for name, node in tree.children.items() if "covariance" in node.ds}
+
 
 # How the names of files begin that are not whole yet.
 TEMPORARY = ".sysid-trib-"

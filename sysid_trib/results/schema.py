@@ -13,10 +13,9 @@ from sysid_trib._version import __version__
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.records.runs import Decays, as_runs, root_mean_square
-from sysid_trib.results.format import FORMAT_VERSION
-from sysid_trib.results.per_run import run_noise
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variable, Variables, variable, with_error
+from sysid_trib.records.decay import Decays, as_runs, root_mean_square
+from sysid_trib.results.files import FORMAT_VERSION
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variable, Variables, run_noise, variable, with_error
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.

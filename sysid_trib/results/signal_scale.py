@@ -15,12 +15,12 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.forces.scaling import SignalDegree, signal_degree
+from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.results.variables import PER_FORCE_UNIT
 
 P = ParamSpec("P")

@@ -1,4 +1,4 @@
-"""Which coefficients of an identification differ from zero, alone and together."""
+"""Which coefficients differ from zero, alone and together; the Birge ratio of residuals."""
 
 from itertools import combinations
 
@@ -7,6 +7,20 @@ import xarray as xr
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Mask
+
+
+def birge_ratio(chi_square: float, degrees_of_freedom: int) -> float:
+    """Root of the reduced chi-square (Birge 1932); 1 where the model leaves but the noise.
+
+    Parameters
+    ----------
+    chi_square : float
+        Sum of the squared residuals over their standard errors.
+    degrees_of_freedom : int
+        Number of residuals without that of the parameters.
+    """
+    return float(np.sqrt(chi_square / max(1, degrees_of_freedom)))
+
 
 # A coefficient of fewer standard errors may be zero (99.7 % of a Gaussian).
 SIGNIFICANT_ERRORS = 3.0

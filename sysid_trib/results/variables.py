@@ -1,8 +1,10 @@
-"""Variables of a result: values with their dimensions, unit and long name, as xarray takes them."""
+"""Variables of a result: their dimensions, units and names, and what is each run's own."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
@@ -66,3 +68,80 @@ def chi_square_test(
         "degrees_of_freedom": variable(dims, degrees_of_freedom, "degrees of freedom", "1"),
         "p_value": variable(dims, p_value, f"p-value of the {long_name}", "1"),
     }
+
+
+def start_variables(
+    starts: Sequence[tuple[float, float]], offsets: ArrayLike
+) -> Mapping[str, tuple[ArrayLike, str, str]]:
+    """Start and sensor's zero of each run, as `Estimate.extra` takes them.
+
+    Parameters
+    ----------
+    starts : sequence of (float, float)
+        Angle (rad) and rate (rad/s) at the first sample of each run.
+    offsets : (run,) array_like of float, rad
+        Zero of the sensor in each run.
+    """
+    angles, rates = zip(*starts, strict=True)
+    return {
+        "start_angle": (angles, "rad", "angle of the model at the first sample"),
+        "start_rate": (rates, "rad/s", "rate of the model at the first sample"),
+        "offset": (offsets, "rad", "zero of the sensor about the decay's equilibrium"),
+    }
+
+
+def run_noise(noises: Sequence[float]) -> Mapping[str, tuple[ArrayLike, str, str]]:
+    """The sensor's noise (rad) of each run where there are several, as `Estimate.extra` takes it."""
+    if len(noises) == 1:
+        return {}
+    return {"run_noise": (noises, "rad", "standard deviation of the sensor's noise in the run")}
+
+
+def noise_of_run(result: xr.Dataset, run: int) -> float:
+    """The sensor's noise in one run of an identification, rad."""
+    return float(result.run_noise.values[run]) if "run_noise" in result else float(result.noise)
+
+
+def group_names(name: str, count: int) -> list[str]:
+    """Names of the runs' groups in a tree: `record`, or `record_1`, `record_2`, ... of several."""
+    return [name] if count == 1 else [f"{name}_{at + 1}" for at in range(count)]
+
+
+def record_groups(tree: xr.DataTree) -> list[str]:
+    """Names of the records in a tree, in the order of the runs."""
+    count = 0
+    while f"record_{count + 1}" in tree.children:
+        count += 1
+    return group_names("record", max(1, count))
+
+
+# Variables in the unit of the signal, one of which each part of a result has.
+STATED_IN = ("angle", "noise", "innovation", "measured", "amplitude", "force")
+
+
+def signal_units(data: Any) -> str:
+    """Unit of the signal in a dataset, or in the records of a tree; rad where none is stated.
+
+    Parameters
+    ----------
+    data : Dataset or DataTree
+        A record, an identification, a part of a result, or a whole one.
+    """
+    part = data[record_groups(data)[0]] if isinstance(data, xr.DataTree) and not data.data_vars else data
+    stated = (part[name].attrs.get("units") for name in STATED_IN if name in part)
+    return str(next((units for units in stated if units), "rad"))
+
+
+def small_units(units: str) -> tuple[float, str]:
+    """Factor and unit of what is small beside the signal: mrad for angles, else the same."""
+    return (1e3, "mrad") if units == "rad" else (1.0, units)
+
+
+def signal_label(units: str) -> str:
+    """What a signal is, with its unit, as the label of an axis."""
+    return f"{'angle' if units == 'rad' else 'displacement'} ({units})"
+
+
+def signal_symbol(units: str) -> str:
+    """The symbol of a signal in LaTeX."""
+    return r"\theta" if units == "rad" else "x"

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from sysid_trib.simulation.compiling import inner
-from sysid_trib.simulation.engine_state import (
+from sysid_trib.simulation.compiled import (
     ROW_AHEAD,
     ROW_CLOCK,
     ROW_FAR,
@@ -18,6 +17,7 @@ from sysid_trib.simulation.engine_state import (
     ROW_STATE,
     ROW_VALUES,
     TRIAL,
+    inner,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live, order
 from sysid_trib.simulation.program import PUSH_NUMBERS

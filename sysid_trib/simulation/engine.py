@@ -21,8 +21,7 @@ from sysid_trib.simulation.branches import (
     signs_of,
     state_at,
 )
-from sysid_trib.simulation.compiling import compiled, inner
-from sysid_trib.simulation.engine_state import (
+from sysid_trib.simulation.compiled import (
     DOWN,
     INPUT_JUMPS,
     INTERVAL_ENDS,
@@ -42,6 +41,8 @@ from sysid_trib.simulation.engine_state import (
     ROW_ZEROS,
     TRIAL,
     UP,
+    compiled,
+    inner,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, derivatives_of_order, order
 from sysid_trib.simulation.program import PUSH_NUMBERS

@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid_trib.errors import SimulationError
 from sysid_trib.records.inputs import PUSH
-from sysid_trib.simulation.engine_state import (
+from sysid_trib.simulation.compiled import (
     INPUT_JUMPS,
     ROW_CLOCK,
     ROW_MEMORY,
@@ -179,7 +179,7 @@ def _engine() -> tuple[Callable[..., Any], int]:
     """The compiled function, whose import takes its time, and the outcome of a motion without failure."""
     # The compiler ends the process where memory does; what is not there is missed here instead.
     np.empty(ENGINE_ROOM, np.uint8)
-    from sysid_trib.simulation.compiling import tell_of_compiling
+    from sysid_trib.simulation.compiled import tell_of_compiling
     from sysid_trib.simulation.engine import ENDED, run
 
     tell_of_compiling()

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from sysid_trib.simulation.compiling import inner
+from sysid_trib.simulation.compiled import inner
 from sysid_trib.simulation.program import (
     ADD,
     CONST,

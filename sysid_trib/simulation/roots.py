@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid_trib.simulation.compiling import inner
+from sysid_trib.simulation.compiled import inner
 
 # A surface this near to zero, of the size of its series, is at zero.
 ZERO_PART = 1e-13

@@ -9,15 +9,15 @@ import xarray as xr
 
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.random_force import RandomForceOption, random_force_of
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
-from sysid_trib.noise.random_force import RandomForceOption, random_force_of
+from sysid_trib.motion_fit.tracked import FollowedRuns
+from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results.per_run import noise_of_run
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.state_space.tracked import FollowedRuns
-from sysid_trib.validation.compared_part import fitted_motions
+from sysid_trib.results.variables import noise_of_run
+from sysid_trib.validation.holdout import fitted_motions
 from sysid_trib.validation.model_error import with_error_of_model, with_rounding
 from sysid_trib.validation.residuals import pooled, residuals
 from sysid_trib.validation.verdict import is_found, is_random

@@ -9,15 +9,14 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.results.common_reference import (
+from sysid_trib.results.references import (
     ASYMPTOTIC_FREQUENCY,
     comparable,
     comparison_covariance,
     comparison_values,
 )
 from sysid_trib.results.variables import Variables, text_variable, variable, with_error
-from sysid_trib.validation.random_effects import RandomEffects
-from sysid_trib.validation.reproducibility import DEVIATIONS, LIMIT, precision
+from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
 from sysid_trib.validation.run_conditions import columns_of, conditions_table, listed
 
 # Of each quantity, over all of them (Bonferroni): below it a condition acts, or runs scatter.

@@ -6,22 +6,22 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.decays.half_sines import envelope
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods import METHODS
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results.per_run import group_names
+from sysid_trib.progress import Tell, silent
+from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import group_names
 from sysid_trib.validation.answer import check_method, with_common_noise
 from sysid_trib.validation.comparison_table import method_table
-from sysid_trib.validation.cross_check_statistics import ties
+from sysid_trib.validation.cross_check import ties
 from sysid_trib.validation.holdout import RunInParts, split
-from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.trial import try_method
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")

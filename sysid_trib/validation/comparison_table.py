@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.records.runs import root_mean_square
-from sysid_trib.results.common_reference import in_model, reference_factors
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results.references import in_model, reference_factors
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.holdout import diebold_mariano

@@ -10,21 +10,20 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.to_identify import is_free_to_move
+from sysid_trib.forces.selection import is_free_to_move
+from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
-from sysid_trib.noise.level import nominal_frequency
-from sysid_trib.noise.random_force import RandomForceOption
-from sysid_trib.noise.whiteness import WHITE_LEVEL, white_p_value
+from sysid_trib.progress import Tell, silent
+from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.runs import Decays, as_runs, one_or_all, root_mean_square
-from sysid_trib.results.common_reference import comparison_values, stated_covariance
-from sysid_trib.results.per_run import group_names, noise_of_run
+from sysid_trib.records.smoothing import nominal_frequency
+from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import variable
+from sysid_trib.results.variables import group_names, noise_of_run, variable
 from sysid_trib.simulation.model import Model
-from sysid_trib.validation.progress import Tell, silent
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 

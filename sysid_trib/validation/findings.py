@@ -4,12 +4,12 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.results.kinds import kind_of
-from sysid_trib.results.per_run import group_names, record_groups
+from sysid_trib.results.files import kind_of
 from sysid_trib.results.significance import significant, sufficient_forces
-from sysid_trib.validation.breakdown import breakdown, record_noise
+from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation.comparison_table import applied_methods
 from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.verdict import breakdown, record_noise
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:

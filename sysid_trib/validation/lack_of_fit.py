@@ -8,11 +8,10 @@ import xarray as xr
 from scipy.interpolate import PchipInterpolator
 
 from sysid_trib.arrays import Array
-from sysid_trib.averaging.backbone import CURVES, BackboneCurves, backbone_curves
-from sysid_trib.averaging.period_rows import PeriodRows, period_rows
-from sysid_trib.decays.half_sines import envelope
-from sysid_trib.decays.signal import unit_of_signal
+from sysid_trib.cycles.backbone import CURVES, BackboneCurves, PeriodRows, backbone_curves, period_rows
 from sysid_trib.errors import SysidTribError
+from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable

@@ -10,17 +10,16 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
 from sysid_trib.methods.scope import Method
-from sysid_trib.noise.coarse_step import coarse_step, rounded_noise
-from sysid_trib.records.runs import RECORD_PARTS, one_or_all, root_mean_square
-from sysid_trib.results.per_run import noise_of_run
+from sysid_trib.motion_fit.cramer_rao import sensitivities
+from sysid_trib.records.decay import RECORD_PARTS, one_or_all, root_mean_square
+from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import PER_FORCE_UNIT, variable
+from sysid_trib.results.variables import PER_FORCE_UNIT, noise_of_run, variable
+from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
-from sysid_trib.trajectory_fit.cramer_rao import sensitivities
-from sysid_trib.trajectory_fit.initial_conditions import FittedMotion
-from sysid_trib.validation.breakdown import widening
 from sysid_trib.validation.holdout import carried_on
 from sysid_trib.validation.residuals import fitted_motion
+from sysid_trib.validation.verdict import widening
 
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 # Fewer samples tell nothing of a motion whose start and zero are fitted.

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from sysid_trib.decays.signal import unit_of_signal
 from sysid_trib.errors import DecayError, SimulationError, UsageError
+from sysid_trib.records.decay import as_runs
 from sysid_trib.records.inputs import inputs_for
-from sysid_trib.records.runs import as_runs
+from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable
+from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.trajectory_fit.initial_conditions import first_guess, first_zero, fit_start
 
 # Samples by which a start can be fitted.
 FEWEST_FITTED = 20

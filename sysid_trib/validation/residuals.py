@@ -9,20 +9,27 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
-from sysid_trib.noise.coarse_step import SlowPart, coarse_step, rounded_noise
-from sysid_trib.noise.level import swing_frequency
-from sysid_trib.noise.random_force import random_force_of
-from sysid_trib.noise.sensor_noise import sensor_noise_of
+from sysid_trib.likelihood.random_force import random_force_of
+from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.motion_fit.tracked import FollowedRuns
+from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.runs import root_mean_square
+from sysid_trib.records.sensor import SlowPart, coarse_step, rounded_noise
+from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
+from sysid_trib.simulation.initial_conditions import (
+    MEASURED,
+    MEASURED_TIME,
+    FittedMotion,
+    first_guess,
+    first_zero,
+    fit_start,
+    measured_part,
+)
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.state_space.tracked import FollowedRuns
-from sysid_trib.trajectory_fit.initial_conditions import FittedMotion, first_guess, first_zero, fit_start
-from sysid_trib.trajectory_fit.observation import MEASURED, MEASURED_TIME, measured_part
-from sysid_trib.validation.spectral_line import NO_LINE, spectral_line
+from sysid_trib.validation.residual_force import NO_LINE, spectral_line
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0

@@ -12,12 +12,12 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import ForceScope, Method, MethodScope, constrained, force_scope, scope_of
-from sysid_trib.records.runs import one_or_all
-from sysid_trib.results.contactless import with_contactless_frequency
+from sysid_trib.records.decay import one_or_all
+from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation.answer import with_model_in_errors
-from sysid_trib.validation.breakdown import DIVERGES, no_nearer_than_rest
 from sysid_trib.validation.holdout import RunInParts, predicted, up_to_held_out
 from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
+from sysid_trib.validation.verdict import DIVERGES, no_nearer_than_rest
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sysid_trib import Model, load_library
-from sysid_trib.averaging.envelope_prediction import predict_envelope
+from sysid_trib.cycles.envelope_prediction import predict_envelope
 
 # PDMS sphere on glass, referred to the printed w_inf.
 PDMS = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}

@@ -5,11 +5,10 @@ import pytest
 from known_results import PAPER, W, known
 
 from sysid_trib.physics.contact import contact_stiffness, sphere_stiffness
-from sysid_trib.physics.crossing import crossovers
 from sysid_trib.physics.energy import arrest_time
 from sysid_trib.physics.fingerprint import slip_fingerprint
-from sysid_trib.physics.force_weights import weights
-from sysid_trib.physics.units import inertia_with_mass
+from sysid_trib.physics.force_weights import crossovers, weights
+from sysid_trib.physics.si_units import inertia_with_mass
 
 
 def crossover(coefficients, first, second, rule):

@@ -8,8 +8,8 @@ import pytest
 from candidates import force
 
 from sysid_trib import load_library
-from sysid_trib.averaging.identifiability import indistinguishable
-from sysid_trib.averaging.signatures import signature
+from sysid_trib.cycles.identifiability import indistinguishable
+from sysid_trib.cycles.signatures import signature
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pytest
 from headless import FLAGS, browser_path
 
 from sysid_trib.plots import style
-from sysid_trib.reporting.svg import IMAGE_DPI, inline_svg
+from sysid_trib.reporting.page import IMAGE_DPI, inline_svg
 
 # A browser takes its time.
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sysid_trib.plots import style
-from sysid_trib.reporting.svg import inline_svg
+from sysid_trib.reporting.page import inline_svg
 
 
 def figure():

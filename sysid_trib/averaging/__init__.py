@@ -1,1 +1,0 @@
-"""One cycle: describing functions, steady cycles, envelope prediction, identifiability."""

@@ -1,0 +1,273 @@
+"""Views of a model for python-control: nonlinear system, linear system, natural frequency and damping."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.cycles.signatures import averages
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force
+from sysid_trib.physics.model_estimate import check_quantity, model_estimate, propagate
+from sysid_trib.results.schema import model_of
+from sysid_trib.results.variables import Variables, variable, with_error
+from sysid_trib.simulation.model import Model
+
+if TYPE_CHECKING:
+    import control
+
+__all__ = ["damp", "linearise", "to_nonlinear_system"]
+
+# Distances from rest (rad) at which a force's slopes are compared: where they differ it has none.
+OUTER_STEP, INNER_STEP = 1e-7, 1e-8
+SLOPE_TOLERANCE = 1e-3
+# What `damp` gives of each pole, with its unit.
+POLE = {
+    "natural_frequency": ("natural frequency", "rad/s"),
+    "damping_ratio": ("damping ratio", "1"),
+    "growth_rate": ("real part of the pole", "rad/s"),
+    "frequency": ("imaginary part of the pole", "rad/s"),
+}
+
+
+def to_nonlinear_system(
+    model: Model | xr.Dataset, inertia: float | None = None
+) -> "control.NonlinearIOSystem":
+    """The model as a nonlinear system of python-control.
+
+    Parameters
+    ----------
+    model : Model or Dataset
+        A model, or an identification.
+    inertia : float, kg m^2, optional
+        Moment of inertia.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        States and outputs are `theta` (rad), `theta_dot` (rad/s) and the internal states of forces
+        (`dahl_z`); the input is `torque`: N m with an inertia, else torque over inertia, rad/s^2. Its
+        parameters are the coefficients. `t` in a formula is the time of the simulation. Sensor terms are
+        left out.
+
+    Raises
+    ------
+    UsageError
+        A force with memory, which python-control cannot hold between reversals.
+
+    Notes
+    -----
+    Simulate with `solve_ivp_method="LSODA"` and `solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}`; once dry
+    friction holds the oscillator the integrator chatters: `simulate` is exact there.
+    """
+    import control
+
+    given = _model(model)
+    _refuse_memory(given)
+    forces = given.forces
+    gain = _gain(inertia)
+
+    def update(t: float, state: Any, inputs: Any, params: Mapping[str, float]) -> Array:
+        rates = _field(given, params, state, t)
+        rates[1] += gain * np.atleast_1d(inputs)[0]
+        return rates
+
+    names = ["theta", "theta_dot", *(f"{f.symbol}_{k}" for f in forces for k in f.state)]
+    return control.nlsys(
+        update,
+        lambda t, state, inputs, params: state,
+        states=names,
+        inputs=["torque"],
+        outputs=names,
+        params={f.symbol: given.coefficients[f.symbol] for f in forces},
+        name="oscillator",
+    )
+
+
+def linearise(
+    model: Model | xr.Dataset, amplitude: float | None = None, inertia: float | None = None
+) -> "control.StateSpace":
+    """The model as a linear system about rest, or about a cycle.
+
+    Parameters
+    ----------
+    model : Model or Dataset
+        A model, or an identification.
+    amplitude : float, rad, optional
+        Every force is replaced by its describing function at this amplitude, the stiffness 2 <h cos phi>/a
+        and damping -2 <h sin phi>/a. None: the slopes at rest; a force without slopes there, as dry friction
+        or a detent, is left out.
+    inertia : float, kg m^2, optional
+        As for `to_nonlinear_system`.
+
+    Returns
+    -------
+    control.StateSpace
+        States and outputs are `theta` (rad) and `theta_dot` (rad/s), the input is `torque`; at rest also
+        the internal states of the forces that are kept. About a cycle `t` in a formula is zero.
+
+    Raises
+    ------
+    UsageError
+        A force with memory or with `t` about rest; an amplitude that is not positive.
+    LibraryError
+        A force that is not finite on such a cycle.
+    """
+    import control
+
+    given = _model(model)
+    matrix, names = _at_rest(given) if amplitude is None else _about_a_cycle(given, amplitude)
+    size = len(names)
+    enters = np.zeros((size, 1))
+    enters[1] = _gain(inertia)
+    return control.ss(
+        matrix,
+        enters,
+        np.eye(size),
+        np.zeros((size, 1)),
+        states=names,
+        outputs=names,
+        inputs=["torque"],
+        name="oscillator",
+    )
+
+
+def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Dataset:
+    """Natural frequency and damping ratio of the linearised model, by python-control.
+
+    Parameters
+    ----------
+    model : Model or Dataset
+        A model, or an identification.
+    amplitude : float, rad, optional
+        As for `linearise`.
+
+    Returns
+    -------
+    Dataset
+        Over `pole`: `natural_frequency` (rad/s), its size, `damping_ratio`, and the pole itself as
+        `growth_rate` and `frequency` (rad/s), its real and imaginary part. Of an identification each with
+        the standard error that its covariance gives.
+
+    Raises
+    ------
+    UsageError, LibraryError
+        As `linearise`.
+    """
+    import control
+
+    def modes(of: Model) -> Array:
+        natural, ratio, poles = control.damp(linearise(of, amplitude), doprint=False)
+        # A conjugate pair is in one order, whatever the rounding of its sizes.
+        order = np.lexsort((poles.imag, np.round(natural / of.reference_frequency, 9)))
+        return np.stack([natural, ratio, poles.real, poles.imag])[:, order]
+
+    if isinstance(model, Model):
+        return xr.Dataset(
+            {name: variable("pole", v, *POLE[name]) for name, v in zip(POLE, modes(model), strict=True)}
+        )
+    estimate = model_estimate(model)
+    values, errors = propagate(lambda z: modes(estimate.model(z)), estimate.values, estimate.covariance)
+    data: Variables = {}
+    for value, error, (name, meaning) in zip(values, errors, POLE.items(), strict=True):
+        data |= with_error(name, "pole", (value, error), *meaning)
+    return xr.Dataset(data)
+
+
+def _model(model: Model | xr.Dataset) -> Model:
+    return model if isinstance(model, Model) else model_of(model)
+
+
+def _gain(inertia: float | None) -> float:
+    if inertia is None:
+        return 1.0
+    check_quantity("inertia", inertia)
+    return 1.0 / inertia
+
+
+def _refuse_memory(model: Model) -> None:
+    for force in model.forces:
+        if force.memory:
+            raise UsageError(
+                f"Force '{force.symbol}' holds values from its reversals, as python-control cannot; leave it "
+                "out, or linearise at an amplitude."
+            )
+
+
+def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:
+    """Rates of theta, theta_dot and the internal states (per s), without the input."""
+    w = model.reference_frequency
+    x, v, at = float(state[0]), float(state[1]) / w, 2
+    rates = [state[1], -(w**2) * x]
+    for force in model.forces:
+        hidden = dict(zip(force.state, np.asarray(state)[at:].tolist(), strict=False))
+        at += len(force.state)
+        h = float(force.value(x, v, time, shapes=model.shapes, hidden=hidden))
+        rates[1] -= w**2 * coefficients[force.symbol] * h
+        names = {"x": x, "v": v, "t": time, **hidden, **force.shape_values(model.shapes)}
+        rates += [w * float(formula.evaluate(names)) for formula in force.state.values()]
+    return np.array(rates, dtype=float)
+
+
+def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
+    """System matrix with every force's describing function, and the names of its states."""
+    check_quantity("amplitude", amplitude)
+    w = model.reference_frequency
+    sums = np.zeros(2)
+    for force in model.forces:
+        sine, cosine = averages(force, np.array([amplitude]), model.shapes)
+        sums += model.coefficients[force.symbol] * 2.0 / amplitude * np.array([cosine[0], -sine[0]])
+    return np.array([[0.0, 1.0], [-(w**2) * (1.0 + sums[0]), -w * sums[1]]]), ["theta", "theta_dot"]
+
+
+def _at_rest(model: Model) -> tuple[Array, list[str]]:
+    """Derivatives of the rates by the states at rest, and the states; forces without slopes are left out."""
+    _refuse_memory(model)
+    timed = next((f.symbol for f in model.forces if f.holds_time), None)
+    if timed is not None:
+        raise UsageError(
+            f"Force '{timed}' changes in time, so the model has no fixed linear system; leave it out."
+        )
+    w = model.reference_frequency
+    kept = [(f, slopes) for f in model.forces if (slopes := _slopes(f, model)) is not None]
+    names = ["theta", "theta_dot", *(f"{f.symbol}_{k}" for f, _ in kept for k in f.state)]
+    matrix = np.zeros((len(names), len(names)))
+    matrix[:2, :2] = [[0.0, 1.0], [-(w**2), 0.0]]
+    at = 2
+    for force, slopes in kept:
+        indices = np.array([0, 1, *range(at, at + len(force.state))])
+        at += len(force.state)
+        # Formulas are in v = theta'/w.
+        slopes[:, 1] /= w
+        matrix[1, indices] -= w**2 * model.coefficients[force.symbol] * slopes[0]
+        matrix[np.ix_(indices[2:], indices)] += w * slopes[1:]
+    return matrix, names
+
+
+def _slopes(force: Force, model: Model) -> Array | None:
+    """Slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
+    count = 2 + len(force.state)
+
+    def rows(z: Array) -> Array:
+        names = {"x": z[0], "v": z[1], "t": 0.0, **dict(zip(force.state, z[2:], strict=True))}
+        names |= force.shape_values(model.shapes)
+        with np.errstate(all="ignore"):
+            return np.array([float(f.evaluate(names)) for f in (force.formula, *force.state.values())])
+
+    if force.memoryless and force.degree is not None and force.degree > 1.0:
+        return np.zeros((1, count))
+    origin = rows(np.zeros(count))
+    units = np.eye(count)
+    central = np.stack(
+        [(rows(INNER_STEP * u) - rows(-INNER_STEP * u)) / (2.0 * INNER_STEP) for u in units], axis=1
+    )
+    # A slope at rest serves every direction, near and nearer.
+    directions = [*units, *-units, *np.random.default_rng(5).standard_normal((4, count))]
+    for step in (OUTER_STEP, INNER_STEP):
+        for u in directions:
+            difference = (rows(step * u) - origin)[0] / step - central[0] @ u
+            if not abs(difference) <= SLOPE_TOLERANCE * max(1.0, np.abs(central[0]).max()):
+                return None
+    return central

@@ -1,0 +1,290 @@
+"""Frequency and damping ratio against amplitude, from a free decay and without a model, with bands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from scipy.interpolate import PchipInterpolator
+from scipy.special import ndtri
+
+from sysid_trib.arrays import Array
+from sysid_trib.cycles.kick_response import half_period_responses
+from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, NoisyRows, SmoothCurve, smooth_curve
+from sysid_trib.errors import DecayError
+from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.results.variables import Variables, variable, with_error
+
+WHOLE_TURN = 2.0 * np.pi
+# The first and last half-sine take their frequency from their neighbours: left out where there are so many.
+FEWEST_WITHOUT_ENDS = 9
+# A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
+# the other less. Few half periods leave one side.
+BOTH_SIDES, ONE_SIDE = (0.5, 0.5, -0.5, -0.5), (1.0, 0.0, -1.0)
+LEAST_RELATIVE_NOISE = 1e-10
+# Damping moves the frequency of a free decay, and whole periods the damping ratio, in second order: by up to
+# so many times its square, in parts. Averages leave it open.
+SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
+
+
+@dataclass(frozen=True)
+class PeriodRows:
+    """Periods, one after the other by half a period.
+
+    Attributes
+    ----------
+    log_amplitude : (row,) array of float
+        Of the geometric mean of the extrema at their ends.
+    damping_ratio, frequency : (row,) array of float
+        Logarithmic decrement over 2 pi; rad/s.
+    sensor, walk : mapping of str to sparse array (row, draw)
+        How unit draws of the sensor's noise, and of a random force, move each.
+    """
+
+    log_amplitude: Array
+    damping_ratio: Array
+    frequency: Array
+    sensor: dict[str, sp.csr_matrix]
+    walk: dict[str, sp.csr_matrix]
+
+
+def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) -> PeriodRows:
+    """Rows of an envelope, a half period apart, without what differs between the two sides.
+
+    Parameters
+    ----------
+    measured : Dataset
+        Of `envelope`; four half periods at least.
+    slopes : mapping of str to (row,) array, optional
+        Derivatives of both curves by the log amplitude: an amplitude that is off moves a row along its curve.
+    """
+    b, t = measured.extremum.values, measured.extremum_time.values
+    ends = 1 if len(b) >= FEWEST_WITHOUT_ENDS else 0
+    change = np.array(BOTH_SIDES if ends else ONE_SIDE)
+    fall, middle, later = (
+        _sliding(weights, len(b), ends)
+        # A kick before an extremum moves it and all later ones.
+        for weights in (change, np.abs(change) / 2.0, np.append(0.0, np.cumsum(change[::-1])[-2::-1]))
+    )
+    damping, frequency = fall @ np.log(b) / WHOLE_TURN, -WHOLE_TURN / (fall @ t)
+    # How much extrema scatter is sought here: their errors are those of the samples' white noise alone.
+    relative = _errors(measured, "extremum", "scatter_of_extrema") / b
+    late = _errors(measured, "extremum_time", "scatter_of_times")
+    lasting, passing = half_period_responses(measured)
+    per_turn, per_time = np.full(len(damping), 1.0 / WHOLE_TURN), frequency**2 / WHOLE_TURN
+    sensor, walk = {}, {}
+    for name, value, scale, by, error, part in (
+        ("damping_ratio", damping, per_turn, 1.0 / b, relative * b, slice(0, len(b))),
+        ("frequency", frequency, per_time, np.ones_like(b), late, slice(len(b), 2 * len(b))),
+    ):
+        of_rows = sp.diags(scale) @ fall @ sp.diags(by * error)
+        along = -sp.diags(slopes[name] if slopes else np.zeros_like(value)) @ middle @ sp.diags(relative)
+        second = sp.diags(SECOND_ORDER[name] * damping**2 * value)
+        noises = [of_rows + along, second] if name == "damping_ratio" else [of_rows, along, second]
+        sensor[name] = sp.hstack(noises, format="csr")
+        walk[name] = sp.diags(scale) @ (
+            fall @ sp.diags(by) @ passing[part] + later @ sp.diags(by) @ lasting[part]
+        )
+    return PeriodRows(middle @ np.log(b), damping, frequency, sensor, walk)
+
+
+def _sliding(weights: Array, count: int, ends: int) -> sp.csr_matrix:
+    """Sums of neighbouring extrema with the given weights, (row, extremum), without so many at either end."""
+    rows = count - len(weights) + 1 - 2 * ends
+    return sum(w * sp.eye(rows, count, k=ends + at, format="csr") for at, w in enumerate(weights))
+
+
+def _errors(measured: xr.Dataset, name: str, scatter: str) -> Array:
+    """Standard errors by the white noise of the samples, not below rounding."""
+    error = measured[f"{name}_standard_error"].values / measured.attrs.get(scatter, 1.0)
+    b = measured.extremum.values
+    size = b if name == "extremum" else 1.0 / measured.frequency.values.max()
+    return np.asarray(np.maximum(error, LEAST_RELATIVE_NOISE * size))
+
+
+CURVES = {"frequency": ("angular frequency", "rad/s"), "damping_ratio": ("damping ratio", "1")}
+CURVE_POINTS, FEWEST_HALF_PERIODS = 80, 5
+# Rounds beside the first: with the bends and the slopes of the one before.
+ROUNDS = 2
+QUANTILES, FINE = 17, 801
+# Extrema of both sides together: leaves out what differs between them, and nothing of a parabola.
+LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
+
+
+@dataclass(frozen=True)
+class BackboneCurves:
+    """The curves through the periods of a decay.
+
+    Attributes
+    ----------
+    measured : Dataset
+        Its envelope.
+    rows : PeriodRows
+    log_amplitude : (point,) array of float
+        Increasing.
+    by_name : mapping of str to SmoothCurve
+        ``frequency`` (rad/s), ``damping_ratio``.
+    """
+
+    measured: xr.Dataset
+    rows: PeriodRows
+    log_amplitude: Array
+    by_name: dict[str, SmoothCurve]
+
+    def left_open(self, name: str) -> Array:
+        """What averaging leaves open of a curve to second order in damping."""
+        damping, value = (np.abs(self.by_name[key].mean) for key in ("damping_ratio", name))
+        return np.asarray(SECOND_ORDER[name] * damping**2 * value)
+
+    def half_width(self, name: str) -> Array:
+        """Half width of the simultaneous 95 % band of a curve."""
+        curve = self.by_name[name]
+        return curve.factor * curve.standard_error + self.left_open(name)
+
+
+def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
+    """Smooth curves of frequency and damping ratio over the log amplitude (see `backbone`)."""
+    measured = envelope(decay)
+    if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
+        source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
+        raise DecayError(
+            f"{source}: {count} whole half periods; a backbone needs {FEWEST_HALF_PERIODS}: record longer."
+        )
+    rows = period_rows(measured)
+    u = rows.log_amplitude
+    position, log_amplitude = _coordinate(u)
+    points = np.linspace(0.0, 1.0, CURVE_POINTS)
+    curves: dict[str, SmoothCurve] = {}
+    for turn in range(ROUNDS + 1):
+        if curves:
+            slopes = {
+                name: np.interp(u, log_amplitude, np.gradient(curve.mean, log_amplitude))
+                for name, curve in curves.items()
+            }
+            rows = period_rows(measured, slopes)
+        curves = {
+            name: smooth_curve(
+                NoisyRows(position, getattr(rows, name), rows.sensor[name], rows.walk[name]),
+                points,
+                curves[name].bends if curves else None,
+                WALKS if turn == ROUNDS else WALKS[::2],
+            )
+            for name in CURVES
+        }
+    return BackboneCurves(measured, rows, log_amplitude, curves)
+
+
+def _coordinate(u: Array) -> tuple[Array, Array]:
+    """Positions of log amplitudes from 0 to 1, and the log amplitudes of evenly spaced points.
+
+    Half by the log amplitude, half by the number of periods below it: fine where the record is.
+    """
+    part = np.linspace(0.0, 1.0, QUANTILES)
+    low, width = u.min(), max(float(np.ptp(u)), 1e-9)
+    below = PchipInterpolator(np.quantile(u, part) + 1e-12 * width * np.arange(QUANTILES), part)
+    fine = low + np.linspace(0.0, width, FINE)
+    along = 0.5 * (np.clip(below(fine), 0.0, 1.0) + np.linspace(0.0, 1.0, FINE))
+    return np.interp(u, fine, along), np.interp(np.linspace(0.0, 1.0, CURVE_POINTS), along, fine)
+
+
+def backbone(decay: xr.Dataset) -> xr.Dataset:
+    """Frequency and damping ratio of a free decay against its amplitude, without a model.
+
+    Parameters
+    ----------
+    decay : Dataset
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it.
+
+    Returns
+    -------
+    Dataset
+        Over ``amplitude`` (in the unit of the decay, increasing): ``frequency`` (rad/s), ``damping_ratio``,
+        and the forces averaged over a cycle, in its unit: ``dissipative_force`` = damping ratio *
+        amplitude, ``elastic_force`` = (frequency/``smallest_amplitude_frequency`` - 1) * amplitude. Over
+        ``time``: ``amplitude_over_time``. Each with its ``..._standard_error``, and ``..._low`` and
+        ``..._high``, the ends of a band that holds the whole curve in 95 % of records. Over ``period`` the
+        single ones: ``period_amplitude``, ``period_frequency``, ``period_damping_ratio``.
+
+    Raises
+    ------
+    DecayError
+        Fewer than five whole half periods.
+
+    Notes
+    -----
+    Of the period about each half period, from extremum to extremum of half-sines (see `envelope`): the
+    logarithmic decrement over 2 pi and 2 pi over the duration, at the geometric mean of both extrema. Even
+    forces, the sensor's zero and its harmonics leave them alone to first order. The noise is that of the
+    sensor and a random walk of amplitude and phase, as a white random force makes it, each of a size that
+    restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
+    in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
+    """
+    return backbone_dataset(decay, backbone_curves(decay))
+
+
+def backbone_dataset(decay: xr.Dataset, curves: BackboneCurves) -> xr.Dataset:
+    """The `backbone` of a decay of which there are the `backbone_curves` already."""
+    unit, amplitude = unit_of_signal(decay), np.exp(curves.log_amplitude)
+    return xr.Dataset(
+        _over_amplitude(curves, amplitude, unit) | _over_time(curves, unit) | _periods(curves.rows, unit),
+        {"amplitude": variable("amplitude", amplitude, "amplitude", unit)},
+        attrs=dict(decay.attrs),
+    )
+
+
+def _over_amplitude(curves: BackboneCurves, amplitude: Array, unit: str) -> Variables:
+    """The curves with their bands, and the averaged forces."""
+    variables: Variables = {}
+    values: dict[str, tuple[Array, Array, Array]] = {}
+    for name, (long_name, units) in CURVES.items():
+        curve, half = curves.by_name[name], curves.half_width(name)
+        values[name] = curve.mean, np.hypot(curve.standard_error, curves.left_open(name)), half
+        variables |= _banded(name, "amplitude", values[name], long_name, units)
+    smallest = values["frequency"][0][0]
+    for name, of, scale, least in (
+        ("dissipative_force", "damping_ratio", amplitude, 0.0),
+        ("elastic_force", "frequency", amplitude / smallest, smallest),
+    ):
+        value, error, half = values[of]
+        scaled = (scale * (value - least), scale * error, scale * half)
+        long_name = f"{name.replace('_', ' ')} averaged over a cycle"
+        variables |= _banded(name, "amplitude", scaled, long_name, unit)
+    at = variable((), smallest, "angular frequency at the smallest amplitude", "rad/s")
+    return variables | {"smallest_amplitude_frequency": at}
+
+
+def _over_time(curves: BackboneCurves, unit: str) -> Variables:
+    """The amplitude at the extrema but two at either end."""
+    measured = curves.measured
+    log_b = np.log(measured.extremum.values)
+    relative = measured.extremum_standard_error.values / measured.extremum.values
+    relative = relative / measured.attrs["scatter_of_extrema"] * curves.by_name["damping_ratio"].noise
+    amplitude = np.exp(np.convolve(log_b, LEVEL_WEIGHTS, "valid"))
+    error = amplitude * np.sqrt(np.convolve(relative**2, LEVEL_WEIGHTS**2, "valid"))
+    half = -ndtri(0.5 * (1.0 - BAND_PROBABILITY ** (1.0 / len(amplitude)))) * error
+    time = variable("time", measured.extremum_time.values[2:-2], "time", "s")
+    name = "amplitude_over_time"
+    return _banded(name, "time", (amplitude, error, half), "amplitude over time", unit) | {"time": time}
+
+
+def _periods(rows: PeriodRows, unit: str) -> Variables:
+    """The single periods."""
+    singles = {name: (getattr(rows, name), *labels) for name, labels in CURVES.items()}
+    singles["amplitude"] = (np.exp(rows.log_amplitude), "amplitude", unit)
+    return {
+        f"period_{name}": variable("period", value, f"{long_name} of a period", units)
+        for name, (value, long_name, units) in singles.items()
+    }
+
+
+def _banded(
+    name: str, dim: str, value_error_half: tuple[Array, Array, Array], long_name: str, units: str
+) -> Variables:
+    """A curve with its standard error, and both ends of its simultaneous band."""
+    value, error, half = value_error_half
+    variables = with_error(name, dim, (value, error), long_name, units)
+    for end, scaled in (("low", value - half), ("high", value + half)):
+        text = f"{end} end of the 95 % band of the whole {long_name}"
+        variables[f"{name}_{end}"] = variable(dim, scaled, text, units)
+    return variables

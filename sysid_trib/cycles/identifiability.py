@@ -1,0 +1,168 @@
+"""Which forces a method cannot tell apart by principle, whatever the record."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.cycles.signatures import averages
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
+from sysid_trib.simulation.internal_states import states_along
+
+AMPLITUDES = 96
+COMPARED_POINTS = 2000
+# Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
+DEPENDENCE = 1e-11
+# Instants at which forces holding t are compared (s): an amplitude may be met at any time.
+LATEST_TIME = 20.0
+
+
+def indistinguishable(
+    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
+) -> list[tuple[str, ...]]:
+    """Groups of forces whose signatures are linearly dependent: no averaging method can separate them.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+        The forces; sensors act on no envelope equation and are left out.
+    amplitude_low, amplitude_high : float, rad
+        The range of amplitudes in which they are compared.
+    shapes : mapping of str to float, optional
+        Shape parameters; defaults where left out.
+
+    Returns
+    -------
+    list of tuple of str
+        Groups of two or more symbols: first sets of forces with proportional signatures, then larger
+        combinations of which one is a sum of the others. Forces without any signature are in none
+        (`without_signature`).
+
+    Raises
+    ------
+    UsageError
+        Not 0 <= amplitude_low < amplitude_high.
+    """
+    forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
+    return [tuple(forces[i].symbol for i in group) for group in dependent_columns(table)]
+
+
+def without_signature(
+    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
+) -> tuple[str, ...]:
+    """Forces that averaging neglects, even ones for instance (see `indistinguishable`)."""
+    forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
+    return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
+
+
+def exactly_dependent(
+    library: ForceLibrary, amplitude: float, *, shapes: ShapeValues | None = None
+) -> list[tuple[str, ...]]:
+    """Groups of forces that no method can separate: linearly dependent in whatever motion there is.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+        The forces; sensors are left out.
+    amplitude : float, rad
+        Largest angle at which they are compared.
+    shapes : mapping of str to float, optional
+        Shape parameters; defaults where left out.
+
+    Returns
+    -------
+    list of tuple of str
+        Groups of symbols.
+
+    Notes
+    -----
+    Functions of x, v and t are compared at random points; if there are history-dependent forces, all are
+    compared along one irregular motion.
+    """
+    forces = [force for force in library if force.kind == "force"]
+    random = np.random.default_rng(20190417)
+    x, v = amplitude * random.uniform(-1.0, 1.0, (2, COMPARED_POINTS))
+    t = random.uniform(0.0, LATEST_TIME, COMPARED_POINTS)
+    if not all(force.memoryless for force in forces):
+        t = np.linspace(0.0, LATEST_TIME, COMPARED_POINTS)
+        tau = 5.0 * t
+        # Two frequencies without a common measure: the motion comes near every point, and by many paths.
+        x = 0.5 * amplitude * (np.cos(tau) + np.cos(np.sqrt(2.0) * tau + 1.0))
+        v = -0.5 * amplitude * (np.sin(tau) + np.sqrt(2.0) * np.sin(np.sqrt(2.0) * tau + 1.0))
+    columns = []
+    for force in forces:
+        hidden = {} if force.memoryless else states_along(force, tau, x, v, shapes, time=t)
+        columns.append(force.value(x, v, t, shapes=shapes, hidden=hidden))
+    groups = dependent_columns(np.column_stack(columns)) if columns else []
+    return [tuple(forces[i].symbol for i in group) for group in groups]
+
+
+def dependent_columns(table: Array, tolerance: float = DEPENDENCE) -> list[tuple[int, ...]]:
+    """Groups of linearly dependent columns of a matrix, each as small as can be.
+
+    Parameters
+    ----------
+    table : (row, column) array of float
+        Finite. Columns of zeros are in no group.
+    tolerance : float
+        Largest residual of a column of unit length that is fitted by the others of its group.
+
+    Returns
+    -------
+    list of tuple of int
+        Proportional columns first, in groups as large as they are; then, for each further column that is a
+        combination of columns before it, the column with the fewest of these that make it up.
+    """
+    # Lengths and residuals are those of the triangular factor, which has few rows.
+    table = np.asarray(np.linalg.qr(np.asarray(table, dtype=float), mode="r"), dtype=float)
+    norms = np.linalg.norm(table, axis=0)
+    floor = 1e-14 * norms.max(initial=0.0)
+    unit = {i: table[:, i] / norm for i, norm in enumerate(norms) if norm > floor}
+    groups: list[list[int]] = []
+    for i, column in unit.items():
+        like = next((g for g in groups if _residual_norm(column, [unit[g[0]]]) < tolerance), None)
+        if like is None:
+            groups.append([i])
+        else:
+            like.append(i)
+    basis: list[int] = []
+    combined = []
+    for i in (group[0] for group in groups):
+        if basis and _residual_norm(unit[i], [unit[j] for j in basis]) < tolerance:
+            combined.append(tuple(sorted((*_fewest(i, basis, unit, tolerance), i))))
+        else:
+            basis.append(i)
+    return [tuple(group) for group in groups if len(group) > 1] + combined
+
+
+def _fewest(i: int, basis: list[int], unit: Mapping[int, Array], tolerance: float) -> list[int]:
+    """Columns of the basis that are needed for column i: the others are dropped one by one."""
+    needed = list(basis)
+    for j in reversed(basis):
+        fewer = [k for k in needed if k != j]
+        if fewer and _residual_norm(unit[i], [unit[k] for k in fewer]) < tolerance:
+            needed = fewer
+    return needed
+
+
+def _residual_norm(column: Array, others: list[Array]) -> float:
+    """Norm of the residual of a column that is fitted by others."""
+    matrix = np.column_stack(others)
+    return float(np.linalg.norm(column - matrix @ np.linalg.lstsq(matrix, column, rcond=None)[0]))
+
+
+def _signature_table(
+    library: ForceLibrary, low: float, high: float, shapes: ShapeValues | None
+) -> tuple[list[Force], Array]:
+    """Forces, and a matrix with their signatures (sine above cosine) as columns."""
+    if not 0.0 <= low < high < np.inf:
+        raise UsageError(
+            f"A range of amplitudes from {low:g} to {high:g} rad is empty; give 0 <= low < high."
+        )
+    amplitude = np.linspace(low, high, AMPLITUDES)
+    # An instant unrelated to the amplitude: t*v and v must not be tied because one record ties t to a.
+    time = LATEST_TIME * np.random.default_rng(20190417).uniform(size=AMPLITUDES)
+    forces = [force for force in library if force.kind == "force"]
+    columns = [np.concatenate(averages(force, amplitude, shapes, time)) for force in forces]
+    return forces, np.column_stack(columns) if columns else np.zeros((2 * AMPLITUDES, 0))

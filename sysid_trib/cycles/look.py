@@ -1,0 +1,296 @@
+"""What a record holds before any fit, and which forces its backbone points to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import xarray as xr
+from scipy.optimize import lsq_linear, nnls
+from scipy.special import ellipk
+
+from sysid_trib.arrays import Array
+from sysid_trib.cycles.backbone import BackboneCurves, backbone_curves
+from sysid_trib.cycles.signatures import averages
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.records.half_periods import noise_level
+from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.sensor import sensor_step
+from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.signal_scale import counts_angles
+from sysid_trib.results.variables import Variables, group_names, variable
+
+# By formula, as libraries may name them otherwise; in words.
+FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "drag"}
+ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
+# Beside the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives leave
+# open.
+OPEN_PART = 0.1
+# Decrements go with the square of the period: averages of first order leave that open.
+OF_SHIFT = 2.0
+# A curve that is nowhere known better than so says nothing.
+LEAST_KNOWN = 0.5
+
+
+@dataclass(frozen=True)
+class Pointed:
+    """What a backbone points to.
+
+    Attributes
+    ----------
+    friction, elastic : tuple of str
+        Formulas.
+    pendulum : bool
+        Whether frequency and amplitude are those of a pendulum.
+    """
+
+    friction: tuple[str, ...] = ()
+    elastic: tuple[str, ...] = ()
+    pendulum: bool = False
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """Formulas of the forces that are identified."""
+        return (*self.friction, *self.elastic)
+
+    @property
+    def sentence(self) -> str:
+        """What is pointed to, in words; nothing if nothing is."""
+        parts = []
+        if self.friction:
+            parts.append(f"damping as of {_listed([FRICTION[formula] for formula in self.friction])}")
+        if self.pendulum:
+            parts.append("amplitude and frequency as of a pendulum under gravity")
+        elif self.elastic:
+            parts.append(f"frequency as of {_listed([ELASTIC[formula] for formula in self.elastic])}")
+        return "; ".join(parts)
+
+
+def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) -> Pointed:
+    """The forces that a backbone points to.
+
+    Parameters
+    ----------
+    curves : BackboneCurves
+        Of `backbone_curves`.
+    library : ForceLibrary
+        Of forces of these formulas.
+    angle : bool
+        Whether the signal is an angle in rad: else nothing is a pendulum.
+
+    Notes
+    -----
+    Of damping the fewest of dry friction, viscous friction and drag, none negative, that stay within the
+    band; all that have a part in the best sum where none do. Of frequency nothing where a constant stays
+    within the band; a pendulum where w0 pi/(2 K(sin(a/2))) does; else the fewest elastic forces.
+    """
+    a = np.exp(curves.log_amplitude)
+    tables = {
+        formula: averages(force, a, {})
+        for formula in (*FRICTION, *ELASTIC)
+        if (force := library.role(formula)) is not None
+    }
+    damping = {formula: -tables[formula][0] / a for formula in FRICTION if formula in tables}
+    frequency, half = curves.by_name["frequency"].mean, curves.half_width("frequency")
+    shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
+    ratio = curves.by_name["damping_ratio"].mean
+    width = curves.half_width("damping_ratio") + OF_SHIFT * shift / frequency * np.abs(ratio)
+    known = np.min(width / np.abs(ratio)) < LEAST_KNOWN
+    friction = _fewest(damping, ratio, width, np.empty((len(a), 0))) if known else ()
+    if _within({}, frequency, half, np.ones((len(a), 1))):
+        return Pointed(friction)
+    swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
+    half = half + OPEN_PART * shift
+    if angle and a[-1] < np.pi and _within({}, frequency, half, swing[:, None]):
+        return Pointed(friction, pendulum=True)
+    shifts = {formula: tables[formula][1] / a for formula in ELASTIC if formula in tables}
+    return Pointed(friction, _fewest(shifts, frequency, half, np.ones((len(a), 1))))
+
+
+def _fewest(columns: Mapping[str, Array], curve: Array, half: Array, always: Array) -> tuple[str, ...]:
+    """The fewest columns whose sum stays within the band; those of the best sum where none do."""
+    for count in range(1, len(columns) + 1):
+        within = {
+            names: part
+            for names in combinations(columns, count)
+            if (part := _within({name: columns[name] for name in names}, curve, half, always))
+        }
+        if within:
+            return min(within, key=lambda names: within[names])
+    _, weights = _fit(columns, curve, half, always)
+    return tuple(name for name, weight in zip(columns, weights, strict=False) if weight)
+
+
+def _within(columns: Mapping[str, Array], curve: Array, half: Array, always: Array) -> float:
+    """The largest deviation of the best sum in half widths, 0 where that is outside of the band."""
+    deviation, _ = _fit(columns, curve, half, always)
+    return deviation if deviation <= 1.0 else 0.0
+
+
+def _fit(columns: Mapping[str, Array], curve: Array, half: Array, always: Array) -> tuple[float, Array]:
+    """Largest deviation in half widths, and weights of the columns: none negative without others."""
+    table = np.column_stack([*columns.values(), always]) / half[:, None]
+    if always.size:
+        weights = lsq_linear(table, curve / half).x
+    else:
+        weights, _ = nnls(table, curve / half)
+    return float(np.max(np.abs(table @ weights - curve / half))), weights
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+USUAL_LIBRARY, PENDULUM = "contact_forces", "pendulum"
+# Points of a spectrum that are kept: it is drawn, not computed with.
+SPECTRUM_POINTS = 2000
+# Instants at either end from which the rate of decay there is taken.
+END_INSTANTS = 8
+# A step beside the noise of sixth differences, of a motion that takes many samples to the next step at most.
+MOST_STEP = 30.0
+# The middle between extrema of both sides; decays of either sign cancel in it to third order.
+MIDDLE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
+
+
+def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
+    """Facts of records and of the decays in them, without a fit.
+
+    Parameters
+    ----------
+    records : list of Dataset
+        As `read_records` returns them.
+    decays : list of Dataset
+        As `free_decays` returns them.
+
+    Returns
+    -------
+    DataTree
+        Groups `record` (`record_1`, ...) with `angle(time)`; `decay` (`decay_1`, ...) over `instant` with
+        `amplitude`, `instant_time` and `frequency`, scalars `start`, `stop`, `period` (s), `periods`,
+        `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`,
+        `drift` (of the middle; 0
+        within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`, and
+        `spectrum(frequency_line)`. Units are those of the record. attrs `points_to_forces`,
+        `points_to_system`, `points_to`: what the backbone points to, empty if nothing.
+
+    Raises
+    ------
+    DecayError
+        Fewer than three half periods.
+    """
+    of_sum = {record.attrs.get("record_checksum"): record for record in records}
+    facts = [_facts(decay, of_sum.get(decay.attrs.get("record_checksum"), decay)) for decay in decays]
+    groups = dict(zip(group_names("record", len(records)), records, strict=True))
+    groups |= dict(zip(group_names("decay", len(decays)), facts, strict=True))
+    return xr.DataTree.from_dict(groups)
+
+
+def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
+    curve = envelope(decay)
+    time, angle = decay.time.values, decay.angle.values
+    unit = unit_of_signal(decay)
+    frequency = float(np.median(curve.frequency))
+    period = 2.0 * np.pi / frequency
+    amplitude, instants = _beside_a_drift(curve.amplitude.values), curve.instant_time.values
+    # What was resampled or integrated since has lost its steps.
+    measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
+    step_unit = str(measured.attrs.get("units", unit))
+    first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
+    step = sensor_step(measured.to_numpy())
+    # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
+    step = (
+        step if step <= MOST_STEP * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
+    )
+    scalars: Variables = {
+        "start": variable((), time[0], "first sample", "s"),
+        "stop": variable((), time[-1], "last sample", "s"),
+        "period": variable((), period, "period of the swing, median", "s"),
+        "periods": variable((), (time[-1] - time[0]) / period, "periods", "1"),
+        "first_amplitude": variable((), amplitude[0], "first amplitude", unit),
+        "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
+        "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
+        "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
+        "noise": variable((), sensor_noise(decay), "standard deviation of the sensor's noise", unit),
+        "drift": variable((), _drift(curve), "how far the middle of the swing moves", unit),
+        "sensor_step": variable((), step, "step of the sensor", step_unit),
+        "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
+    }
+    kept = curve[["amplitude", "instant_time", "frequency"]].assign(
+        amplitude=("instant", amplitude, curve.amplitude.attrs | {"units": unit})
+    )
+    return kept.assign({**scalars, **_spectrum(time, angle, unit)}).assign_attrs(
+        {**decay.attrs, **_pointers(decay)}
+    )
+
+
+def _pointers(decay: xr.Dataset) -> dict[str, str]:
+    """What the backbone points to: forces by their symbols, the system, both in words; empty if nothing."""
+    library = load_library(USUAL_LIBRARY)
+    try:
+        pointed = pointed_to(backbone_curves(decay), library, angle=counts_angles(decay))
+    except DecayError:
+        pointed = Pointed()
+    forces = [force.symbol for formula in pointed.formulas if (force := library.role(formula)) is not None]
+    return {
+        "points_to_forces": ",".join(forces),
+        "points_to_system": PENDULUM if pointed.pendulum else "",
+        "points_to": pointed.sentence,
+    }
+
+
+def _beside_a_drift(amplitude: Array) -> Array:
+    """Amplitudes as the mean over both sides: a middle that moves makes one side's larger, in turn."""
+    if amplitude.size < FEWEST_INSTANTS:
+        return amplitude
+    inner = 0.25 * (amplitude[:-2] + 2.0 * amplitude[1:-1] + amplitude[2:])
+    # The ends by the slope of their neighbours.
+    first, last = 2.0 * inner[0] - inner[1], 2.0 * inner[-1] - inner[-2]
+    return np.concatenate(([first], inner, [last if last > 0.0 else amplitude[-1]]))
+
+
+def _drift(curve: xr.Dataset) -> float:
+    """How far the middle moves along a line, from the first half period to the last; 0 within its errors."""
+    signed, time = curve.sign.values * curve.extremum.values, curve.extremum_time.values
+    if signed.size < FEWEST_FOR_DRIFT:
+        return 0.0
+    middle = np.convolve(signed, MIDDLE, "valid")
+    at = time[2:-2] - time[2:-2].mean()
+    line, covariance = np.polyfit(at, middle, 1, cov=True)
+    # Neighbouring middles share extrema.
+    error = np.sqrt(covariance[0, 0] * MIDDLE.size)
+    return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
+
+
+def _ends(count: int) -> tuple[slice, slice]:
+    part = min(END_INSTANTS, max(2, count // 2))
+    return slice(0, part), slice(count - part, count)
+
+
+def _damping(time: Array, amplitude: Array, frequency: float) -> float:
+    """Logarithmic rate of the amplitude over w."""
+    good = amplitude > 0.0
+    if np.count_nonzero(good) < 2:
+        return float("nan")
+    return -float(np.polyfit(time[good], np.log(amplitude[good]), 1)[0]) / frequency
+
+
+def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
+    """One-sided density, averaged to so many points on a logarithmic axis."""
+    step = float(np.mean(np.diff(time)))
+    window = np.sin(np.pi * np.arange(angle.size) / angle.size) ** 2
+    line = np.fft.rfftfreq(angle.size, step)[1:]
+    power = 2.0 * step * np.abs(np.fft.rfft(window * (angle - angle.mean()))[1:]) ** 2 / np.sum(window**2)
+    # The line of the highest frequency has no mirror image.
+    power[-1] *= 0.5 if angle.size % 2 == 0 else 1.0
+    if line.size > SPECTRUM_POINTS:
+        edges = np.unique(np.geomspace(1, line.size, SPECTRUM_POINTS).astype(int)) - 1
+        counts = np.diff(np.append(edges, line.size))
+        line, power = (np.add.reduceat(values, edges) / counts for values in (line, power))
+    return {
+        "frequency_line": variable("frequency_line", line, "frequency", "Hz"),
+        "spectrum": variable("frequency_line", power, "spectral density", f"{unit}^2/Hz"),
+    }

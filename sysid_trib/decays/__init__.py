@@ -1,1 +1,0 @@
-"""Free decays: half periods, equilibrium, release and stop, envelope."""

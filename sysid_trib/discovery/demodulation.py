@@ -1,0 +1,218 @@
+"""Where model and record differ: when, at which amplitude, in phase or amplitude; and how that grows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from scipy.signal import freqz
+from scipy.stats import chi2
+
+from sysid_trib.arrays import Array
+from sysid_trib.discovery.free_motion import FreeMotion
+from sysid_trib.discovery.missing_force import mean_missing_force
+from sysid_trib.results.variables import Variables, variable, with_error
+
+# Errors of a rate in proportion to a power of the amplitude, or to time.
+SHAPES = {"small amplitude": -1.0, "large amplitude": 1.0, "larger amplitude": 2.0, "late times": None}
+# A trend counts if it explains this part of chi-square at least, and is significant at this level.
+EXPLAINED_PART, LEVEL = 0.5, 1e-3
+
+
+def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) -> tuple[Array, str]:
+    """Rate at which a quantity grows, as a constant and one further term that fits best.
+
+    Parameters
+    ----------
+    value, error : (span,) array of float
+        The quantity and its standard error.
+    run, tau, amplitude : (span,) array
+        Of each span; tau = w t.
+
+    Returns
+    -------
+    rate : (span,) array of float
+        The rate, over tau.
+    where : str
+        Where it differs most.
+
+    Notes
+    -----
+    A conservative force a^(p+1) makes the phase slip at a rate a^p; what the model can adjust itself, its
+    frequency or its viscous friction, is in the constant. So where the force acts is where the rate changes.
+    """
+    # What is not known counts for nothing.
+    known = np.isfinite(value) & np.isfinite(error) & (error > 0.0)
+    value, error = np.where(known, value, 0.0), np.where(known, error, np.inf)
+    offsets = (run[:, None] == np.unique(run)).astype(float)
+    plain = np.column_stack([offsets, tau])
+    steady, chi_square = _fitted_trend(plain, value, error)
+    constant = best = np.full(len(value), steady[-1]), "all amplitudes"
+    if len(value) <= plain.shape[1] + 1:
+        return constant
+    least = chi_square
+    for name, power in SHAPES.items():
+        rate = tau - tau.min() if power is None else amplitude**power
+        values, remaining = _fitted_trend(np.column_stack([plain, _integral(rate, tau, run)]), value, error)
+        if remaining < least:
+            least = remaining
+            best = values[-2] + values[-1] * rate, name.replace("larger", "large")
+    counts = chi_square - least > max(EXPLAINED_PART * chi_square, float(chi2.isf(LEVEL, 1)))
+    return best if counts else constant
+
+
+def _fitted_trend(columns: Array, value: Array, error: Array) -> tuple[Array, float]:
+    """Weighted least squares: coefficients and chi-square."""
+    size = np.maximum(np.linalg.norm(columns / error[:, None], axis=0), np.finfo(float).tiny)
+    values = np.linalg.lstsq(columns / error[:, None] / size, value / error, rcond=1e-12)[0] / size
+    return values, float(np.sum(((value - columns @ values) / error) ** 2))
+
+
+def _integral(rate: Array, tau: Array, run: Array) -> Array:
+    """Integral of a rate over tau, from the first span of each run."""
+    steps = np.diff(tau) * 0.5 * (rate[1:] + rate[:-1])
+    total = np.concatenate([[0.0], np.cumsum(np.where(np.diff(run) == 0, steps, 0.0))])
+    return np.asarray(total)
+
+
+# Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
+MOST_SPANS = 24
+# The residual exceeds the noise where its mean square over half a period is so many times the noise's.
+EXCEEDS = 4.0
+# A part of the residual counts if it is significant at this level.
+DEPARTURE_LEVEL = 1e-3
+# Terms of the residual: what they are, the harmonic of the motion whose noise they take, and their part.
+DEMODULATED = {
+    "offset": ("mean of the residual", 0, "offset"),
+    "amplitude_error": ("record's amplitude minus the model's", 1, "amplitude"),
+    "phase_error": ("record's phase minus the model's", 1, "phase"),
+    "second_cosine": ("part of the residual with cos 2 phi", 2, "second harmonic"),
+    "second_sine": ("part of the residual with sin 2 phi", 2, "second harmonic"),
+    "third_cosine": ("part of the residual with cos 3 phi", 3, "third harmonic"),
+    "third_sine": ("part of the residual with sin 3 phi", 3, "third harmonic"),
+}
+SLIP = list(DEMODULATED).index("phase_error")
+
+
+def demodulate(runs: Sequence[FreeMotion]) -> xr.Dataset:
+    """The residual of a model, demodulated against the phase of its own motion while it moves.
+
+    Parameters
+    ----------
+    runs : sequence of FreeMotion
+        The model's motion in each run.
+
+    Returns
+    -------
+    xr.Dataset
+        Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
+        `residual_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`,
+        `second_cosine`, ... (rad). As trends through these `frequency_error` and `decay_error`, of the record
+        minus the model's, over w. Over `x` and `v` (rad): `force`, the mean force that the residual asks for,
+        as a part of I w^2, its `standard_error` by the noise alone, and the number of `samples`. Scalars
+        `departure_time` (s, of the run `departure_run`). attrs: `parts` of which the residual is made beyond
+        the noise, largest first, and `where` it acts.
+    """
+    departures = [(_departure(run), at) for at, run in enumerate(runs)]
+    first = min((pair for pair in departures if np.isfinite(pair[0])), default=(np.nan, 0))
+    spans = xr.concat([_demodulated(at, run) for at, run in enumerate(runs)], "span")
+    spans, where = _with_rates(spans.merge(mean_missing_force(runs)), runs[0].model.reference_frequency)
+    spans["departure_time"] = variable((), first[0], "time from which on the residual exceeds the noise", "s")
+    spans["departure_run"] = variable((), first[1], "the run of that time, from 0")
+    parts = _parts(spans)
+    place = where.get(parts[0], _place_of_rms(spans)) if parts else ""
+    return spans.assign_attrs(parts=parts, where=place)
+
+
+def _departure(run: FreeMotion) -> float:
+    """First time at which the residual over half a period exceeds the noise; nan if never."""
+    x, residual = run.x, run.residual
+    turns = np.flatnonzero(np.diff(np.sign(x)) != 0)
+    width = int(np.median(np.diff(turns))) if len(turns) > 2 else max(2, len(x) // 10)
+    total = np.concatenate([[0.0], np.cumsum(residual**2)])
+    local = (total[width:] - total[:-width]) / width
+    # A level that half a period of noise passes once in a hundred records.
+    level = max(EXCEEDS, float(chi2.isf(0.01 * width / len(x), width)) / width)
+    high = np.flatnonzero(local > level * run.noise.standard_deviation**2)
+    return float(run.time[high[0]]) if len(high) else float("nan")
+
+
+def _demodulated(number: int, run: FreeMotion) -> xr.Dataset:
+    """The residual of a run span by span."""
+    # After its stop a motion has no phase.
+    moving, residual, noise = run.moving, run.residual, run.noise
+    x, v = run.x[:moving], run.v[:moving]
+    phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
+    periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
+    spans = np.array_split(np.arange(moving), int(max(1, min(MOST_SPANS, periods))))
+    step = float(np.median(np.diff(run.time)))
+    harmonics = np.array([harmonic for _, harmonic, _ in DEMODULATED.values()])
+    per_sample = min(1.0, run.model.reference_frequency * step)
+    _, response = freqz([1.0], noise.filter_, harmonics * per_sample)
+    coloured = noise.innovation * np.abs(response)
+    fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
+    values, errors = np.array(fitted).transpose(1, 2, 0)
+    values[SLIP] = np.unwrap(values[SLIP])
+    time = [np.mean(run.time[span]) for span in spans]
+    mean = [np.mean(amplitude[span]) for span in spans]
+    rms = np.array([np.sqrt(np.mean(residual[span] ** 2)) for span in spans])
+    ratio = rms / noise.standard_deviation
+    data: Variables = {
+        "run": variable("span", np.full(len(spans), number), "run, from 0"),
+        "time": variable("span", time, "time", "s"),
+        "amplitude": variable("span", mean, "amplitude of the model", "rad"),
+        "rms": variable("span", rms, "RMS residual", "rad"),
+        "residual_over_noise": variable("span", ratio, "RMS residual over the noise", "1"),
+    }
+    for (name, (what, *_)), value, error in zip(DEMODULATED.items(), values, errors, strict=True):
+        data |= with_error(name, "span", (value, error), what, "rad")
+    return xr.Dataset(data)
+
+
+def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tuple[Array, Array]:
+    """The terms of a span and their errors, (term,) each; `noise` at the harmonic of each."""
+    waves = [wave(m * phase) for m in (2, 3) for wave in (np.cos, np.sin)]
+    first = [amplitude * np.cos(phase), -amplitude * np.sin(phase)]
+    columns = np.stack([np.ones_like(phase), *first, *waves], axis=1)
+    values, *_ = np.linalg.lstsq(columns, residual, rcond=None)
+    errors = noise * np.sqrt(np.diag(np.linalg.pinv(columns.T @ columns)))
+    # The record is a turned and stretched motion: exact also where it has slipped far.
+    cosine, sine, mean = 1.0 + values[1], values[2], float(np.mean(amplitude))
+    values[1:3] = mean * (np.hypot(cosine, sine) - 1.0), np.arctan2(sine, cosine)
+    errors[1] *= mean
+    return values, errors
+
+
+def _with_rates(spans: xr.Dataset, frequency: float) -> tuple[xr.Dataset, dict[str, str]]:
+    """Errors of frequency and decay as trends through those of phase and amplitude, and where they act."""
+    a, tau, run = spans.amplitude.values, frequency * spans.time.values, spans.run.values
+    slip, slip_error = spans.phase_error.values, spans.phase_error_standard_error.values
+    slipping, where_phase = trend(slip, slip_error, run, tau, a)
+    relative, error = (spans[f"amplitude_error{of}"].values / a for of in ("", "_standard_error"))
+    decaying, where_amplitude = trend(-relative, error, run, tau, a)
+    rates = {
+        "frequency_error": variable("span", slipping, "frequency of record minus model, over w", "1"),
+        "decay_error": variable("span", decaying, "decay of record minus model, over w", "1"),
+    }
+    return spans.assign(rates), {"phase": where_phase, "amplitude": where_amplitude}
+
+
+def _parts(spans: xr.Dataset) -> list[str]:
+    """Parts of the residual that noise would not make, and that are not small beside the largest."""
+    size = {}
+    for part in dict.fromkeys(part for *_, part in DEMODULATED.values()):
+        names = [name for name, (*_, other) in DEMODULATED.items() if other == part]
+        values = np.stack([spans[name].values for name in names])
+        z = values / np.stack([spans[f"{name}_standard_error"].values for name in names])
+        if float(np.sum(z**2)) > chi2.isf(DEPARTURE_LEVEL, z.size):
+            scaled = values * spans.amplitude.values if part == "phase" else values
+            size[part] = float(np.sqrt(np.mean(np.sum(scaled**2, axis=0))))
+    ordered = sorted(size, key=lambda part: -size[part])
+    return [part for part in ordered if size[part] > 0.5 * size[ordered[0]]]
+
+
+def _place_of_rms(spans: xr.Dataset) -> str:
+    """Where the residual itself is largest."""
+    a, rms = spans.amplitude.values, spans.rms.values
+    large, small = rms[a > np.median(a)], rms[a <= np.median(a)]
+    ratio = float(np.mean(large) / max(float(np.mean(small)), 1e-300)) if len(large) and len(small) else 1.0
+    return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"

@@ -1,0 +1,393 @@
+"""Find where model and record differ, name the missing effect, add it: the gap shrinks."""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.discovery.final_models import Growth
+from sysid_trib.discovery.fits import evidence
+from sysid_trib.discovery.parts import Stability, stability_of
+from sysid_trib.discovery.screen import screen
+from sysid_trib.discovery.search import Begin, Search, may_gain, search, with_steps
+from sysid_trib.discovery.to_xarray import groups_of
+from sysid_trib.discovery.unseen import Prediction, improvements, predicted
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable, without_old_arguments
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import forces_to_identify, further_forces, viscous_model
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.run_rows import decimated
+from sysid_trib.likelihood.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.start_model import (
+    beside_noises,
+    colour_penalty,
+    default_shapes,
+    fit_start_model,
+    recoloured,
+    refitted,
+)
+from sysid_trib.likelihood.trials import TrialEffect
+from sysid_trib.progress import Tell, silent
+from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.results.discoveries import misnamed_effects
+from sysid_trib.results.schema import provenance
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import group_names
+from sysid_trib.validation.holdout import split, up_to_held_out
+
+
+def discover(
+    decay: Decays,
+    model_forces: ForceLibrary | None = None,
+    candidates: ForceLibrary | None = None,
+    *,
+    reference_frequency: float | None = None,
+    constraints: ConstraintTable = NO_CONSTRAINTS,
+    max_effects: int | None = None,
+    holdout: Decays = (),
+    refit: bool = False,
+    level: float | None = None,
+    seed: int | None = None,
+    time_limit: float = np.inf,
+    settings: Settings = DEFAULTS,
+    tell: Tell = silent,
+    fix: Mapping[str, float] | None = None,
+) -> xr.DataTree:
+    """Find, name and add what a model lacks to explain a decay, or runs of one experiment.
+
+    Parameters
+    ----------
+    decay : xr.Dataset or sequence of xr.Dataset
+        `angle(time)` as `free_decay` returns it, or a list of runs.
+    model_forces : ForceLibrary, optional
+        The forces of the model to start from; by default viscous friction alone.
+    candidates : ForceLibrary, optional
+        What may be missing; by default the other forces of `contact_forces`, and `candidate_effects`. Those
+        that the model has are not offered, and named in the result.
+    reference_frequency : float, rad/s, optional
+        w, held; else it is fitted.
+    constraints : mapping of str to float
+        Coefficients of forces of the model that are always there, as a pendulum's `{"gravity": 1.0}`. A
+        search bounds and ties none.
+    max_effects : int, optional
+        Effects added at most, in the place of the settings'.
+    holdout : xr.Dataset or sequence of xr.Dataset
+        Runs that take no part in fitting or naming, and are predicted by each model. Without any the last
+        third of each run takes no part.
+    refit : bool
+        Fit the models that were found again, to the whole runs.
+    level : float, optional
+        Significance level, shared by the tests of the candidates and the omnibus test, in the place of the
+        settings'.
+    seed : int, optional
+        Of the drawing that counts independent tests, in the place of the settings'.
+    time_limit : float, s
+        After which the search fits no further model, and what it has is described.
+    settings : Settings
+        What else decides.
+    tell : Tell
+        Called with a few words as the work goes on.
+    fix : mapping of str to float, deprecated
+        Now `constraints`.
+
+    Returns
+    -------
+    xr.DataTree
+        Of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
+        (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
+        the search), `closing_effect` (that `max_effects` left out, and with which nothing is missing),
+        `not_improving` (an effect that gains more than chance, and that the hold-out refuses),
+        `noise_p_value` (of a final model that leaves but noise, or a random force without cause; nan where
+        the time ran out), `settings`
+        (JSON), `left_out`, `failed_fits`. Groups: `record`
+        (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
+        `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
+        `detectability`, `detectability_after`; `ranking` of candidates before each effect and at the end;
+        `steps`, the effects added; `before` and `after`, the identifications; `omnibus`, the tests that know
+        no candidate; `holdout` over the models; of several runs `homogeneity`, whether they differ.
+
+    Raises
+    ------
+    UsageError
+        No forces to start from, or no candidates; a level, a number of effects or a time limit that is none;
+        what is to be held is no force of the model.
+    DecayError
+        The decay cannot support the start model.
+    """
+    if not time_limit > 0.0:
+        raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")
+    constraints = {**constraints, **without_old_arguments("discover", fix, stacklevel=3)}
+    asked: dict[str, Any] = {"max_effects": max_effects, "level": level, "seed": seed}
+    settings = replace(settings, **{k: value for k, value in asked.items() if value is not None})
+    model_forces = viscous_model(load_library()) if model_forces is None else model_forces
+    candidates = further_forces(load_library(), model_forces) if candidates is None else candidates
+    how = _Search(reference_frequency, refit, time_limit, settings, tell)
+    return _discovery(decay, model_forces, candidates, constraints, holdout, how)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """How is searched: the arguments of `discover` that are no forces and no records."""
+
+    reference_frequency: float | None
+    refit: bool
+    time_limit: float
+    settings: Settings
+    tell: Tell
+
+
+@in_units_of_the_motion
+def _discovery(
+    decay: Decays,
+    model_forces: ForceLibrary,
+    candidates: ForceLibrary,
+    constraints: ConstraintTable,
+    holdout: Decays,
+    how: _Search,
+) -> xr.DataTree:
+    reference_frequency, settings, tell = how.reference_frequency, how.settings, how.tell
+    deadline = time.monotonic() + how.time_limit
+    whole = as_runs(decay)
+    runs = [decimated(run, settings.samples_per_period) for run in whole]
+    model, free, held = _start_forces(model_forces, reference_frequency, Constraints(constraints))
+    offered, left_out = _offered(model_forces, candidates)
+    if not len(offered):
+        raise UsageError("No candidate is left beside the forces of the model; offer another library.")
+    unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
+    parts = [decimated(part, settings.samples_per_period) for part in unseen]
+    seen = runs if unseen else [split(run)[0] for run in runs]
+    tell("fit of the start model")
+    start = fit_start_model(seen, free, reference_frequency, settings, held)
+    growth = Growth(seen, _foresight(start, runs, parts))
+    look = partial(search, candidates=offered.forces, deadline=deadline, tell=tell)
+    done = look(start, growth=growth)
+    if verdict_of(done) != "nothing missing":
+        done = _or_coloured_noise(done, start, look, growth, tell)
+    done, predictions = _best_by_holdout(done, look, growth, tell)
+    stability = stability_of(done, predictions, _noise_p_value(done, growth))
+    closing = _closing_effect(done, offered.forces, growth)
+    if how.refit and not unseen:
+        tell("fit to the whole runs")
+        done = replace(done, models=[_refitted(model, runs) for model in done.models])
+        seen = runs
+    tell("where model and record differ")
+    groups = groups_of(runs, seen, done, stability, offered, reference_frequency)
+    for name, run in zip(group_names("record", len(whole)), whole, strict=True):
+        groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
+    tree = xr.DataTree.from_dict(groups)
+    third = f"the last third{' of each run' * (len(runs) > 1)}"
+    tree.attrs = {
+        **provenance(None, one_or_all(runs), model),
+        "method": "discover",
+        "options": json.dumps(
+            {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
+            | {
+                "refit": how.refit,
+                "reference_frequency": reference_frequency,
+                "constraints": dict(constraints),
+            }
+        ),
+        "settings": json.dumps(asdict(settings)),
+        "candidates": offered.to_toml(),
+        "verdict": verdict_of(done, predictions, stability, closing),
+        "closing_effect": closing,
+        "not_improving": _not_improving(done),
+        "noise_p_value": stability.noise_p_value,
+        "converged": str(done.converged),
+        "out_of_time": f"{how.time_limit:g} s" if done.out_of_time else "",
+        "max_effects": settings.max_effects,
+        "left_out": left_out,
+        "failed_fits": list(done.failed),
+        "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
+        "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
+    }
+    if misnamed_effects(tree):
+        tree.attrs["verdict"] = "unknown effect"
+    return tree
+
+
+def _best_by_holdout(
+    done: Search, look: "partial[Search]", growth: Growth, tell: Tell
+) -> tuple[Search, list[Prediction]]:
+    """The search with its steps and their predictions; without what does not improve what was held out."""
+    while True:
+        steps = with_steps(done, look.keywords["candidates"], tell)
+        tell("hold-out")
+        predictions = [growth.foretold(model) for model in steps.models]
+        fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
+        if fewer == len(done.effects) or growth.is_complete(steps.models[-1]):
+            return steps, predictions
+        done = look(done.fits.start, begin=Begin(steps.models[fewer], fewer, done))
+
+
+def _or_coloured_noise(
+    done: Search, start: FittedModel, look: Callable[..., Search], growth: Growth, tell: Tell
+) -> Search:
+    """The search beside noise of the likeliest colour, if that explains the record better.
+
+    What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
+    must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
+    all of them; else the colour beside what was named is tried, of which that of the search is outside.
+    """
+    tell("colour of the sensor's noise")
+    last, settings = done.models[-1], start.settings
+    # Else what is left of the record is no noise yet.
+    settled = done.converged or not done.effects
+    beside_names = recoloured(last) if done.effects and settled else last
+    without_names = recoloured(start, beside_names)
+    known, named = _with_colour(last, done.effects), _with_colour(beside_names, done.effects)
+    nameless = _with_colour(without_names, ())
+    if without_names is not start and nameless < min(known, named) + settings.outside_of_set:
+        coloured, begin = without_names, None
+    elif named < known - settings.outside_of_set:
+        coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
+        begin = beside_names
+    else:
+        return done
+    again = look(coloured, begin=None if begin is None else Begin(begin), growth=growth.anew())
+    fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
+    ends = [_with_colour(ended.models[-1], ended.effects) for ended in (done, again)]
+    return again if ends[1] < ends[0] + fewer else done
+
+
+def _with_colour(model: FittedModel, effects: Sequence[str]) -> float:
+    """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
+    return evidence(model, effects) + colour_penalty(model)
+
+
+def _foresight(
+    start: FittedModel, runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]
+) -> Callable[[FittedModel], Prediction]:
+    """How a model predicts runs that took no part, or the last third of each."""
+    befores: list[xr.Dataset | None] = [None] * len(parts)
+    if parts:
+        origins = [_origin(part, runs) for part in parts]
+        noises = [min(at, len(runs) - 1) for at in range(len(parts))]
+    else:
+        parts = [split(run)[1] for run in runs]
+        befores = [up_to_held_out(run) for run in runs]
+        origins, noises = [float(run.time.values[0]) for run in runs], list(range(len(runs)))
+    frequency = start.rows[0].path.frequency
+    return lambda model: predicted(model, parts, befores, origins, noises, frequency)
+
+
+def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
+    """Time from which `t` counts: the first sample of the record that the part is from, else its first."""
+    name = part.attrs.get("record_checksum")
+    same = [run for run in runs if name and run.attrs.get("record_checksum") == name]
+    return float((same or [part])[0].time.values[0])
+
+
+def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
+    nears = [rows.path for rows in model.rows]
+    return refitted(
+        model, [near.of_run(run, near.frequency, near.origin) for run, near in zip(runs, nears, strict=True)]
+    )
+
+
+def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -> str:
+    """The effect that no more were asked for left out, if nothing is missing with it; else empty."""
+    settings, move = done.models[-1].settings, done.next_best
+    if move is None or not len(done.effects) == settings.max_effects > 0:
+        return ""
+    rest = [force for force in candidates if force.symbol not in move.effects]
+    last = screen(move.model, rest, move.effects)
+    missing = last.omnibus.p_value < settings.level or may_gain(last)
+    return "" if missing or not growth.is_complete(refitted(move.model)) else move.effects[-1]
+
+
+def _noise_p_value(done: Search, growth: Growth) -> float:
+    """P-value of what the final model leaves; nan where the time ran out."""
+    return float("nan") if done.out_of_time else growth.noise_p_value(done.models[-1])
+
+
+def _not_improving(done: Search) -> str:
+    """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
+    move = done.next_best
+    asked = move is not None and done.converged and len(done.effects) < move.model.settings.max_effects
+    return move.effects[-1] if move is not None and asked else ""
+
+
+def verdict_of(
+    done: Search,
+    predictions: Sequence[Prediction] = (),
+    stability: Stability | None = None,
+    closing: str = "",
+) -> str:
+    """`explained`, `unknown effect` or `nothing missing`.
+
+    Parameters
+    ----------
+    done : Search
+    predictions : sequence of Prediction
+        Of what was held out, by each of its models.
+    stability : Stability, optional
+        Whether it leaves but noise.
+    closing : str
+        The effect that is missing because no more were asked for, and nothing besides.
+    """
+    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
+    # a model that does not move as the record does explains nothing; what was not compared is not known.
+    last, settings = done.screenings[-1], done.models[0].settings
+    refuted = np.any(improvements(predictions) < -settings.refuted)
+    astray = bool(done.effects) and not done.followed
+    if done.collinear or refuted or astray or not done.converged:
+        return "unknown effect"
+    noisy = stability is None or stability.noise_p_value >= settings.level
+    if closing or (noisy and not done.outstanding and last.omnibus.p_value >= settings.level):
+        return "explained" if done.effects else "nothing missing"
+    return "unknown effect"
+
+
+def _start_forces(
+    asked: ForceLibrary, reference_frequency: float | None, constraints: Constraints
+) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
+    """The forces of the start model: all, those that are fitted, those held with their coefficients."""
+    if not len(asked):
+        raise UsageError("The start model has no force; give at least one, such as a viscous one.")
+    model = forces_to_identify(asked, reference_frequency)
+    fix = constraints.fixed
+    if other := [name for name in constraints.names if name not in fix]:
+        raise UsageError(f"discover holds coefficients alone; leave out what bounds or ties {other[0]}.")
+    able = [force.symbol for force in model if force.kind == "force"]
+    for symbol in fix:
+        if symbol not in able:
+            raise UsageError(f"No force '{symbol}' of the model can be held; there are {', '.join(able)}.")
+    free = [force for force in model if force.symbol not in fix]
+    if not free:
+        raise UsageError("Every force of the start model is held; give one that is fitted, a viscous one.")
+    held = [(TrialEffect(f, default_shapes(f)), float(fix[f.symbol])) for f in model if f.symbol in fix]
+    return model, free, held
+
+
+def _offered(model: ForceLibrary, candidates: ForceLibrary) -> tuple[ForceLibrary, list[str]]:
+    """The candidates that the model does not have, and the symbols of the others."""
+    kept: list[Force] = []
+    left_out = []
+    for force in candidates:
+        same = any(_same(force, other) for other in model)
+        if same or any(force.symbol == other.symbol for other in (*model, *kept)):
+            left_out.append(force.symbol)
+        else:
+            kept.append(force)
+    return replace(candidates, forces=tuple(kept)), left_out
+
+
+def _same(force: Force, other: Force) -> bool:
+    """Whether two forces are the same function."""
+    if force.kind != other.kind:
+        return False
+    if force.memoryless and not force.shape and force.kind == "force":
+        return other.matches(force.formula.text)
+    texts = [
+        (f.formula.text, *(p.text for table in (f.state, f.memory) for p in table.values()))
+        for f in (force, other)
+    ]
+    return texts[0] == texts[1]

@@ -1,0 +1,186 @@
+"""Moves of a search that take effects out of a model, or put others in their place; and their rivals."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid_trib.discovery.columns_beside import each_beside
+from sysid_trib.discovery.fits import Fits, evidence, least_penalty
+from sysid_trib.discovery.in_place import in_place, pairs_in_place
+from sysid_trib.discovery.screen import Screening
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.likelihood import Likelihood, likelihood
+from sysid_trib.likelihood.trials import TrialEffect
+
+
+class Move(NamedTuple):
+    """A step of a search: a model, its effects beside the start model's, and its evidence."""
+
+    evidence: float
+    effects: tuple[str, ...]
+    model: FittedModel
+
+
+def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -> Move | None:
+    """The most likely model without an effect or two, or with as many others or fewer in their place.
+
+    Parameters
+    ----------
+    current : Screening
+        Of the present model.
+    effects : tuple of str
+        Its effects beside the start model's.
+    fits : Fits
+
+    Returns
+    -------
+    Move or None
+        None if no such model is more likely than the present one.
+    """
+    model, settings = current.model, current.model.settings
+    here = evidence(model, effects) if effects else 0.0
+    aim = here - settings.least_gain
+    proposed = list[tuple[float, list[int], tuple[str, ...]]]()
+    for gone in (*((symbol,) for symbol in effects), *combinations(effects, 2)):
+        pairs = pairs_in_place(current, gone) if len(gone) == 2 else []
+        proposed += [(*place, gone) for place in in_place(current, gone) + pairs]
+    best: Move | None = None
+    for score, at, gone in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
+        if score > aim - here + settings.far:
+            break
+        trials = [current.trials[i] for i in at]
+        after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
+        fitted = fits.of(model, gone, trials, worst=deviance_of(aim, model, after, trials))
+        if fitted is not None and (exact := evidence(fitted, after)) < aim:
+            best, aim = Move(exact, after, fitted), exact
+    return best
+
+
+def not_beyond_chance(
+    current: Screening, effects: tuple[str, ...], fits: Fits
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model without the effect that chance would do as well as most likely; None if there is none."""
+    model = current.model
+    chances = _p_values(current, effects)
+    if max(chances, default=0.0) < model.settings.level:
+        return None
+    worst = effects[int(np.argmax(chances))]
+    # Along the present path it is as likely: a fit that is less so came to a worse optimum.
+    along = _without(current, worst).deviance - current.whole.deviance
+    fitted = fits.of(model, (worst,), (), model.deviance + along)
+    if fitted is None or _p_value(current, worst, fitted.deviance - model.deviance) < model.settings.level:
+        return None
+    fits.by_chance.add(frozenset(effects))
+    return fitted, tuple(symbol for symbol in effects if symbol != worst)
+
+
+def chance_in_set(
+    effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model without the effect whose credible set chance is in; None if there is none."""
+    beside = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
+    symbol = min(beside, key=beside.__getitem__, default="")
+    if not symbol or beside[symbol] >= fits.start.settings.outside_of_set:
+        return None
+    after = tuple(other for other in effects if other != symbol)
+    fitted = fits.kept.get(frozenset(after))
+    if fitted is None:
+        return None
+    fits.by_chance.add(frozenset(effects))
+    return fitted, after
+
+
+def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) -> list[float]:
+    """P-value of each effect beside the others, by the deviance without it: those that keep it in the model.
+
+    Along the model's path; where chance would do as well along that, by the fit without the effect, if any.
+    """
+    chances = _p_values(current, effects)
+    for at, symbol in enumerate(effects):
+        fitted = fits.kept.get(frozenset(effects) - {symbol})
+        if chances[at] >= current.model.settings.level and fitted is not None:
+            chances[at] = _p_value(current, symbol, fitted.deviance - current.model.deviance)
+    return chances
+
+
+def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
+    """Probability that chance explains as much as each effect beside the others, along the model's path."""
+    return [_p_value(current, symbol) for symbol in effects]
+
+
+def _p_value(current: Screening, symbol: str, gain: float | None = None) -> float:
+    """Probability that chance lowers the deviance as much as an effect of the model does.
+
+    By default as it does in the rows along the model's path.
+    """
+    model = current.model
+    column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
+    bare = _without(current, symbol)
+    beside = each_beside(current.products, kept, [1 + column], bare)
+    gain = bare.deviance - current.whole.deviance if gain is None else gain
+    return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
+
+
+def _without(current: Screening, symbol: str) -> Likelihood:
+    """The likelihood of the rows along the model's path without an effect."""
+    return likelihood(current.products, current.model.columns_without((symbol,)))
+
+
+def better_rival(
+    current: Screening,
+    effects: tuple[str, ...],
+    rivals: dict[str, dict[str, float]],
+    fits: Fits,
+) -> tuple[FittedModel, tuple[str, ...]] | None:
+    """The model with a rival in an effect's place that is more likely and beyond chance, or with nothing.
+
+    Of two that are as likely the one of fewer shapes is taken.
+    """
+    model, equal = current.model, current.model.settings.least_gain
+    shapes = {t.force.symbol: len(t.force.shape) for t in (*current.trials, *model.trials)} | {"": 0}
+    every = [
+        (excess + 2.0 * equal * (shapes[name] - shapes[symbol]), symbol, name)
+        for symbol, costs in rivals.items()
+        for name, excess in costs.items()
+    ]
+    for excess, symbol, name in sorted(every):
+        if excess > -equal:
+            return None
+        likely = {current.trials[at[0]].force.symbol if at else "" for _, at in in_place(current, (symbol,))}
+        if name in likely:
+            after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
+            return fits.kept[frozenset(after)], after
+    return None
+
+
+def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits) -> dict[str, float]:
+    """Evidence with each candidate in an effect's place, over its own; of nothing in its place under "".
+
+    Fitted are as many as the settings say, and all that would be in the set along the present path.
+    """
+    model, settings = current.model, current.model.settings
+    here = evidence(model, effects)
+    likelier = {symbol: 0.0}
+    for place, (score, at) in enumerate(in_place(current, (symbol,), by_chance=True)):
+        if place >= settings.fitted and score > settings.outside_of_set:
+            break
+        trials = [current.trials[i] for i in at]
+        names = [trial.force.symbol for trial in trials]
+        after = (*(s for s in effects if s != symbol), *names)
+        worst = deviance_of(here + settings.far, model, after, trials)
+        fitted = fits.of(model, (symbol,), trials, worst)
+        if fitted is None:
+            # Outside of every credible set, or it failed, or there was no time.
+            continue
+        likelier["".join(names)] = evidence(fitted, after) - here
+    return likelier
+
+
+def deviance_of(
+    score: float, model: FittedModel, effects: Sequence[str], added: Sequence[TrialEffect]
+) -> float:
+    """Deviance above which a model of these effects does not reach an evidence, whatever its shapes."""
+    forces = [trial.force for trial in (*model.trials, *added) if trial.force.symbol in effects]
+    return score - least_penalty(model, forces)

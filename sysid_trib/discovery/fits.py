@@ -1,0 +1,233 @@
+"""The exact fits of a search, and the one evidence by which a model is named, shortened and ranked."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.columns_beside import are_physical, strengths
+from sysid_trib.forces.force import Force
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
+from sysid_trib.likelihood.trials import TrialEffect, reference_power
+
+
+def evidence(model: FittedModel, effects: Sequence[str]) -> float:
+    """Minus twice the logarithm of the evidence of a model, for its effects beside those of the start.
+
+    Parameters
+    ----------
+    model : FittedModel
+    effects : sequence of str
+        Symbols beside the start model's.
+
+    Notes
+    -----
+    Laplace's approximation (MacKay 1992; Kass and Raftery 1995). The prior of a coefficient holds the
+    information of one row (unit information), which makes its factor the number of rows; where physics fixes
+    its sign, the prior is on that half line alone; where physics knows it, being off is paid for by what
+    holding it there would raise the deviance. Shapes are as likely anywhere in their range, or in its
+    logarithm where that spans a decade: their factor is the part of the range that the record leaves, which
+    is not more than all of it; of one at an end of its range the part inside of it.
+    """
+    total = model.deviance
+    for symbol in effects:
+        at, *shapes = model.columns_of(symbol)
+        total += least_penalty(model, [model.trials[at].force]) + errors_off(model, symbol) ** 2
+        if shapes:
+            covariance = model.likelihood.covariance[np.ix_(shapes, shapes)]
+            within = np.linalg.pinv(2.0 * np.pi * covariance, hermitian=True)
+            total += float(np.linalg.slogdet(np.eye(len(shapes)) + within)[1])
+            total += sum(_at_end(*model.at_ends[shape]) for shape in shapes if shape in model.at_ends)
+    return float(total)
+
+
+def errors_off(model: FittedModel, symbol: str) -> float:
+    """By how many of its errors a coefficient differs from the one that physics knows; 0 where it knows none.
+
+    Both refer to the model's own frequency, from which that of its paths may be far.
+    """
+    at, count = model.columns_of(symbol)[0], len(model.trials)
+    force, squared = model.trials[at].force, 1.0 + model.stiffness
+    if force.coefficient is None or squared <= 0.0:
+        return 0.0
+    half = 0.5 * reference_power(force)
+    referred, slope = model.coefficients[at] * squared**half, np.zeros(model.columns)
+    slope[at] = squared**half
+    if model.frequency_free:
+        slope[count] = referred * half / squared
+    error = float(np.sqrt(slope @ model.likelihood.covariance @ slope))
+    return abs(float(referred) - force.coefficient) / error if error > 0.0 else 0.0
+
+
+def _at_end(beyond_end: float, error: float) -> float:
+    """Minus twice the logarithm of the part of its range that a record leaves to a shape at an end of it.
+
+    That of a Gaussian likelihood whose middle is outside, over what it is at the end.
+    """
+    if not 0.0 < error < np.inf:
+        return 0.0
+    near, far = log_ndtr(-beyond_end / error), log_ndtr(-(1.0 + beyond_end) / error)
+    inside = near + np.log1p(-np.exp(far - near))
+    return float(
+        -2.0 * (np.log(error) + 0.5 * np.log(2.0 * np.pi) + 0.5 * (beyond_end / error) ** 2 + inside)
+    )
+
+
+def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
+    """What so many effects add to the evidence of a model of the same rows, their shapes aside."""
+    rows = sum(rows.path.form.rows for rows in model.rows)
+    return float(sum(np.log(rows) - 2.0 * np.log(2.0) * force.passive for force in forces))
+
+
+def probabilities(costs: Sequence[float]) -> Array:
+    """Probability of each model, (model,), if one of them is the truth and all were as likely before.
+
+    `costs` : (model,) minus twice the logarithm of the evidence of each, up to a common constant.
+    """
+    values = np.asarray(costs, dtype=float)
+    weight = np.exp(-0.5 * (values - values.min()))
+    return np.asarray(weight / weight.sum())
+
+
+def credible(probability: Array, part: float) -> Mask:
+    """Which models are in the smallest set that holds the truth with the probability `part`."""
+    order = np.argsort(-probability, kind="stable")
+    before = np.cumsum(probability[order]) - probability[order]
+    inside = np.zeros(len(probability), dtype=bool)
+    inside[order] = before < part
+    return inside
+
+
+@dataclass
+class Fits:
+    """Exact fits of a search: by the symbols of the effects the likeliest; and what could not be fitted.
+
+    After the deadline, by `time.monotonic`, none is done. `by_chance` has the effects of models where chance
+    does as well as one: a search does not come back to them. `tried` has from where each fit started, and the
+    deviance that it was asked to reach if it was given up above that: for a higher one it is tried again.
+    """
+
+    start: FittedModel
+    deadline: float = np.inf
+    kept: dict[frozenset[str], FittedModel] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
+    by_chance: set[frozenset[str]] = field(default_factory=set)
+    tried: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the deadline has passed."""
+        return monotonic() > self.deadline
+
+    @property
+    def ended(self) -> bool:
+        """Whether no further model is fitted: it is too late, or as many were as the settings say."""
+        return self.out_of_time or len(self.tried) >= self.start.settings.most_fits
+
+    def of(
+        self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float = np.inf
+    ) -> FittedModel | None:
+        """A model near another one, with forces dropped and added; None if there is no fit.
+
+        One that does not reach the deviance `worst` may be given up, and is tried from other starts; where
+        forces are dropped alone from the shapes of the near model too: its optimum may be a better one.
+        """
+        stay = [t for t in near.trials if t.force.symbol not in drop]
+        key = self._key([*stay, *add])
+        fitted = self.kept.get(key)
+        if (
+            fitted is not None
+            and not any(trial.starts for trial in add)
+            and (add or fitted.deviance <= worst)
+        ):
+            return fitted
+        failed_before = len(self.failed)
+        for added in _from_each_start(add):
+            if fitted is not None and fitted.deviance <= worst:
+                break
+            other = self._settled(near, stay, added, worst)
+            if other is not None and (fitted is None or other.deviance < fitted.deviance):
+                fitted = self.kept[key] = other
+        if fitted is not None:
+            del self.failed[failed_before:]
+        return fitted
+
+    def _settled(
+        self, near: FittedModel, stay: Sequence[TrialEffect], added: Sequence[TrialEffect], worst: float
+    ) -> FittedModel | None:
+        """A fit from these shapes, once; None if it does not settle."""
+        trials = [*stay, *added]
+        key = self._key(trials)
+        place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
+        if self.ended or self.tried.get(place, -np.inf) >= worst:
+            return None
+
+        def possible(fitted: FittedModel) -> bool:
+            return _is_physical(fitted, len(self.start.trials))
+
+        limits = Limits(worst, possible)
+        model = self._fitted(near, trials, limits)
+        if self._is_astray(model, key):
+            # Whole steps may lead there, where the first ones are far.
+            model = self._fitted(near, trials, limits, part=0.5)
+            model = None if self._is_astray(model, key) else model
+        # A fit that leaves what is physical has not failed: the effect does not explain the record.
+        physical = model is None or possible(model)
+        settled = model is not None and model.settled and physical
+        given_up = model is not None and not model.settled and model.deviance > worst
+        self.tried[place] = worst if given_up else np.inf
+        if physical and not settled and not given_up:
+            self.failed += [trial.force.symbol for trial in added]
+        return model.light() if model is not None and settled else None
+
+    def _key(self, trials: Sequence[TrialEffect]) -> frozenset[str]:
+        """Symbols of the effects of a model, those beside the start model's."""
+        return frozenset(t.force.symbol for t in trials) - {t.force.symbol for t in self.start.trials}
+
+    def _is_astray(self, model: FittedModel | None, key: frozenset[str]) -> bool:
+        """Whether a fit has settled where it is less likely than a model that it contains."""
+        deviances = [kept.deviance for symbols, kept in self.kept.items() if symbols <= key]
+        contained = min(deviances, default=np.inf)
+        return model is not None and model.settled and model.deviance > contained + ROUNDS_AGREE
+
+    def _fitted(
+        self,
+        near: FittedModel,
+        trials: Sequence[TrialEffect],
+        limits: Limits,
+        part: float = 1.0,
+    ) -> FittedModel | None:
+        known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
+        first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
+        paths = [rows.path for rows in near.rows]
+        try:
+            model = fit_model(
+                paths,
+                trials,
+                frequency_free=near.frequency_free,
+                first=first,
+                limits=limits,
+                part=part,
+            )
+        except NOT_FITTED:
+            return None
+        return model if model.is_finite else None
+
+
+def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:
+    """The trials, then with each of the other starts of one of them."""
+    yield list(trials)
+    for at, trial in enumerate(trials):
+        for start in trial.starts:
+            yield [*trials[:at], start, *trials[at + 1 :]]
+
+
+def _is_physical(model: FittedModel, base: int) -> bool:
+    """Whether the forces beside the first ones, those of the start model, may have their coefficients."""
+    relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
+    physical = are_physical(model.trials, model.coefficients, relative_force, model.settings.strongest)
+    return bool(np.all(physical[base:]))

@@ -1,0 +1,186 @@
+"""The free motion of a fitted model beside each record, and the model as an identification."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SimulationError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import counted_from
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.random_force import RandomForce, random_force_variables
+from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
+from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.results.variables import start_variables
+from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
+from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
+from sysid_trib.simulation.model import Model
+
+
+@dataclass(frozen=True)
+class FreeMotion:
+    """A run beside the motion that a model has without a random force, its start fitted.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+    x, v : (sample,) array of float, rad
+        theta and theta'/w of the model.
+    residual : (sample,) array of float, rad
+        Record minus model, errors of the sensor and its zero included.
+    start : (float, float), rad and rad/s
+    zero : float, rad
+        Of the sensor.
+    moving : int
+        Samples before the motion stops.
+    noise : NoiseModel
+        Of the sensor.
+    model : Model
+    """
+
+    time: Array
+    x: Array
+    v: Array
+    residual: Array
+    start: tuple[float, float]
+    zero: float
+    moving: int
+    noise: NoiseModel
+    model: Model
+
+    @property
+    def over_noise(self) -> float:
+        """RMS residual over the sensor's noise."""
+        return root_mean_square(self.residual) / self.noise.standard_deviation
+
+
+def model_of_fit(model: FittedModel) -> Model:
+    """Forces, errors of the sensor, shapes and frequency of a fit whose paths have its frequency."""
+    held = model.rows[0].path.held
+    trials = [*model.trials, *(trial for trial, _ in held)]
+    library = ForceLibrary("model", tuple(trial.force for trial in trials))
+    values = [*model.coefficients.tolist(), *(coefficient for _, coefficient in held)]
+    coefficients = dict(zip(library.symbols, values, strict=True))
+    shapes = {k: value for trial in trials for k, value in trial.shapes.items()}
+    return Model(library, coefficients, model.rows[0].path.frequency, shapes)
+
+
+def free_motions(model: FittedModel) -> list[FreeMotion]:
+    """The free motion of a model beside each of its runs."""
+    return [
+        free_motion(model_of_fit(model), rows.path, model.sensor(at)) for at, rows in enumerate(model.rows)
+    ]
+
+
+def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion:
+    """The free motion of a model beside a record."""
+    # A motion counts `t` from its first sample.
+    later = counted_from(model.library, float(path.time[0]) - path.origin)
+    acting = replace(
+        model, library=later, coefficients={f.symbol: model.coefficients[f.symbol] for f in model.forces}
+    )
+    error = _sensor_error(model, path.elapsed, *path.at_samples)
+    x, v = path.at_samples
+    begin = float(x[0]), float(v[0] * path.frequency)
+    try:
+        # What is too stiff is not waited for.
+        motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)
+    except SimulationError:
+        # A model without a motion of its own has that which the record leaves it.
+        motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
+    error = _sensor_error(model, path.elapsed, motion.x, motion.v)
+    moving = len(path.time)
+    if np.isfinite(motion.stop_time):
+        moving = max(2, int(np.searchsorted(path.time, motion.stop_time)))
+    return FreeMotion(
+        path.time,
+        motion.x,
+        motion.v,
+        path.angle - motion.offset - error - motion.x,
+        (motion.angle, motion.rate),
+        motion.offset,
+        moving,
+        noise,
+        model,
+    )
+
+
+def _sensor_error(model: Model, elapsed: Array, x: Array, v: Array) -> Array:
+    terms = [
+        model.coefficients[force.symbol] * force.value(x, v, elapsed, shapes=model.shapes)
+        for force in model.sensors
+    ]
+    return np.asarray(np.sum(terms, axis=0)) if terms else np.zeros_like(x)
+
+
+def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:
+    """Covariance of the coefficients and the frequency, by the noise, widened, and by the model."""
+    covariance = widening**2 * model.covariance_with_frequency()
+    return covariance if model_error is None else covariance + np.diag(model_error**2)
+
+
+def model_identification(
+    model: FittedModel,
+    motions: Sequence[FreeMotion],
+    runs: Sequence[xr.Dataset],
+    frequency: float | None,
+    widening: float = 1.0,
+    model_error: Array | None = None,
+) -> xr.Dataset:
+    """A model as an identification: with the random force of each run, which its errors allow for.
+
+    `widening` : factor of its errors; `model_error` : (trial + 1,) what they have besides, of the
+    coefficients and the frequency (rad/s).
+    """
+    from sysid_trib.methods.direct import Direct
+
+    identified = model_of_fit(model)
+    forces = [
+        RandomForce(
+            RandomForce.density_of(ratio * variance, identified.reference_frequency),
+            RandomForce.density_of(ratio * variance, identified.reference_frequency) * error,
+            RandomForce.p_value_of_gain(gain),
+        )
+        for ratio, variance, error, gain in zip(
+            model.likelihood.ratios,
+            model.likelihood.variances,
+            model.likelihood.ratio_errors,
+            model.likelihood.gains,
+            strict=True,
+        )
+    ]
+    levels = [motion.noise.standard_deviation for motion in motions]
+    expected = root_mean_square([rows.path.sensor.standard_deviation for rows in model.rows])
+    extra: dict[str, tuple[ArrayLike, str, str]] = {
+        "birge_ratio": (root_mean_square(levels) / expected, "1", "sensor's noise over that of its spectrum"),
+        **start_variables([motion.start for motion in motions], [motion.zero for motion in motions]),
+    }
+    fixed = {trial.force.symbol: coefficient for trial, coefficient in model.rows[0].path.held}
+    values = np.append(model.coefficients, list(fixed.values()))
+    # What is held has no error; the last row is that of the frequency.
+    covariance = np.zeros((len(values) + 1, len(values) + 1))
+    free = [*range(len(model.trials)), len(values)]
+    covariance[np.ix_(free, free)] = total_covariance(model, widening, model_error)
+    estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra)
+    method = Direct(frequency, shapes=dict(identified.shapes), constraints=fixed, random_force="estimated")
+    result = identification(
+        method, one_or_all(list(runs)), identified.library, estimate, offered=identified.library
+    )
+    if fixed:
+        result = result.assign_coords(
+            constraint=("force", Constraints(fixed).kinds(identified.library.symbols))
+        )
+    filters = [rows.path.sensor.filter_ for rows in model.rows]
+    result = result.assign(random_force_variables(forces) | colour_variables(filters))
+    if "shape" in result:
+        errors = model.shape_errors()
+        fitted = [widening * errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
+        result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
+    return result

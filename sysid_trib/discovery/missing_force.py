@@ -1,0 +1,194 @@
+"""Forces that may be missing: what a residual asks for, and what a record could show or tell apart."""
+
+from collections.abc import Iterable, Sequence
+from operator import attrgetter
+
+import numpy as np
+import xarray as xr
+from scipy.stats import binned_statistic_2d
+
+from sysid_trib.arrays import Array
+from sysid_trib.discovery.columns_beside import projected
+from sysid_trib.discovery.free_motion import FreeMotion
+from sysid_trib.discovery.screen import Screening
+from sysid_trib.forces.force import Force
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.run_products import RunProducts
+from sysid_trib.records.smoothing import smooth
+from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
+
+# Cells of the map, each way.
+CELLS = 11
+# Drawings of noise, for the errors of the map.
+DRAWS = 32
+
+
+def mean_missing_force(runs: Sequence[FreeMotion]) -> xr.Dataset:
+    """Mean force that residuals ask for, in cells of angle and rate.
+
+    Parameters
+    ----------
+    runs : sequence of FreeMotion
+
+    Returns
+    -------
+    xr.Dataset
+        Over `x` and `v` (rad): `force` as a part of I w^2 (nan without samples), its `standard_error` by the
+        noise alone, and the number of `samples`.
+    """
+    cells = [(run.x, run.v, _force(run), _force_of_noise(run)) for run in runs]
+    x, v, force, drawn = (np.concatenate(part, axis=-1) for part in zip(*cells, strict=True))
+    size = 1.001 * float(np.max(np.hypot(x, v)))
+    edges = np.linspace(-size, size, CELLS + 1)
+    good = np.isfinite(force)
+    if not np.any(good):
+        # Where a smoothed residual has no middle, as in a record of a period: every cell is empty.
+        good, force = np.ones(len(x), dtype=bool), np.full(len(x), np.nan)
+    values = np.concatenate([np.ones((1, len(x))), force[None], drawn])[:, good]
+    binned = binned_statistic_2d(x[good], v[good], values, "sum", bins=[edges, edges]).statistic
+    samples = binned[0]
+    mean, *scatter = np.where(samples > 0, binned[1:] / np.maximum(samples, 1.0), np.nan)
+    error = np.sqrt(np.mean(np.square(scatter), axis=0))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    both = ("x", "v")
+    return xr.Dataset(
+        {
+            "force": variable(both, mean, "force that the residual asks for, over I w^2", "rad"),
+            "standard_error": variable(both, error, "standard error of that force by the noise", "rad"),
+            "samples": variable(both, samples, "number of samples", "1"),
+        },
+        {
+            "x": variable("x", middle, "angle", "rad"),
+            "v": variable("v", middle, "angular rate over w", "rad"),
+        },
+    )
+
+
+def _force(run: FreeMotion) -> Array:
+    """The force that would make the residual over I w^2, by its equation of motion.
+
+    Both motions are smoothed alike, so that what smoothing takes from them cancels.
+    """
+    model, time = run.model, run.time - run.time[0]
+    tau = model.reference_frequency * time
+    angle, rate, curvature, _ = smooth(tau, run.residual)
+    asked = -(curvature + angle)
+    for force in model.library:
+        if force.memoryless and force.kind == "force":
+            with_residual, without = (
+                force.value(run.x + part * angle, run.v + part * rate, time, shapes=model.shapes)
+                for part in (1.0, 0.0)
+            )
+            asked = asked - model.coefficients.get(force.symbol, 0.0) * (with_residual - without)
+    # A spline bends freely in the quarter period before its ends.
+    inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
+    return np.where(inside, asked, np.nan)
+
+
+def _force_of_noise(run: FreeMotion) -> Array:
+    """The same of drawings of the noise, (draw, sample); what it does to the model's forces is small."""
+    drawn = run.noise.draws(len(run.time), DRAWS)
+    angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
+    return np.asarray(-(curvature + angle).T)
+
+
+def collinear_effects(
+    model: FittedModel, products: Sequence[RunProducts], effects: Sequence[str]
+) -> list[str]:
+    """Effects of a model that are collinear with others and not well enough determined to be named.
+
+    Parameters
+    ----------
+    model : FittedModel
+    products : sequence of RunProducts
+        The model's columns come first.
+    effects : sequence of str
+        Symbols beside the start model's.
+
+    Notes
+    -----
+    Several flexible forces fit nearly anything: that they do is no evidence for any of them.
+    """
+    if len(effects) < 2:
+        return []
+    every = {symbol: set(model.columns_of(symbol)) for symbol in effects}
+    errors = np.sqrt(np.diag(model.likelihood.covariance))
+    collinear = []
+    for symbol in effects:
+        at = model.columns_of(symbol)[0]
+        others = set().union(*every.values())
+        sizes = [
+            projected(
+                products, model.likelihood, [1 + c for c in range(model.columns) if c not in gone], [1 + at]
+            )[0].item()
+            for gone in (others, every[symbol])
+        ]
+        z = abs(model.coefficients[at]) / max(errors[at], 1e-300)
+        if sizes[1] < model.settings.independent * sizes[0] and z < model.settings.determined:
+            collinear.append(symbol)
+    return collinear
+
+
+# An effect of this many standard errors is detected; of this many, its name is asked for.
+DETECTED, NAMED = 5.0, 20.0
+
+
+def detectability(screening: Screening) -> xr.Dataset:
+    """Detectable coefficient of each candidate, and which are alike, from what the model cannot explain.
+
+    Parameters
+    ----------
+    screening : Screening
+        The candidates beside a model.
+
+    Returns
+    -------
+    xr.Dataset
+        Over `candidate`: `detectable`, the coefficient that would stand out by five standard errors (at the
+        best value of its shape parameters, of those tried; nan if not testable), `independent_fraction` of
+        its column that those of the model cannot make, `testable` and the `reason` why not; and
+        `cosine(candidate, other)` between what is outside of the model's columns, `alike` where two differ by
+        less than a credible set spans if one of them has 20 standard errors.
+    """
+    trials = screening.trials
+    symbols = list(dict.fromkeys(trial.force.symbol for trial in trials))
+    at = [_best(screening, symbol) for symbol in symbols]
+    places = np.array(at, dtype=int)
+    forces = [trials[i].force for i in at]
+    # Where every candidate was added there is none.
+    testable = np.array([not screening.reasons[i] for i in at], dtype=bool)
+    cosine = np.abs(screening.correlation[np.ix_(places, places)])
+    np.fill_diagonal(cosine, 1.0)
+    nearest = np.sqrt(1.0 - screening.model.settings.outside_of_set / NAMED**2)
+    alike = (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(symbols), dtype=bool)
+    detectable = np.where(testable, DETECTED * screening.errors[places], np.nan)
+    single, both = "candidate", ("candidate", "other")
+    reasons = [screening.reasons[i] for i in at]
+    fraction = "part of its column that the model's cannot make"
+    texts = texts_of(forces, ("name", "family", "formula", "unit"))
+    labels = {name: ("candidate", values) for name, values in texts.items()}
+    return xr.Dataset(
+        {
+            "detectable": variable(single, detectable, "coefficient of five standard errors", PER_FORCE_UNIT),
+            "independent_fraction": variable(single, screening.outside[places], fraction, "1"),
+            "testable": variable(single, testable, "whether the record can test it"),
+            "reason": text_variable(single, reasons, "why it cannot be tested"),
+            "alike": variable(both, alike, "whether the record could not tell the two apart"),
+            "cosine": variable(both, cosine, "cosine between the columns", "1"),
+        },
+        {"candidate": symbols, "other": symbols, **labels},
+    )
+
+
+def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, list[str]]:
+    """Texts of forces by the names that results give them."""
+    paths = {"unit": "units", "formula": "formula.text"}
+    return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
+
+
+def _best(screening: Screening, symbol: str) -> int:
+    """Of a force's trials that can be tested the one of the least error, in units of its force; else any."""
+    of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
+    good = [i for i in of_force if not screening.reasons[i]]
+    size = screening.errors * screening.relative_force
+    return min(good, key=lambda i: float(size[i])) if good else of_force[0]

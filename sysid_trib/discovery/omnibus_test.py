@@ -1,0 +1,182 @@
+"""Omnibus test: forces of any form, and lines in the spectrum, whatever their name or cause."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from scipy.stats import chi2, norm
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.columns_beside import each_beside, strengths
+from sysid_trib.discovery.simulated_gains import TestedRun, p_value_by_simulation
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.run_products import RunProducts
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
+
+# Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
+# is held to its part of the level, so that a record with nothing hidden is blamed no more often than that.
+FAMILIES = 2
+# In the second of these.
+OMNIBUS_TESTS = 4
+TRIAL_POWERS = range(4)
+TRIAL_HARMONICS = range(1, 5)
+
+
+@dataclass(frozen=True)
+class OmnibusTest:
+    """A test that knows no candidate.
+
+    Attributes
+    ----------
+    names : tuple of str
+        TrialEffect forces, such as `r^2 sin 3 phi`.
+    z : (trial_force,) array of float
+        Score of each: the root of what it gains alone, with the sign of its coefficient.
+    p_value : float
+        The smallest of those of the highest score, of the strongest line in the spectrum, of the part of the
+        record in which most is left and, where these do not reject, of all together; `corrected`.
+    """
+
+    names: tuple[str, ...]
+    z: Array
+    p_value: float
+
+    def widening(self, level: float) -> float:
+        """By how much errors by the noise are too small where the test rejects at a level; 1 at least.
+
+        What is missing moves coefficients as it moves the scores of forces of any form: by as much as these
+        are larger than scores of noise, whose mean square is 1 (Birge 1932).
+        """
+        tested = self.z[self.z != 0.0]
+        rejects = self.p_value < level and len(tested)
+        return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
+
+
+def corrected(p_value: float) -> float:
+    """The p-value of the smallest of the omnibus tests, beside that of the candidates (Bonferroni)."""
+    return min(1.0, FAMILIES * OMNIBUS_TESTS * p_value)
+
+
+def trial_names() -> tuple[str, ...]:
+    """Names of the 36 trial forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4."""
+    waves = ["", *(f" {wave} {m} phi" for m in TRIAL_HARMONICS for wave in ("cos", "sin"))]
+    return tuple(f"r^{k}{wave}" for k in TRIAL_POWERS for wave in waves)
+
+
+def trial_columns(path: RecordPath) -> Array:
+    """Rows of the trial forces along a path, (row, trial_force)."""
+    points = path.points
+    amplitude, phase = np.hypot(points.x, points.v), np.arctan2(-points.v, points.x)
+    r = amplitude / np.max(amplitude)
+    waves = [np.ones_like(phase)]
+    for m in TRIAL_HARMONICS:
+        waves += [np.cos(m * phase), np.sin(m * phase)]
+    forces = np.stack([r**k * wave for k in TRIAL_POWERS for wave in waves], axis=1)
+    return np.asarray(points.integrals @ forces)
+
+
+def omnibus(
+    products: Sequence[RunProducts],
+    along: Sequence[Array],
+    tested: Mask,
+    mixtures: Array,
+    model: FittedModel,
+    whole: Likelihood,
+) -> OmnibusTest:
+    """Test what a model leaves against forces of any form.
+
+    Parameters
+    ----------
+    products : sequence of RunProducts
+        The model's columns are the first, the trial forces the last.
+    along : sequence of (row, trial_force) array of float
+        The trial forces in each run.
+    tested : (trial_force,) array of bool
+        Those that differ from the model's columns and act no more finely than the motion is known.
+    mixtures : (trial_force, mixture) array of float
+        Of the trial forces, that are known so.
+    model : FittedModel
+    whole : Likelihood
+        Of its columns among the products.
+
+    Notes
+    -----
+    With and without trial forces both variances of each run take their most likely values: what a random
+    force has been blamed for is found.
+    """
+    base, count = range(1, 1 + model.columns), products[0].products.shape[1]
+    trials = range(count - len(tested), count)
+    single = each_beside(products, base, trials, whole)
+    gains = np.maximum(0.0, whole.deviance - single.deviance)
+    scores = np.sqrt(gains * of_many_rows(single.effective_rows, 1 + model.columns))
+    z = np.where(tested, scores * np.sign(single.coefficients), 0.0)
+    largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
+    residuals = model.white_residuals()
+    least = min(largest, _strongest_line(residuals), _largest_part(residuals))
+    if corrected(least) >= model.settings.level:
+        mixtures, mixed, together = _of_possible_size(products, along, mixtures, model)
+        gain = max(0.0, whole.deviance - together.deviance)
+        # Chance gains more than a chi-square of their number: simulated where that would decide.
+        if corrected(float(chi2.sf(gain, mixtures.shape[1]))) < model.settings.level:
+            runs = [
+                TestedRun(rows, np.column_stack([table, columns @ mixtures]), of_run)
+                for rows, table, columns, of_run in zip(model.rows, model.tables, along, mixed, strict=True)
+            ]
+            least = p_value_by_simulation(gain, runs, model.columns, whole, model.settings.seed)
+    return OmnibusTest(trial_names(), z, corrected(least))
+
+
+def _of_possible_size(
+    products: Sequence[RunProducts], along: Sequence[Array], mixtures: Array, model: FittedModel
+) -> tuple[Array, list[RunProducts], Likelihood]:
+    """The mixtures that do not ask for a force stronger than a missing one may be.
+
+    With their products, and the likelihood of the model with them.
+    """
+    while True:
+        mixed = [_mixed(run, model.columns, mixtures) for run in products]
+        together = likelihood(mixed, range(1, 1 + model.columns + mixtures.shape[1]))
+        relative_force = strengths(model, [columns @ mixtures for columns in along])
+        coefficients = together.coefficients[model.columns :]
+        possible = np.abs(coefficients) * relative_force < model.settings.strongest
+        if possible.all():
+            return mixtures, mixed, together
+        mixtures = mixtures[:, possible]
+
+
+def _mixed(run: RunProducts, columns: int, mixtures: Array) -> RunProducts:
+    """Products of the target, the model's columns and mixtures of the last ones, the trial forces."""
+    count = run.products.shape[1]
+    whole = run.of(np.array([*range(1, 1 + columns), *range(count - len(mixtures), count)]))
+    mix = scipy.linalg.block_diag(np.eye(1 + columns), mixtures)
+    return replace(run, products=mix.T @ whole @ mix)
+
+
+def _strongest_line(residuals: Sequence[Array]) -> float:
+    """P-value of the strongest line in the spectrum: no force of the motion makes one of its own.
+
+    A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
+    """
+    powers = [np.abs(np.fft.rfft(residual)) ** 2 / len(residual) for residual in residuals]
+    least = min(len(power) * float(np.exp(-np.max(power))) for power in powers)
+    return min(1.0, least * len(powers))
+
+
+def _largest_part(residuals: Sequence[Array]) -> float:
+    """P-value of the largest squares of parts of one period, two, four, ...
+
+    A force that comes late or ends early, while a random force is blamed, leaves more there than elsewhere.
+    """
+    tests, least = 0, 1.0
+    for residual in residuals:
+        length = KNOTS_PER_PERIOD
+        while length <= len(residual) // 2:
+            parts = len(residual) // length
+            squares = np.sum(residual[: parts * length].reshape(parts, length) ** 2, axis=1)
+            tests, least = tests + parts, min(least, float(chi2.sf(np.max(squares), length)))
+            length *= 2
+    return min(1.0, max(1, tests) * least)

@@ -1,0 +1,291 @@
+"""Candidates held against a model, each as one more column: what each would gain, and whether by chance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg.lapack import dpstrf as pstrf
+from scipy.signal import find_peaks
+from scipy.stats import chi2, norm
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.columns_beside import (
+    are_physical,
+    correlation_of,
+    each_beside,
+    is_physical,
+    projected,
+    strengths,
+)
+from sysid_trib.discovery.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
+from sysid_trib.discovery.shapes import climbed, refined
+from sysid_trib.discovery.simulated_gains import are_known_finely, known_directions, known_finely
+from sysid_trib.forces.force import Force
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.likelihood.run_products import RunProducts, has_products
+from sysid_trib.likelihood.trials import TrialEffect, frequencies_of, has_frequency_parameter, trials_of
+
+SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
+# Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
+NOISE_DRAWS, TAIL = 4000, 0.01
+# Part of the variance of a column that those before it leave, below which it is a mixture of these.
+LEAST_OWN = 1e-4
+NOT_FINITE = "it is not finite on this motion"
+TOO_FINE = "not testable on this record: it acts more finely than the motion is known beside a random force"
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What each candidate would gain beside a model.
+
+    Attributes
+    ----------
+    model : FittedModel
+    trials : list of TrialEffect
+    reasons : list of str
+        Why a trial cannot be tested, else empty.
+    gains : (trial,) array of float
+        By how much its column lowers the deviance, both variances of each run at their most likely values
+        with and without it; 0 where physics forbids the sign of its coefficient.
+    coefficients, errors, effective_rows : (trial,) array of float
+        And the rows that tell the error.
+    outside : (trial,) array of float
+        Part of its column that the model's cannot make.
+    correlation : (trial, trial) array of float
+        Of these parts.
+    strength : (trial,) array of float
+        RMS of its force, with a coefficient of 1, over the restoring force.
+    tests : float
+        Number of independent tests, those of the omnibus test counted as as many.
+    p_values : (trial,) array of float
+        Of a larger gain by chance of any of them.
+    products : tuple of RunProducts
+        Of the model's columns, then the trials', then the omnibus test's.
+    omnibus : OmnibusTest
+        Of what the model leaves.
+    whole : Likelihood
+        Of the model's columns along its path, steps of its shapes among them.
+    effects : tuple of str
+        Of the model, that candidates may replace.
+    fine : dict of int to bool
+        Whether the motion is known as finely as a trial acts, of those that were asked.
+    """
+
+    model: FittedModel
+    trials: list[TrialEffect]
+    reasons: list[str]
+    gains: Array
+    coefficients: Array
+    errors: Array
+    effective_rows: Array
+    outside: Array
+    correlation: Array
+    relative_force: Array
+    tests: float
+    p_values: Array
+    products: tuple[RunProducts, ...]
+    omnibus: OmnibusTest
+    whole: Likelihood
+    effects: tuple[str, ...] = ()
+    fine: dict[int, bool] = field(default_factory=dict)
+
+    @property
+    def first_trial(self) -> int:
+        """Column of the first trial in `products`."""
+        return 1 + self.model.columns
+
+    @property
+    def z(self) -> Array:
+        """Root of what each trial gains, with the sign of its coefficient, (trial,)."""
+        return np.sqrt(self.gains) * np.sign(self.coefficients)
+
+    def best(self) -> list[int]:
+        """The trial of each candidate that gains most, the best first; without what is not testable."""
+        best: dict[str, int] = {}
+        for at in np.argsort(-self.gains).tolist():
+            if not self.reasons[at]:
+                best.setdefault(self.trials[at].force.symbol, at)
+        return list(best.values())
+
+    def are_fine(self, trials: Sequence[int]) -> list[bool]:
+        """Whether the motion is known as finely as each acts."""
+        unasked = [at for at in trials if at not in self.fine]
+        if unasked:
+            known = are_known_finely(self.model, [self.trials[at] for at in unasked], self.effects)
+            self.fine.update(zip(unasked, known.tolist(), strict=True))
+        return [self.fine[at] for at in trials]
+
+    def first_fine(self, order: Sequence[int]) -> list[int]:
+        """Of trials in an order the first of each candidate as finely as which the motion is known."""
+        waiting: dict[str, list[int]] = {}
+        for at in order:
+            waiting.setdefault(self.trials[at].force.symbol, []).append(at)
+        firsts = set[int]()
+        while waiting:
+            fine = self.are_fine([at for at, *_ in waiting.values()])
+            firsts |= {at for (at, *_), known in zip(waiting.values(), fine, strict=True) if known}
+            later = zip(waiting.items(), fine, strict=True)
+            waiting = {symbol: rest for (symbol, (_, *rest)), known in later if rest and not known}
+        return [at for at in order if at in firsts]
+
+    @property
+    def in_place(self) -> list[int]:
+        """Trials that can be tested, or that might in the place of an effect which has the same column."""
+        return [at for at, reason in enumerate(self.reasons) if reason in ("", SAME_EFFECT)]
+
+    def slack(self, at: int, fitted: Sequence[Force]) -> float:
+        """Part of its gain by which a trial's column may be off, beside the fits of other forces."""
+        settings, force = self.model.settings, self.trials[at].force
+        # Beside a random force stronger than the noise a path follows the record, the sensor's errors too.
+        if force.kind == "sensor" and np.max(self.model.likelihood.ratios) > 1.0:
+            return 1.0
+        family = force.family
+        return settings.kin if family in {force.family for force in fitted} else settings.slack
+
+    def allows(self, at: int, coefficient: ArrayLike) -> Mask:
+        """Whether physics allows a trial this coefficient, or these."""
+        strongest = self.model.settings.strongest
+        return is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
+
+    def p_value_of(self, gain: float, force: Force, effective_rows: float) -> float:
+        """Probability of such a gain by chance in any of the tests.
+
+        A frequency that is fitted has so many more as the largest of a spectrum between its lines has
+        (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : that tell the error of its coefficient.
+        """
+        gain = max(0.0, gain) * float(of_many_rows(effective_rows, 1 + self.model.columns))
+        p_value = self.tests * float(chi2.sf(gain, 1))
+        if has_frequency_parameter(force):
+            lines = 0.5 * sum(run.rows for run in self.products)
+            p_value += FAMILIES * lines * float(np.sqrt(np.pi / 6.0 * gain) * np.exp(-0.5 * gain))
+        return min(1.0, p_value)
+
+
+def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[str] = ()) -> Screening:
+    """Hold candidates against a model, at grids of their shape parameters.
+
+    Parameters
+    ----------
+    model : FittedModel
+    candidates : sequence of Force
+    effects : sequence of str
+        Of the model, that candidates may replace.
+    """
+    trials, columns = _tried(model, candidates, effects)
+    good = np.all([has_products(column) for column in columns], axis=0)
+    columns = [np.where(good, column, 0.0) for column in columns]
+    along = [trial_columns(rows.path) for rows in model.rows]
+    tables = [list(part) for part in zip(model.tables, columns, along, strict=True)]
+    products = tuple(
+        rows.products(np.column_stack(table)) for rows, table in zip(model.rows, tables, strict=True)
+    )
+    base, offered, trial_forces = _numbered(tables[0])
+    whole = likelihood(products, base)
+    part, rest = projected(products, whole, base, [*offered, *trial_forces])
+    reasons = ["" if finite else NOT_FINITE for finite in good]
+    for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
+        reasons[at] = SAME_EFFECT
+    relative_force = strengths(model, columns)
+    able = np.array([not reason for reason in reasons], dtype=bool)
+    beside = each_beside(products, base, offered, whole)
+    fitted = able & are_physical(trials, beside.coefficients, relative_force, model.settings.strongest)
+    gains = np.where(fitted, whole.deviance - beside.deviance, 0.0)
+    gains = np.maximum(0.0, gains)
+    correlation = correlation_of(rest[: len(trials), : len(trials)])
+    tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
+    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
+    aside = [trial_columns(rows.path) for rows in possible]
+    tested = known_finely(model, along, aside) & (part[len(trials) :] >= model.settings.testable)
+    test = omnibus(products, along, tested, known_directions(model, along, aside), model, whole)
+    screening = Screening(
+        model=model,
+        trials=trials,
+        reasons=reasons,
+        gains=gains,
+        coefficients=np.where(able, beside.coefficients, 0.0),
+        errors=np.where(able, beside.errors, np.nan),
+        effective_rows=beside.effective_rows,
+        outside=part[: len(trials)],
+        correlation=correlation,
+        relative_force=relative_force,
+        tests=tests,
+        p_values=np.ones(len(trials)),
+        products=products,
+        omnibus=test,
+        whole=whole,
+        effects=tuple(effects),
+    )
+    # Of each candidate the trial that gains most is asked, the next one where that is too fine.
+    screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
+    for too_fine in (at for at, fine in screening.fine.items() if not fine):
+        reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0
+    gained = zip(gains, trials, beside.effective_rows, strict=True)
+    p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
+    return replace(screening, p_values=p_values)
+
+
+def _tried(
+    model: FittedModel, candidates: Sequence[Force], effects: Sequence[str]
+) -> tuple[list[TrialEffect], list[Array]]:
+    """Candidates at grids of their shapes, refined, and where several are climbed; columns in each run."""
+    trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
+    trials, columns, scores = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
+    drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
+    gains = np.where(drives, 0.0, scores**2)
+    # Of a few of its values, and beside one that may be as far off.
+    likely = gains >= (1.0 - model.settings.kin) ** 2 * np.max(gains, initial=0.0)
+    promising = {trials[at].force.symbol for at in np.flatnonzero(likely)}
+    families = {trial.force.family for trial in model.trials if trial.force.symbol in effects}
+    several = [force for force in candidates if force.symbol in promising or force.family in families]
+    tops = climbed(model, several, effects)
+    if not tops:
+        return trials, columns
+    further = [rows.coarse_columns(tops) for rows in model.rows]
+    return [*trials, *tops], [np.column_stack(pair) for pair in zip(columns, further, strict=True)]
+
+
+def _numbered(tables: Sequence[Array]) -> list[list[int]]:
+    """Numbers of the columns of tables side by side, of which the first follows the target."""
+    ends = np.cumsum([1, *(table.shape[1] for table in tables)]).tolist()
+    return [list(range(start, end)) for start, end in pairwise(ends)]
+
+
+def independent_tests(correlation: Array, seed: int = 0) -> float:
+    """Number of independent tests whose largest score is as large as that of these correlated ones.
+
+    The quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
+    """
+    if not len(correlation):
+        return 1.0
+    # Columns that are nearly alike need few draws; in which order they come is of no account.
+    whole, _, rank, _ = pstrf(correlation, tol=LEAST_OWN, lower=True)
+    factor = np.tril(whole)[:, :rank]
+    # What rounding has left of columns that the model can nearly make may correlate by more than one.
+    factor /= np.maximum(1.0, np.linalg.norm(factor, axis=1))[:, None]
+    draws = np.random.default_rng(seed).standard_normal((NOISE_DRAWS, rank)) @ factor.T
+    largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - TAIL)
+    return max(1.0, TAIL / (2.0 * float(norm.sf(largest))))
+
+
+def _lines(model: FittedModel) -> list[float]:
+    """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows, and of its own.
+
+    What has the frequency of a force of the model leaves no line, and may stand in its place.
+    """
+    strongest: list[tuple[float, float]] = []
+    for rows, residual in zip(model.rows, model.white_residuals(), strict=True):
+        count = len(residual)
+        duration = float(rows.path.time[-1] - rows.path.time[0])
+        power = np.abs(np.fft.rfft(residual * np.hanning(count), 4 * count)) ** 2
+        frequency = 2.0 * np.pi * np.arange(len(power)) / 4.0 / duration
+        peaks, _ = find_peaks(power, distance=8)
+        strongest += [
+            (float(power[at]), float(frequency[at]))
+            for at in peaks[np.argsort(-power[peaks])[: model.settings.lines]]
+        ]
+    reference = model.rows[0].path.frequency
+    of_model = [w for trial in model.trials for w in frequencies_of(trial, reference)]
+    return of_model + [w for _, w in sorted(strongest, reverse=True)[: model.settings.lines]]

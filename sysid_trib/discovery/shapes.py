@@ -1,0 +1,219 @@
+"""Shape parameters of candidates: grids so fine that nothing lies between, and the climb from there."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.discovery.columns_beside import are_physical, each_beside, strengths
+from sysid_trib.discovery.simulated_gains import base_of, outside_of
+from sysid_trib.forces.force import Force
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.likelihood import likelihood
+from sysid_trib.likelihood.run_products import has_products
+from sysid_trib.likelihood.trials import (
+    TrialEffect,
+    from_unit,
+    has_frequency_parameter,
+    is_frequency_parameter,
+    is_phase,
+    stepped_shape,
+    to_unit,
+    trials_of,
+)
+
+# Times a cell of a grid is halved at most.
+HALVINGS = 4
+
+
+def refined(
+    model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array]
+) -> tuple[list[TrialEffect], list[Array], Array]:
+    """Trials with values of their shapes between those whose columns are not alike, and all their columns.
+
+    And the root of what these gain in the model's own noises, with the sign of its coefficient, (trial,).
+
+    Parameters
+    ----------
+    model : FittedModel
+    trials : sequence of TrialEffect
+    columns : sequence of (row, trial) array of float
+        Of each run.
+
+    Notes
+    -----
+    A column halfway between two of correlation c, beside the model and in its noise, has the correlation
+    ((1 + c) / 2)^(1/2) with either: what it gains is seen but for a part of (1 - c) / 2. That part is the
+    setting `slack`. Several shapes of a candidate are climbed instead (`shape_climb`).
+    """
+    every, tables = list(trials), list(columns)
+    alike, most = 1.0 - 2.0 * model.settings.slack, 2 * model.settings.shape_values
+    added: dict[str, int] = {}
+    base = base_of(model)
+    outside, part = _directions(model, base, tables)
+    for _ in range(HALVINGS):
+        pairs = [
+            (float(outside[:, at] @ outside[:, other]), trial)
+            for at, other, trial in neighbours(every)
+            if len(trial.shapes) == 1 and max(part[at], part[other]) >= model.settings.testable
+        ]
+        between: list[TrialEffect] = []
+        for correlation, trial in sorted(pairs, key=lambda pair: pair[0]):
+            symbol = trial.force.symbol
+            if correlation < alike and added.get(symbol, 0) < most:
+                added[symbol] = added.get(symbol, 0) + 1
+                between.append(trial)
+        if not between:
+            break
+        new = [rows.coarse_columns(between) for rows in model.rows]
+        added_outside, added_part = _directions(model, base, new)
+        outside, part = np.column_stack([outside, added_outside]), np.append(part, added_part)
+        every += between
+        tables = [np.column_stack([table, column]) for table, column in zip(tables, new, strict=True)]
+    return every, tables, outside.T @ np.concatenate(model.white_residuals())
+
+
+def _directions(model: FittedModel, base: Array, columns: Sequence[Array]) -> tuple[Array, Array]:
+    """What of columns is outside of the model's, of unit length or zero, and which part of each that is."""
+    outside, part = outside_of(model, columns, base)
+    return outside / np.maximum(np.linalg.norm(outside, axis=0), 1e-300), part
+
+
+def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialEffect]]:
+    """Trials next to each other in one shape parameter, by their places, and the one halfway between."""
+    lines: dict[tuple[str, str, tuple[tuple[str, float], ...]], list[tuple[float, int]]] = {}
+    for at, trial in enumerate(trials):
+        force = trial.force
+        if any(is_frequency_parameter(force, name) for name in force.shape):
+            continue
+        for name, shape in force.shape.items():
+            key = f"{force.symbol}.{name}"
+            others = tuple(sorted((k, value) for k, value in trial.shapes.items() if k != key))
+            if not is_phase(force, name):
+                lines.setdefault((key, name, others), []).append((to_unit(shape, trial.shapes[key]), at))
+    for (key, name, _), line in lines.items():
+        line.sort()
+        for (low, at), (high, other) in pairwise(line):
+            trial = trials[at]
+            middle = float(from_unit(trial.force.shape[name], np.asarray(0.5 * (low + high))))
+            yield at, other, replace(trial, shapes={**trial.shapes, key: middle})
+
+
+# Combinations of the finer grid, over those that are screened: of three shapes two have thrice the values.
+FINER = 9
+# Others that a fit starts from where that from the best fails.
+STARTS = 3
+# First step, over the last.
+FIRST_STEP = 2.0
+
+
+class Climb(NamedTuple):
+    """What a trial gains, and the step of its shapes that is tried next, in parts of their ranges."""
+
+    gain: float
+    trial: TrialEffect
+    step: float
+
+
+def climbed(
+    model: FittedModel, candidates: Iterable[Force], effects: Sequence[str] = ()
+) -> list[TrialEffect]:
+    """Candidates of several shapes, each at the combination where its column gains most.
+
+    Parameters
+    ----------
+    model : FittedModel
+    candidates : iterable of Force
+    effects : sequence of str
+        Of the model: a candidate of the family of some stands in the place of these.
+
+    Notes
+    -----
+    What is screened has two to four values of each of three shapes, none of which may be near. From each
+    combination of a finer grid that is not worse than those next to it the shapes go one at a time to the
+    best of their neighbours, in steps that are halved down to the setting `shape_step` (compass search:
+    Kolda, Lewis, Torczon 2003). What gains no more than chance stays, and what gains far less than the
+    effects in whose place it is.
+    """
+    settings, frequency = model.settings, model.rows[0].path.frequency
+    finer = replace(settings, combinations=FINER * settings.combinations)
+    several = [f for f in candidates if len(f.shape) > 1 and not has_frequency_parameter(f)]
+    family = {t.force.symbol: t.force.family for t in model.trials if t.force.symbol in effects}
+    tops = list[TrialEffect]()
+    for force in several:
+        gone = [symbol for symbol in family if family[symbol] == force.family]
+        ends = _ends(model, trials_of([force], (), frequency, finer), gone)
+        tops += [replace(ends[0], starts=tuple(ends[1 : 1 + STARTS]))] if ends else []
+    return tops
+
+
+def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> list[TrialEffect]:
+    """Combinations to which the best of a grid lead, best first; none where none gains more than chance.
+
+    Nor where all are far worse than the effects in whose place they are.
+    """
+    gains, settings = _gains(model, grid, gone), model.settings
+    if gone and np.max(gains) < (1.0 - settings.kin) * _gain_of(model, gone):
+        return []
+    pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
+    # Of two that are alike either may lead further: where a shape hardly matters yet.
+    beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
+    least = max(settings.outside_of_set, (1.0 - settings.kin) * float(np.max(gains)))
+    promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
+    climbs = [Climb(float(gains[at]), grid[at], FIRST_STEP * settings.shape_step) for at in promising]
+    ends = list[Climb]()
+    while climbs:
+        aside = [_aside(climb.trial, climb.step) for climb in climbs]
+        gains_aside = iter(_gains(model, [trial for near in aside for trial in near], gone).tolist())
+        further = []
+        for climb, near in zip(climbs, aside, strict=True):
+            best, trial = max(((next(gains_aside), trial) for trial in near), key=lambda scored: scored[0])
+            if best > climb.gain + settings.least_gain:
+                further.append(Climb(best, trial, climb.step))
+            elif climb.step > settings.shape_step:
+                further.append(climb._replace(step=0.5 * climb.step))
+            elif climb not in ends:
+                ends.append(climb)
+        climbs = [climb for at, climb in enumerate(further) if climb not in further[:at]]
+    return [climb.trial for climb in sorted(ends, key=lambda climb: -climb.gain)]
+
+
+def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:
+    """The trial with each of its shapes a step lower and higher, in parts of their ranges."""
+    near = []
+    for name in trial.force.shape:
+        key = f"{trial.force.symbol}.{name}"
+        for side in (-step, step):
+            value = stepped_shape(trial.force, name, trial.shapes[key], side)
+            near.append(replace(trial, shapes={**trial.shapes, key: value}))
+    return near
+
+
+def _gain_of(model: FittedModel, effects: Sequence[str]) -> float:
+    """By how much effects of the model lower its deviance, along its path."""
+    products = [rows.products(table) for rows, table in zip(model.rows, model.tables, strict=True)]
+    whole = likelihood(products, range(1, 1 + model.columns))
+    return likelihood(products, model.columns_without(effects)).deviance - whole.deviance
+
+
+def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> Array:
+    """By how much the column of each, in the place of effects, lowers the deviance, (trial,).
+
+    0 where physics forbids its sign.
+    """
+    columns = [rows.coarse_columns(trials) for rows in model.rows]
+    good = np.all([has_products(column) for column in columns], axis=0)
+    columns = [np.where(good, column, 0.0) for column in columns]
+    products = [
+        rows.products(np.column_stack([table, column]))
+        for rows, table, column in zip(model.rows, model.tables, columns, strict=True)
+    ]
+    base, first = model.columns_without(gone), 1 + model.columns
+    whole = likelihood(products, base)
+    beside = each_beside(products, base, range(first, first + len(trials)), whole)
+    strongest = model.settings.strongest
+    physical = are_physical(trials, beside.coefficients, strengths(model, columns), strongest)
+    return np.where(good & physical, whole.deviance - beside.deviance, 0.0)

@@ -1,0 +1,295 @@
+"""A model at its most likely, with the rows about its smoothed motions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.likelihood.likelihood import Likelihood
+from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.run_rows import RunRows, nuisances
+from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.settings import Settings
+from sysid_trib.likelihood.trials import (
+    TrialEffect,
+    from_unit,
+    reference_power,
+    slope_of_unit,
+    stepped_shape,
+    to_unit,
+)
+from sysid_trib.records.decay import root_mean_square
+
+# Difference of a shape parameter for its column, in parts of its range.
+SHAPE_DIFFERENCE = 1e-4
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A model at its most likely, with the rows about its smoothed motions.
+
+    Attributes
+    ----------
+    trials : tuple of TrialEffect
+        Forces and errors of the sensor, with their shapes.
+    coefficients : (trial,) array of float
+    stiffness : float
+        By which the square of the frequency differs from the paths', as a part of it.
+    rows : tuple of RunRows
+        Of each run.
+    tables : tuple of (row, column) array of float
+        Columns in each run: trials, stiffness where the frequency is fitted, zeros of the sensor in each run,
+        steps of the shapes in parts of their ranges.
+    frequency_free : bool
+    likelihood : Likelihood
+        Of the shapes as they stand; its covariance is that beside their steps.
+    stepped : Likelihood
+        Of all columns. A step of a shape goes along its tangent: what it promises is not reached yet.
+    at_ends : dict of int to (float, float)
+        Of the columns of shapes held at an end of their range: by how much of it they would leave it, and
+        the standard error of that.
+    settled : bool
+        Whether paths and parameters have.
+    """
+
+    trials: tuple[TrialEffect, ...]
+    coefficients: Array
+    stiffness: float
+    rows: tuple[RunRows, ...]
+    tables: tuple[Array, ...]
+    frequency_free: bool
+    likelihood: Likelihood
+    stepped: Likelihood
+    at_ends: dict[int, tuple[float, float]]
+    settled: bool = True
+
+    @property
+    def settings(self) -> Settings:
+        """Of the search."""
+        return self.rows[0].path.settings
+
+    @cached_property
+    def deviance(self) -> float:
+        """Minus twice the logarithm of the likelihood, with what rows of other models resolve otherwise."""
+        ratios = self.likelihood.ratios.tolist()
+        excess = [
+            rows.unresolved(rows.path.tangent(self.trials, self.coefficients, self.stiffness), ratio)
+            for rows, ratio in zip(self.rows, ratios, strict=True)
+            if ratio > 0.0
+        ]
+        return self.likelihood.deviance + float(sum(excess))
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether it and the steps of its shapes have a likelihood."""
+        return bool(np.isfinite(self.likelihood.deviance) and np.isfinite(self.stepped.deviance))
+
+    @property
+    def columns(self) -> int:
+        """Number of its columns: trials, nuisances, steps of the shapes."""
+        return len(self.likelihood.coefficients)
+
+    @property
+    def stiffness_error(self) -> float:
+        """Standard error of the stiffness; 0 where the frequency is held."""
+        at = len(self.trials)
+        return float(np.sqrt(self.likelihood.covariance[at, at])) if self.frequency_free else 0.0
+
+    @property
+    def shape_columns(self) -> list[tuple[int, str, int]]:
+        """TrialEffect, name and column, from 0, of each shape parameter."""
+        names = [(at, name) for at, trial in enumerate(self.trials) for name in trial.force.shape]
+        first = self.columns - len(names)
+        return [(at, name, first + i) for i, (at, name) in enumerate(names)]
+
+    def columns_of(self, symbol: str) -> list[int]:
+        """Columns of a force: its own and those of its shapes."""
+        at = [trial.force.symbol for trial in self.trials].index(symbol)
+        return [at, *(column for trial, _, column in self.shape_columns if trial == at)]
+
+    def columns_without(self, symbols: Sequence[str]) -> list[int]:
+        """Columns of the tables, the target at 0, that stay without some forces."""
+        gone = {column for symbol in symbols for column in self.columns_of(symbol)}
+        return [1 + column for column in range(self.columns) if column not in gone]
+
+    def sensor(self, run: int) -> NoiseModel:
+        """Noise of the sensor in a run, its level that of what the smoothed motion leaves of the record."""
+        path = self.rows[run].path
+        level = root_mean_square(path.angle - self.sensor_errors(run) - path.at_samples[0])
+        return NoiseModel(
+            level / NoiseModel(1.0, path.sensor.filter_).standard_deviation, path.sensor.filter_
+        )
+
+    def light(self) -> "FittedModel":
+        """The same without what its runs can compute again: many are kept."""
+        return replace(self, rows=tuple(replace(run, path=replace(run.path)) for run in self.rows))
+
+    @property
+    def follows(self) -> bool:
+        """Whether each path is nearer to its record than rest."""
+        near = [
+            np.max(np.abs(run.path.at_samples[0] - run.path.angle)) < np.max(np.abs(run.path.angle))
+            for run in self.rows
+        ]
+        return bool(np.isfinite(self.likelihood.deviance) and all(near))
+
+    @property
+    def without_values(self) -> list[str]:
+        """Symbols of the forces that are not finite along a path; of all where their slopes are not."""
+        finite = np.ones(len(self.trials), bool)
+        for run in self.rows:
+            finite &= np.isfinite(run.path.columns(self.trials, run.operator)).all(axis=0)
+        named = [t.force.symbol for t, good in zip(self.trials, finite, strict=True) if not good]
+        return named or [trial.force.symbol for trial in self.trials]
+
+    def sensor_errors(self, run: int) -> Array:
+        """Zero and errors of the sensor along a run's path, (sample,), rad."""
+        b, count = self.likelihood.coefficients, len(self.trials)
+        sensors = [at for at, trial in enumerate(self.trials) if trial.force.kind == "sensor"]
+        errors = self.rows[run].path.sensor_values([self.trials[i] for i in sensors]) @ b[sensors]
+        return np.asarray(b[count + self.frequency_free + run] + errors)
+
+    def covariance_with_frequency(self) -> Array:
+        """Covariance of the coefficients and the frequency (rad/s), of a fit whose paths have its frequency.
+
+        A frequency that is a little higher has smaller coefficients give the same force.
+        """
+        count, whole = len(self.trials), self.likelihood.covariance
+        if not self.frequency_free:
+            return np.pad(whole[:count, :count], (0, 1))
+        powers = np.array([reference_power(trial.force) for trial in self.trials])
+        jacobian = np.eye(count + 1)
+        jacobian[:count, -1] = 0.5 * powers * self.coefficients
+        jacobian[-1, -1] = 0.5 * self.rows[0].path.frequency
+        return np.asarray(jacobian @ whole[: count + 1, : count + 1] @ jacobian.T)
+
+    def without_zeros(self, rows: RunRows) -> tuple[Array, Array]:
+        """Columns of the parameters in the rows of any run, (row, parameter), and their covariance.
+
+        Without the zeros of the sensor, which are each run's own.
+        """
+        first = len(self.trials) + self.frequency_free
+        table = table_of(rows, 0, 1, self.trials, self.frequency_free)
+        for at, _, column in self.shape_columns:
+            table[:, column + 1 - len(self.rows)] *= self.coefficients[at]
+        kept = [*range(first), *range(first + len(self.rows), self.columns)]
+        return np.delete(table, first, axis=1), self.likelihood.covariance[np.ix_(kept, kept)]
+
+    def shape_errors(self) -> dict[str, float]:
+        """Standard errors of the shape parameters, by their names."""
+        errors = np.sqrt(np.diag(self.likelihood.covariance))
+        errors_by_name = {}
+        for at, name, column in self.shape_columns:
+            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
+            errors_by_name[key] = float(
+                errors[column] * slope_of_unit(trial.force.shape[name], trial.shapes[key])
+            )
+        return errors_by_name
+
+    def residuals(self) -> list[Array]:
+        """What the model leaves of each run's rows, (row,)."""
+        b = self.likelihood.coefficients
+        return [rows.target - table @ b for rows, table in zip(self.rows, self.tables, strict=True)]
+
+    def white_residuals(self) -> list[Array]:
+        """The same, white and of unit variance."""
+        pairs = zip(self.rows, self.residuals(), strict=True)
+        return [
+            rows.whitened(residual[:, None], self.likelihood, at)[:, 0]
+            for at, (rows, residual) in enumerate(pairs)
+        ]
+
+    def white_tables(self) -> list[Array]:
+        """Target and columns of each run, (row, 1 + column), its noises white and of unit variance."""
+        return [
+            rows.whitened(np.column_stack([rows.target, table]), self.likelihood, at)
+            for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
+        ]
+
+    @property
+    def promised(self) -> float:
+        """By how much a step of the shapes would lower the deviance, if tangents held so far."""
+        return self.likelihood.deviance - self.stepped.deviance
+
+    def ahead(self, shapes: Array) -> Array:
+        """By how much coefficients and stiffness change with these steps of the shapes, (trial + 1,)."""
+        first, count = self.columns - len(shapes), len(self.trials)
+        covariance = self.stepped.covariance
+        errors = np.sqrt(np.diag(covariance)[first:])
+        errors[errors == 0.0] = 1.0  # held at an end of its range
+        inner = covariance[first:, first:] / np.outer(errors, errors)
+        along = np.linalg.pinv(inner, hermitian=True) @ (shapes / errors) / errors
+        changes = covariance[: count + 1, first:] @ along
+        return np.asarray(changes if self.frequency_free else np.append(changes[:count], 0.0))
+
+    def next_paths(
+        self, coefficients: Array, part: float = 1.0, random_force: float = 1.0
+    ) -> list[RecordPath]:
+        """The most likely motions, or a part of the way there; their fine part by such forces, (trial,)."""
+        paths = []
+        for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True)):
+            residual = rows.target - table @ self.stepped.coefficients
+            ratio = random_force * float(self.stepped.ratios[at])
+            errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
+            motion = rows.smoothed_motion(residual, *errors, ratio, part)
+            follower = rows.path.follow(motion, self.trials, coefficients)
+            paths.append(replace(follower, ratio=float(self.likelihood.ratios[at])))
+        return paths
+
+    def possible_rows(self, random: np.random.Generator) -> list[RunRows]:
+        """The rows of each run along a motion that may be the true one as well, drawn by its probability."""
+        rows_of_runs = []
+        for at, rows in enumerate(self.rows):
+            deviation, ratio = np.sqrt(self.likelihood.variances[at]), float(self.likelihood.ratios[at])
+            slopes = rows.path.sensor_slopes(self.trials, self.coefficients)
+            aside = rows.possible_deviation(float(deviation), slopes, ratio, random)
+            rows_of_runs.append(replace(rows, path=rows.path.beside(aside)))
+        return rows_of_runs
+
+    def next_steps(self, reach: float) -> Array:
+        """Steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
+
+        None changes an effect by more than its own size: a tangent does not hold so far. Of a frequency
+        that is a radian of its phase over the record.
+        """
+        sizes = np.sqrt(np.sum([np.sum(table**2, axis=0) for table in self.tables], axis=0))
+        steps = list[float]()
+        for at, _, column in self.shape_columns:
+            own_size = abs(self.coefficients[at]) * sizes[at] / max(sizes[column], np.finfo(float).tiny)
+            most = min(reach, own_size)
+            steps.append(float(np.clip(self.stepped.coefficients[column], -most, most)))
+        return np.array(steps)
+
+    def next_trials(self, steps: Array) -> list[TrialEffect]:
+        """The trials with their shapes so many steps further, (shape,), within their ranges."""
+        shapes = [dict(trial.shapes) for trial in self.trials]
+        for (at, name, _), step in zip(self.shape_columns, steps.tolist(), strict=True):
+            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
+            shapes[at][key] = stepped_shape(trial.force, name, trial.shapes[key], step)
+        return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
+
+
+def table_of(
+    rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect], frequency_free: bool
+) -> Array:
+    """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
+    beside = [(at, *_beside(trial, name)) for at, trial in enumerate(trials) for name in trial.force.shape]
+    # All at once: forces with a history follow the motion together.
+    whole = rows.columns([*trials, *(trial for _, trial, _ in beside)])
+    columns, aside = np.split(whole, [len(trials)], axis=1)
+    slopes = [
+        (column - columns[:, at]) / difference
+        for column, (at, _, difference) in zip(aside.T, beside, strict=True)
+    ]
+    return np.column_stack([columns, nuisances(rows, run, runs, frequency_free), *slopes])
+
+
+def _beside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:
+    """The trial with a shape a little aside, and by how much of its range."""
+    shape, key = trial.force.shape[name], f"{trial.force.symbol}.{name}"
+    part = to_unit(shape, trial.shapes[key])
+    step = SHAPE_DIFFERENCE if part < 0.5 else -SHAPE_DIFFERENCE
+    value = float(from_unit(shape, np.asarray(part + step)))
+    return replace(trial, shapes={**trial.shapes, key: value}), step

@@ -1,0 +1,248 @@
+"""Likelihood of the rows of all runs, with the noise of the sensor and a random force in each.
+
+Rows of a run have the covariance variance * (A S A' + ratio * G): of the sensor's noise of colour S, and of a
+white random force. Everything about a model is in the products of its columns for a grid of the ratios, so
+that any set of columns is judged by small matrices, both variances of each run at their most likely values.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sysid_trib.arrays import Array
+from sysid_trib.likelihood.run_products import RunProducts, spline_over_ratios
+
+# Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
+BETWEEN_STEP = 0.03
+# Rounds in which the variances of several runs settle beside each other, and the fall of the deviance at
+# which they have.
+RATIO_ROUNDS, DEVIANCE_SETTLED = 20, 0.01
+# Part of the information that is added, so that columns which nothing tells apart have a solution.
+RIDGE = 1e-13
+
+
+def of_many_rows(rows: ArrayLike, columns: int) -> Array:
+    """By what a gain of one column is to be multiplied to have the tail of a chi-square.
+
+    That of Student's t with `rows` degrees of freedom (Wallace 1959), where the most likely variance takes
+    those of the `columns` for rows too: of few rows chance gains more.
+    """
+    dof = np.asarray(rows)
+    return np.asarray(dof / (dof + columns) * ((8.0 * dof + 1.0) / (8.0 * dof + 3.0)) ** 2)
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """The most likely values of a model.
+
+    Attributes
+    ----------
+    deviance : float
+        Minus twice the logarithm of the likelihood.
+    coefficients : (column,) array of float
+    covariance : (column, column) array of float
+    variances : (run,) array of float, rad^2
+        Of the innovations of the sensor's noise.
+    ratios : (run,) array of float
+        Of the random force to that noise.
+    ratio_errors : (run,) array of float
+        Standard errors of their logarithms, nan of a ratio of 0.
+    gains : (run,) array of float
+        By how much the random force of a run lowers the deviance.
+    """
+
+    deviance: float
+    coefficients: Array
+    covariance: Array
+    variances: Array
+    ratios: Array
+    ratio_errors: Array
+    gains: Array
+
+    def among(self, columns: Sequence[int], count: int) -> "Likelihood":
+        """The same as of `count` columns, of which those that are not among these are held at zero."""
+        if len(columns) == count:
+            return self
+        coefficients, covariance = np.zeros(count), np.zeros((count, count))
+        coefficients[list(columns)] = self.coefficients
+        covariance[np.ix_(columns, columns)] = self.covariance
+        return replace(self, coefficients=coefficients, covariance=covariance)
+
+
+def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihood:
+    """Maximum likelihood of the model of these columns, the variances of each run profiled.
+
+    Parameters
+    ----------
+    runs : sequence of RunProducts
+        With the same columns.
+    columns : sequence of int
+        Of the table, from 1.
+
+    Notes
+    -----
+    Of one run the coefficients are solved for each ratio. Of several this is done for one run after the
+    other, the ratios of the others held, until the deviance settles.
+    """
+    parts = [run.of(np.asarray(columns, dtype=int)) for run in runs]
+    size = np.sqrt(np.maximum(sum(np.einsum("gii->i", part) for part in parts), 0.0))
+    # A column without effect keeps its size; the ridge holds it.
+    size = np.where(size > 0.0, size, 1.0)
+    size[0] = 1.0
+    parts = [part / np.outer(size, size) for part in parts]
+    at = [len(run.ratios) // 2 for run in runs]
+    variances = [run.level**2 for run in runs]
+    best = np.inf
+    for _ in range(RATIO_ROUNDS):
+        before = best
+        for r in range(len(runs)):
+            deviances, of_each = _over_ratios(runs, parts, at, variances, r)
+            at[r] = int(np.argmin(deviances))
+            best, variances = float(deviances[at[r]]), list(of_each[:, at[r]])
+        if len(runs) == 1 or before - best < DEVIANCE_SETTLED:
+            break
+    ratios, errors, gains = np.zeros((3, len(runs)))
+    least = best
+    for r, run in enumerate(runs):
+        deviances, _ = _over_ratios(runs, parts, at, variances, r)
+        ratios[r], least, errors[r] = _between(run.ratios, deviances, at[r])
+        gains[r] = deviances[0] - least
+    there = [
+        run.at(float(ratio), np.asarray(columns, dtype=int)) / np.outer(size, size)
+        for run, ratio in zip(runs, ratios, strict=True)
+    ]
+    # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.
+    deviance, before = least if len(runs) == 1 else np.inf, np.inf
+    determinants = [run.log_determinant_at(float(q)) for run, q in zip(runs, ratios, strict=True)]
+    for _ in range(RATIO_ROUNDS):
+        coefficients, covariance = _solution(there, variances)
+        variances = [_variance(run, part, coefficients) for run, part in zip(runs, there, strict=True)]
+        if len(runs) == 1 or before - deviance < DEVIANCE_SETTLED:
+            break
+        before = deviance
+        deviance = sum(
+            run.degrees_of_freedom * np.log(variance) + determinant
+            for run, variance, determinant in zip(runs, variances, determinants, strict=True)
+        )
+    coefficients, covariance = _solution(there, variances)
+    scale = size[1:]
+    return Likelihood(
+        deviance,
+        coefficients / scale,
+        covariance / np.outer(scale, scale),
+        np.array(variances),
+        ratios,
+        errors,
+        gains,
+    )
+
+
+def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array, Array]:
+    """Coefficients and their covariance by the products of each run."""
+    total = np.sum([part / variance for part, variance in zip(parts, variances, strict=True)], axis=0)
+    diagonal = np.diag(total)[1:]
+    information = total[1:, 1:] + RIDGE * np.diag(diagonal + np.max(diagonal, initial=1e-300))
+    covariance = np.linalg.inv(information)
+    return covariance @ total[1:, 0], covariance
+
+
+def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike) -> Array:
+    """The most likely variance of a run by the squares that are left of its rows and those of the target.
+
+    Of a target that is explained wholly, rounding is left.
+    """
+    least = np.finfo(float).eps * np.asarray(target)
+    return np.asarray((np.maximum(squares, least) + run.level_rows * run.level**2) / run.degrees_of_freedom)
+
+
+def _variance(run: RunProducts, products: Array, b: Array) -> float:
+    """The most likely variance of a run beside coefficients."""
+    squares = products[0, 0] - 2.0 * b @ products[1:, 0] + b @ products[1:, 1:] @ b
+    return float(most_likely_variance(run, squares, products[0, 0]))
+
+
+def _over_ratios(
+    runs: Sequence[RunProducts], parts: Sequence[Array], at: Sequence[int], variances: Sequence[float], r: int
+) -> tuple[Array, Array]:
+    """Deviance for each ratio of one run, and the variances of all runs, (run, ratio)."""
+    of_run = parts[r]
+    others = [q for q in range(len(runs)) if q != r]
+    information = of_run[:, 1:, 1:] / variances[r]
+    right = of_run[:, 1:, 0] / variances[r]
+    for q in others:
+        information = information + parts[q][at[q], 1:, 1:] / variances[q]
+        right = right + parts[q][at[q], 1:, 0] / variances[q]
+    diagonal = np.einsum("gii->gi", information)
+    diagonal = diagonal + np.max(diagonal, axis=1, keepdims=True, initial=1e-300)
+    information = information + RIDGE * diagonal[:, :, None] * np.eye(diagonal.shape[1])
+    b = np.linalg.solve(information, right[:, :, None])[:, :, 0] if right.shape[1] else right
+    deviance, variance_of = np.zeros(len(of_run)), np.empty((len(runs), len(of_run)))
+    for q, run in enumerate(runs):
+        part = of_run if q == r else parts[q][at[q]][None]
+        squares = part[:, 0, 0] - 2.0 * np.einsum("gi,gi->g", b, np.broadcast_to(part[:, 1:, 0], b.shape))
+        squares = squares + np.einsum(
+            "gi,gij,gj->g", b, np.broadcast_to(part[:, 1:, 1:], information.shape), b
+        )
+        variance_of[q] = most_likely_variance(run, squares, part[:, 0, 0])
+        determinant = run.log_determinant if q == r else run.log_determinant[at[q]]
+        deviance = deviance + run.degrees_of_freedom * np.log(variance_of[q]) + determinant
+    return deviance, variance_of
+
+
+def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, float]:
+    """The most likely ratio, its deviance, the error of its logarithm: by a spline of the deviance."""
+    if at == 0:
+        return float(ratios[0]), float(deviance[0]), float("nan")
+    logs, spline = np.log(ratios[1:]), spline_over_ratios(ratios, deviance)
+    low, high = logs[max(0, at - 2)], logs[min(len(logs) - 1, at)]
+    fine = np.linspace(low, high, 1 + round((high - low) / BETWEEN_STEP))
+    best = float(fine[np.argmin(spline(fine))])
+    bend = float(spline(best, 2))
+    error = float(np.sqrt(2.0 / bend)) if bend > 0.0 and low < best < high else float("nan")
+    return float(np.exp(best)), float(spline(best)), error
+
+
+# Of a likely ratio, 0 where none is known; see `products_of`.
+ProductsNear: TypeAlias = Callable[[float], RunProducts]
+# Rounds in which the likeliest ratios of several runs are looked for beside each other.
+TURNS = 6
+
+
+def likeliest_near(
+    runs: Sequence[ProductsNear], near: Sequence[float], columns: Sequence[int]
+) -> tuple[list[RunProducts], Likelihood]:
+    """Products of each run where they tell the likelihood exactly, and the likelihood of some columns.
+
+    Parameters
+    ----------
+    runs : sequence of callable
+        Products of each run, of ratios about a likely one.
+    near : sequence of float
+        Likely ratios, 0 where none is known.
+    columns : sequence of int
+        Of the table, from 1.
+
+    Notes
+    -----
+    Between ratios that are far from each other a spline may be off by several units of the deviance, in which
+    models are compared. Ratios all over the span are tried where none is known to be likely, and where the
+    random force vanishes beside one that is.
+    """
+    everywhere = [not ratio for ratio in near]
+    products = [run(ratio) for run, ratio in zip(runs, near, strict=True)]
+    likeliest = likelihood(products, columns)
+    for _ in range(TURNS):
+        settled = True
+        for at, ratio in enumerate(likeliest.ratios.tolist()):
+            vanished = not ratio and not everywhere[at]
+            if vanished or not products[at].is_close(ratio):
+                everywhere[at] |= vanished
+                products[at] = runs[at](ratio)
+                settled = False
+        if settled:
+            break
+        likeliest = likelihood(products, columns)
+    return products, likeliest

@@ -1,0 +1,168 @@
+"""The equation of small deviations about a motion: how it acts on the noise."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from sysid_trib.arrays import Array
+from sysid_trib.forces.force import Force
+from sysid_trib.likelihood.problem import RunRegression
+from sysid_trib.likelihood.row_noise import covariance_of_local_rows
+from sysid_trib.likelihood.weak_form import cholesky_factor, noise_operator
+
+# Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
+JUMP_WIDTH = 0.8
+# Part of the amplitude within which a force that rises at zero is one that jumps there: test functions, whose
+# knots are half a radian apart, do not see how.
+STEEP = 0.2
+# Part of the swing over which the sensor's slope is taken.
+SLOPE_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class DeviationOperator:
+    """Operator of small deviations.
+
+    Attributes
+    ----------
+    matrix : (row, sample) sparse array of float
+    acting : (row, sample) sparse array of float
+        The same on the innovations of the sensor's noise; equal where that is white.
+    factor : (band, row) array of float
+        Cholesky factor of the covariance of its rows in the sensor's noise, of unit innovations, and in the
+        random force; lower banded.
+    """
+
+    matrix: sp.csr_matrix
+    acting: sp.csr_matrix
+    factor: Array
+
+
+def linearised(run: RunRegression) -> DeviationOperator:
+    """The operator about a run's reference trajectory, with what whitens its rows in white noise alone."""
+    matrix = deviation_matrix(run)
+    return DeviationOperator(matrix, matrix, cholesky_factor(covariance_of_local_rows(matrix)))
+
+
+def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
+    """`matrix` of `DeviationOperator`, which does not depend on the noise.
+
+    It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made good.
+    """
+    k = (run.frequency / run.problem.nominal_frequency) ** 2
+    stiffness, damping = partial_derivatives(run)
+    matrix = noise_operator(run.problem.form, k * stiffness, np.sqrt(k) * damping)
+    if not run.problem.of_sensor.any():
+        return matrix
+    return (matrix @ sp.diags_array(1.0 / sensor_slope(run))).tocsr()
+
+
+def sensor_slope(run: RunRegression) -> Array:
+    """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the reference."""
+    problem, path = run.problem, run.reference
+    slope = np.ones_like(path.x)
+    step = SLOPE_STEP * float(np.max(np.abs(path.x)))
+    for force, coefficient in zip(problem.library, run.coefficients, strict=True):
+        if force.kind != "sensor" or "x" not in force.formula.names:
+            continue
+        high, low = (
+            force.value(path.x + side * step, path.v, problem.elapsed, shapes=problem.shapes)
+            for side in (1.0, -1.0)
+        )
+        slope = slope + coefficient * (high - low) / (2.0 * step)
+    return slope
+
+
+def partial_derivatives(run: RunRegression) -> tuple[Array, Array]:
+    """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along the reference trajectory, (sample,) each."""
+    problem, path = run.problem, run.reference
+    return derivatives_along(
+        zip(problem.library, run.acting.tolist(), strict=True),
+        problem.shapes,
+        problem.elapsed,
+        path.x,
+        path.v,
+        problem.given(run.frequency),
+    )
+
+
+def derivatives_along(
+    forces: Iterable[tuple[Force, float]],
+    shapes: Mapping[str, float],
+    time: Array,
+    x: Array,
+    v: Array,
+    given: Mapping[str, Array] | None = None,
+) -> tuple[Array, Array]:
+    """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along a motion.
+
+    Parameters
+    ----------
+    forces : iterable of (Force, float)
+        Each with its coefficient; what depends on history is left out.
+    shapes : mapping of str to float
+    time : (sample,) array of float, s
+        Since the first sample.
+    x, v : (sample,) array of float, rad
+    given : mapping of str to (sample,) array of float, optional
+        What formulas hold of inputs.
+
+    Returns
+    -------
+    stiffness, damping : (sample,) array of float
+
+    Notes
+    -----
+    A force that jumps with v, as sign(v), damps the noise by a spike at each reversal. The test functions
+    see no spike, but its mean: a sharper one would whiten away what they can see. A jump at zero is therefore
+    distributed over `JUMP_WIDTH`, and so is a rise that is nearly as steep, as that of abs(v)**0.1 sign(v).
+    A kink, as that of x abs(x), is none.
+    """
+    derivatives = [np.ones_like(x), np.zeros_like(x)]
+    for force, coefficient in forces:
+        if force.kind == "sensor" or not force.memoryless or coefficient == 0.0:
+            continue
+        names = {"x": x, "v": v, "t": time} | dict(given or {}) | force.shape_values(shapes)
+        for i, name in enumerate("xv"):
+            if name not in force.formula.names:
+                continue
+            with np.errstate(all="ignore"):
+                slope = np.broadcast_to(force.formula.derivative(names, name), x.shape)
+            # Where a power is singular the motion is for an instant.
+            slope = np.where(np.isfinite(slope), slope, 0.0)
+            if force.formula.surfaces:
+                slope = _with_jump(force, names, name, slope, coefficient)
+            derivatives[i] = derivatives[i] + coefficient * slope
+    return derivatives[0], derivatives[1]
+
+
+def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coefficient: float) -> Array:
+    """Slope of a force by x or v along a motion, with what jumps at zero as a bump.
+
+    What is left of the rise within `STEEP` of the amplitude by the tangents at its ends is the jump.
+    """
+    x, v = names["x"], names["v"]
+    # A root of squares takes a seventh of the time of numpy's hypot.
+    amplitude, along = np.sqrt(x * x + v * v) + 1e-12, names[of]
+    steep = STEEP * amplitude
+    rises, slopes = [], []
+    for side in (-1.0, 1.0):
+        with np.errstate(all="ignore"):
+            value, tangent = force.formula.with_derivative(names | {of: side * steep}, of)
+        value, tangent = np.broadcast_to(value, x.shape), np.broadcast_to(tangent, x.shape)
+        rises.append(side * value)
+        slopes.append(np.where(np.isfinite(tangent), tangent, 0.0))
+    rise = rises[0] + rises[1]
+    jump = rise - steep * (slopes[0] + slopes[1])
+    jump = np.where(jump * rise > 0.0, jump, 0.0)
+    if not jump.any():
+        return slope
+    at_end = np.where(along < 0.0, slopes[0], slopes[1])
+    slope = np.where((np.abs(along) < steep) & (jump != 0.0), at_end, slope)
+    # The swing is about a centre that the jump shifts by half of itself: near rest that is its size.
+    width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
+    bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
+    return np.asarray(slope + jump * bump**2 * 15.0 / (16.0 * width))

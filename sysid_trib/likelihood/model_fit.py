@@ -1,0 +1,246 @@
+"""Exact fits: forces and errors of the sensor with their shapes, along the motion that they imply."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SysidTribError
+from sysid_trib.likelihood.fitted_model import FittedModel, table_of
+from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near, likelihood
+from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.run_products import RunProducts
+from sysid_trib.likelihood.run_rows import run_rows
+from sysid_trib.likelihood.trials import TrialEffect, end_of_range, shape_values, to_unit
+
+# Rounds after which a path goes half of its way.
+WHOLE_STEPS = 3
+# A kink of a force may have the path swing about where it settles: then the best two rounds agree to this,
+# the deviance of one standard error.
+ROUNDS_AGREE = 1.0
+# Last rounds of a fit that does not come to rest, which are alike but for the errors of its parameters.
+LAST_ROUNDS = 4
+# Parts of the random force by which paths are smoothed at first where an error of the sensor is new: beside
+# all of it a path follows the record, errors and all, and a strong one is taken for forces.
+LED_BY = (1e-2, 1e-4, 1e-6, 1e-8)
+# A path runs away to where nothing is finite, or rows say nothing: there is no fit.
+NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
+
+
+class Limits(NamedTuple):
+    """Where a fit is given up.
+
+    It will not reach the deviance `worst`, by what its last round gained, or has left for two rounds what
+    physics allows (`possible`).
+    """
+
+    worst: float = np.inf
+    possible: Callable[[FittedModel], bool] = lambda model: True
+
+    def is_hopeless(self, model: FittedModel, fall: float) -> bool:
+        """Whether a fit whose last round lowered the deviance by so much will not reach `worst`."""
+        return model.stepped.deviance - 2.0 * abs(fall) > self.worst
+
+
+NO_LIMITS = Limits()
+
+
+class Stride(NamedTuple):
+    """How far a round goes: a shape by `reach` of its range, and by `longest` at most, the path by `part`."""
+
+    longest: float
+    reach: float
+    part: float
+
+    def after(self, turn: int, fall: float, before: float) -> "Stride":
+        """Of the round after the one number `turn`, by which the deviance fell so much, and before it.
+
+        Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
+        long a one is tried (trust region: Conn, Gould, Toint 2000). A force that is narrow or has a history
+        may have path and coefficients swing about where they settle.
+        """
+        uphill, swings = turn > 0 and fall < 0.0, turn > 1 and fall * before < 0.0
+        part = min(self.part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else self.part
+        reach = 0.5 * self.reach if uphill else min(2.0 * self.reach, self.longest)
+        return Stride(self.longest, reach, 0.5 * part if swings else part)
+
+
+def fit_model(
+    paths: Sequence[RecordPath],
+    trials: Sequence[TrialEffect],
+    *,
+    frequency_free: bool,
+    first: Array | None = None,
+    limits: Limits = NO_LIMITS,
+    part: float = 1.0,
+) -> FittedModel:
+    """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
+
+    Parameters
+    ----------
+    paths : sequence of RecordPath
+        First guesses.
+    trials : sequence of TrialEffect
+        The model, with first guesses of the shapes.
+    frequency_free : bool
+    first : (trial + 1,) array of float, optional
+        First guess of the coefficients and the stiffness, for the operator of small deviations.
+    limits : Limits
+    part : float
+        Of the way that a round goes at first.
+
+    Notes
+    -----
+    The next path is the most likely motion of the model at hand: without a random force it becomes a free
+    motion (Newton's method on all samples), with one the smoothed motion.
+    """
+    guess = np.zeros(len(trials) + 1) if first is None else first
+    model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
+    longest = part * settings.shape_step
+    rounds, stride, before, astray = list[FittedModel](), Stride(longest, longest, part), 0.0, 0
+    if _has_new_sensor(trials, guess):
+        model = _led(model, stride, limits)
+        if not model.settled:
+            return model
+    for turn in range(settings.rounds):
+        latest = np.append(model.coefficients, model.stiffness)
+        guess = guess + stride.part * (latest - guess) if turn else latest
+        nearer, steps = model.next_paths(guess[:-1], stride.part), model.next_steps(stride.reach)
+        if turn + 1 < WHOLE_STEPS:
+            nearer = _of_any_ratio(nearer)
+        try:
+            after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
+        except NOT_FITTED:
+            return _best([*rounds, model])
+        if not after.is_finite:
+            return _best([*rounds, model])
+        fall, model = model.likelihood.deviance - after.likelihood.deviance, after
+        # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small
+        # part of the way has a small part of the fall.
+        next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
+        # Along its tangents a shape may go on where the deviance hardly falls.
+        on_its_way = model.promised > ROUNDS_AGREE
+        if next_fall < min(1.0, 2.0 * stride.part) * settings.least_gain and not on_its_way:
+            return model
+        astray = 0 if limits.possible(model) else astray + 1
+        if astray > 1 and turn > 1:
+            return replace(model, settled=False)
+        if turn > 1 and not on_its_way and limits.is_hopeless(model, fall):
+            return replace(model, settled=False)
+        stride, before = stride.after(turn, fall, before), fall
+        rounds.append(model.light())
+    return _ended(rounds, on_its_way)
+
+
+def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
+    """Paths of which no ratio is known: as a path moves, another one far off may become the likeliest."""
+    return [replace(path, ratio=0.0) for path in paths]
+
+
+def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
+    """Whether a model has an error of the sensor of which nothing is known yet."""
+    return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
+
+
+def _led(model: FittedModel, stride: Stride, limits: Limits) -> FittedModel:
+    """The model after rounds whose paths are led more and more by what it says; not settled if given up.
+
+    A continuation in the random force, whose likelihood has a maximum about each path that follows the record
+    (graduated non-convexity: Blake, Zisserman 1987).
+    """
+    for turn, random_force in enumerate(LED_BY):
+        latest = np.append(model.coefficients, model.stiffness)
+        nearer = _of_any_ratio(model.next_paths(latest[:-1], stride.part, random_force))
+        steps = model.next_steps(stride.reach)
+        ahead = latest + model.ahead(steps)
+        try:
+            after = fitted_along(nearer, model.next_trials(steps), ahead, model.frequency_free)
+        except NOT_FITTED:
+            return model
+        if not after.is_finite:
+            return model
+        fall, model = model.likelihood.deviance - after.likelihood.deviance, after
+        if turn and limits.is_hopeless(model, fall):
+            return replace(model, settled=False)
+    return model
+
+
+def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
+    """What a fit has come to that goes on after all of its rounds."""
+    best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
+    if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
+        return best
+    # Where a contact sticks a reversal more or less has the deviance jump, parameters hardly move.
+    last = rounds[-LAST_ROUNDS:]
+    if _agree(last) and not on_its_way:
+        return max(last, key=lambda fitted: fitted.likelihood.deviance)
+    return replace(best, settled=False)
+
+
+def _best(rounds: Sequence[FittedModel]) -> FittedModel:
+    """The likeliest round of a path that ran away."""
+    return replace(min(rounds, key=lambda fitted: fitted.likelihood.deviance), settled=False)
+
+
+def _agree(rounds: Sequence[FittedModel]) -> bool:
+    """Whether no coefficient or shape differs between rounds by more than its standard error."""
+    shapes = [[to_unit(shape, value) for shape, value in shape_values(fitted.trials)] for fitted in rounds]
+    ranges = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
+    errors = np.sqrt(np.diag(rounds[-1].likelihood.covariance))
+    steady = len(errors) - len(shapes[0])
+    return bool(np.all(ranges[0][:steady] <= errors[:steady]) and np.all(ranges[1] <= errors[steady:]))
+
+
+def fitted_along(
+    paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
+) -> FittedModel:
+    """The most likely coefficients along paths that are held, and steps of the shapes beside them.
+
+    Tangents are those at these coefficients (variable projection: Golub, Pereyra 1973).
+    """
+    rows = tuple(run_rows(path, trials, guess) for path in paths)
+    tables = [table_of(run, at, len(rows), trials, frequency_free) for at, run in enumerate(rows)]
+    of_shapes = [at for at, trial in enumerate(trials) for _ in trial.force.shape]
+    columns = tables[0].shape[1]
+    kept = range(columns - len(of_shapes))
+    runs = [partial(run.products, table) for run, table in zip(rows, tables, strict=True)]
+    ratios = [path.ratio for path in paths]
+    products, most_likely = likeliest_near(runs, ratios, [1 + column for column in kept])
+    at_shapes = most_likely.among(kept, columns)
+    stepped, at_ends = at_shapes, dict[int, tuple[float, float]]()
+    b, count = at_shapes.coefficients, len(trials)
+    if of_shapes:
+        factors = np.concatenate([np.ones(len(kept)), b[of_shapes]])
+        tables = [table * factors for table in tables]
+        stepped, at_ends = _within_ranges([run.scaled(factors) for run in products], columns, trials)
+    stiffness = float(b[count]) if frequency_free else 0.0
+    most_likely = replace(at_shapes, covariance=stepped.covariance)
+    forces, held = tuple(trials), tuple(tables)
+    return FittedModel(
+        forces, b[:count], stiffness, rows, held, frequency_free, most_likely, stepped, at_ends
+    )
+
+
+def _within_ranges(
+    products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]
+) -> tuple[Likelihood, dict[int, tuple[float, float]]]:
+    """Maximum likelihood in `count` columns; shapes at an end of their range that would leave it are held."""
+    shapes = shape_values(trials)
+    first = count - len(shapes)
+    held: dict[int, tuple[float, float]] = {}
+    while True:
+        free = [column for column in range(count) if column not in held]
+        likeliest = likelihood(products, [1 + column for column in free])
+        steps = dict(zip(free, likeliest.coefficients.tolist(), strict=True))
+        leaving = [
+            first + i
+            for i, (shape, value) in enumerate(shapes)
+            if (side := end_of_range(shape, value)) and side * steps.get(first + i, 0.0) > 0.0
+        ]
+        if not leaving:
+            return likeliest.among(free, count), held
+        errors = dict(zip(free, np.sqrt(np.diag(likeliest.covariance)).tolist(), strict=True))
+        held |= {column: (abs(steps[column]), errors[column]) for column in leaving}

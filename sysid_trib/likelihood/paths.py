@@ -1,0 +1,310 @@
+"""A record as equations about a smoothed motion: integrals of Eq. 1 against narrow test functions.
+
+For a path x near the motion, d = record - zero - errors of the sensor - x, and A the operator of small
+deviations,
+
+    A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
+
+All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline,
+beside the motion that the forces themselves give it, which may switch or turn within a sample: no simulation
+is needed; what the path differs from the motion counts in second order alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from scipy.interpolate import BSpline
+
+from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.errors import SysidTribError
+from sysid_trib.likelihood.linearisation import derivatives_along
+from sysid_trib.likelihood.resolution import NO_FINE_MOTION, FineMotion, fine_motion
+from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.trials import SurfaceKey, TrialEffect
+from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
+from sysid_trib.records.smoothing import SplinesAt, knot_intervals, least_squares_spline
+from sysid_trib.simulation.internal_states import GivenMotion, states_along, tangent_along, values_along
+
+# A sensor that falls while the angle rises is none; a fit may pass by there.
+LEAST_SENSOR_GAIN = 0.05
+# Parts of a cell between two points over which a force that switches there is averaged.
+CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
+# Values of forces along a path that are held at once: of long records they would be most of the memory.
+NUMBERS_AT_ONCE = 2**22
+
+
+class Points(NamedTuple):
+    """A path where integrands are evaluated, (point,) each, and what integrates them, (row, point)."""
+
+    tau: Array
+    x: Array
+    v: Array
+    acceleration: Array
+    time: Array
+    integrals: sp.csr_matrix
+
+
+@dataclass(frozen=True)
+class RecordPath:
+    """A record and a smoothed motion near it.
+
+    Attributes
+    ----------
+    time, angle : (sample,) array of float, s and rad
+        The record.
+    frequency : float, rad/s
+        To which coefficients refer; tau = frequency * time.
+    form : WeakForm
+    spline : BSpline
+        The path without its fine part, over tau.
+    sensor : NoiseModel
+        Noise of the sensor; of its level there is but a guess.
+    origin : float, s
+        From which the `t` of formulas counts.
+    intervals : int
+        Between the knots of path and test functions: these stay where they are when the frequency changes.
+    settings : Settings
+    fine : FineMotion
+        By the forces that gave the path.
+    ratio : float
+        Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
+    held : tuple of (TrialEffect, float)
+        Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
+    """
+
+    time: Array
+    angle: Array
+    frequency: float
+    form: WeakForm
+    spline: BSpline
+    sensor: NoiseModel
+    origin: float
+    intervals: int
+    settings: Settings
+    fine: FineMotion = NO_FINE_MOTION
+    ratio: float = 0.0
+    held: tuple[tuple[TrialEffect, float], ...] = ()
+
+    @property
+    def elapsed(self) -> Array:
+        """The `t` of formulas, (sample,), s."""
+        return self.time - self.origin
+
+    def motion_at(self, tau: Array, order: int = 0) -> Array:
+        """The path or a derivative by tau, (point,), rad."""
+        return np.asarray(self.spline(tau, order) + self.fine.value(tau, order))
+
+    def elapsed_at(self, tau: Array) -> Array:
+        """The `t` of formulas, (point,), s."""
+        return tau / self.frequency + float(self.time[0]) - self.origin
+
+    @cached_property
+    def at_samples(self) -> tuple[Array, Array]:
+        """x and x' at the samples, (sample,) each, rad."""
+        return self._at(self.form.splines), self._at(self.form.splines, 1)
+
+    def _at(self, splines: SplinesAt, order: int = 0) -> Array:
+        """`motion_at` points that many paths have in common."""
+        return splines.of(self.spline, order) + self.fine.value(splines.points, order)
+
+    @cached_property
+    def points(self) -> Points:
+        """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
+        per_period = self.settings.points_per_period
+        splines, integrals = points_between(self.form.tau, self.intervals, per_period)
+        tau = splines.points
+        half = 0.5 * (tau[1] - tau[0])
+        rise = self.fine.value(tau + half, 1) - self.fine.value(tau - half, 1)
+        acceleration = splines.of(self.spline, 2) + rise / (2.0 * half)
+        x, v = self._at(splines), self._at(splines, 1)
+        return Points(tau, x, v, acceleration, self.elapsed_at(tau), integrals)
+
+    @cached_property
+    def motion(self) -> GivenMotion:
+        """The path as history-dependent forces follow it."""
+        return GivenMotion(*self.points[:3], self.points.time)
+
+    @cached_property
+    def _held_force(self) -> Array:
+        """Forces that are always there, (point,), rad."""
+        values = self.force_values([trial for trial, _ in self.held])
+        return values @ np.array([coefficient for _, coefficient in self.held])
+
+    @cached_property
+    def known_part(self) -> Array:
+        """Integrals of x'', of x and of the forces that are always there, (row,)."""
+        return np.asarray(self.points.integrals @ self.points.acceleration) + self.stiffness_column
+
+    @cached_property
+    def stiffness_column(self) -> Array:
+        """Integrals of x and of the forces that are always there, which a frequency scales, (row,)."""
+        return np.asarray(self.points.integrals @ (self.points.x + self._held_force))
+
+    def tangent(
+        self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float
+    ) -> tuple[Array, Array]:
+        """Stiffness and damping of small deviations of the motion from a model, (point,) each."""
+        acting = [
+            *((trial, float(c)) for trial, c in zip(trials, coefficients, strict=True)),
+            *((trial, (1.0 + stiffness) * c) for trial, c in self.held),
+        ]
+        shapes = {k: value for trial, _ in acting for k, value in trial.shapes.items()}
+        _, x, v, _, time, _ = self.points
+        of_x, of_v = derivatives_along([(trial.force, c) for trial, c in acting], shapes, time, x, v)
+        for trial, c in acting:
+            if trial.force.kind == "force" and not trial.force.memoryless and c:
+                past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
+                of_x, of_v = of_x + c * past_x, of_v + c * past_v
+        return of_x + stiffness, of_v
+
+    def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
+        """The operator of small deviations of a motion, (row, sample)."""
+        return noise_operator(self.form, *(self._at_samples(values) for values in tangent))
+
+    def _at_samples(self, values: Array) -> Array:
+        """Means about the samples of values at points, (sample,): a stiffness may jump between samples."""
+        parts = (len(values) - 1) // (len(self.time) - 1)
+        weights = 1.0 - np.abs(np.arange(1 - parts, parts)) / parts
+        means = np.convolve(values, weights, "same") / np.convolve(np.ones(len(values)), weights, "same")
+        return np.asarray(means[::parts])
+
+    def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
+        """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
+        columns = np.empty((self.form.rows, len(trials)))
+        of_force = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
+        few = max(1, NUMBERS_AT_ONCE // len(self.points.tau))
+        for part in (of_force[first : first + few] for first in range(0, len(of_force), few)):
+            columns[:, part] = self.points.integrals @ self.force_values([trials[at] for at in part])
+        sensors = [at for at, trial in enumerate(trials) if trial.force.kind == "sensor"]
+        columns[:, sensors] = -(operator @ self.sensor_values([trials[at] for at in sensors]))
+        return columns
+
+    def sensor_values(self, trials: Sequence[TrialEffect]) -> Array:
+        """Errors of the sensor of coefficient 1 at the samples, (sample, trial), rad."""
+        values = [t.force.value(*self.at_samples, self.elapsed, shapes=t.shapes) for t in trials]
+        return np.stack(values, axis=1) if values else np.zeros((len(self.time), 0))
+
+    def sensor_slopes(self, trials: Sequence[TrialEffect], coefficients: Array) -> tuple[Array, Array]:
+        """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
+        (x, v), slopes = self.at_samples, np.zeros((2, len(self.time)))
+        for trial, c in zip(trials, coefficients, strict=True):
+            if trial.force.kind == "sensor":
+                names = {"x": x, "v": v, "t": self.elapsed} | trial.force.shape_values(trial.shapes)
+                slopes += c * np.array([trial.force.formula.derivative(names, k) for k in "xv"])
+        return slopes[0], slopes[1]
+
+    def sensor_gain(self, trials: Sequence[TrialEffect], coefficients: Array) -> Array:
+        """By how much the record rises with the angle, (sample,)."""
+        return np.asarray(np.maximum(1.0 + self.sensor_slopes(trials, coefficients)[0], LEAST_SENSOR_GAIN))
+
+    def force_values(self, trials: Sequence[TrialEffect]) -> Array:
+        """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""
+        values = np.full((len(self.points.tau), len(trials)), np.nan)
+        with_past: dict[str, list[int]] = {}
+        for at, trial in enumerate(trials):
+            if trial.force.memoryless:
+                values[:, at] = self._memoryless(trial)
+            else:
+                with_past.setdefault(trial.force.symbol, []).append(at)
+        for rows in with_past.values():
+            force, shapes = trials[rows[0]].force, [trials[at].shapes for at in rows]
+            together = values_along(self.motion, force, shapes)
+            values[:, rows] = self._collocated(trials, rows) if together is None else together
+        return values
+
+    def _memoryless(self, trial: TrialEffect) -> Array:
+        force, (_, x, v, _, time, _) = trial.force, self.points
+        values = np.array(force.value(x, v, time, shapes=trial.shapes))
+        if force.surfaces:
+            cells, motion = self._crossed_cells(trial)
+            within = force.value(*motion, shapes=trial.shapes)
+            values[cells] = within.reshape(len(cells), len(CELL_PARTS)).mean(axis=1)
+        return values
+
+    @cached_property
+    def _crossings(self) -> dict[SurfaceKey, Mask]:
+        return {}
+
+    @cached_property
+    def _cells(self) -> dict[bytes, tuple[Index, tuple[Array, Array, Array]]]:
+        return {}
+
+    def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, tuple[Array, Array, Array]]:
+        """Cells in which a force switches, and x, v and time in their parts; of the same cells once."""
+        tau, x, v, _, time, _ = self.points
+        crossed = np.zeros(len(tau) - 1, dtype=bool)
+        for key, surface in trial.surfaces().items():
+            if key not in self._crossings:
+                self._crossings[key] = np.diff(np.signbit(surface(x, v, time)))
+            crossed |= self._crossings[key]
+        packed = np.packbits(crossed).tobytes()
+        if packed not in self._cells:
+            cells = np.flatnonzero(np.append(crossed, False) | np.append(False, crossed))
+            fine = (tau[cells, None] + (tau[1] - tau[0]) * CELL_PARTS).ravel()
+            motion = self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine)
+            self._cells[packed] = cells, motion
+        return self._cells[packed]
+
+    def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
+        columns = []
+        tau, x, v, _, time, _ = self.points
+        for at in rows:
+            force, shapes = trials[at].force, trials[at].shapes
+            try:
+                hidden = states_along(force, tau, x, v, shapes, time=time)
+                columns.append(force.value(x, v, time, shapes=shapes, hidden=hidden))
+            except SysidTribError:
+                columns.append(np.full(len(tau), np.nan))
+        return np.stack(columns, axis=1)
+
+    def follow(self, motion: Array, trials: Sequence[TrialEffect], coefficients: Array) -> "RecordPath":
+        """The path through a motion at the samples, (sample,), with what forces along this path give it."""
+        dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
+        force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
+        fine = fine_motion(self.points.tau, -(force + self._held_force))
+        spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
+        return replace(self, spline=spline, fine=fine)
+
+    def beside(self, deviation: Array) -> "RecordPath":
+        """The path with a deviation at the samples, (sample,), rad, added."""
+        motion = self.at_samples[0] - self.fine.value(self.form.tau) + deviation
+        return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
+
+    def rescaled(self, frequency: float) -> "RecordPath":
+        """The same with coefficients that refer to another frequency."""
+        form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
+        fine = self.fine.rescaled(frequency / self.frequency)
+        spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)
+        return replace(self, frequency=frequency, form=form, spline=spline, fine=fine)
+
+    def of_run(self, run: xr.Dataset, frequency: float, origin: float) -> "RecordPath":
+        """The path of another run of the same sensor and the same held forces."""
+        time, angle = run.time.values.astype(float), run.angle.values.astype(float)
+        path = path_of(time, angle, frequency, self.sensor, origin, self.settings)
+        return replace(path, held=self.held)
+
+
+def path_of(
+    time: Array,
+    angle: Array,
+    frequency: float,
+    sensor: NoiseModel,
+    origin: float | None = None,
+    settings: Settings = DEFAULTS,
+) -> RecordPath:
+    """A record with its least-squares spline as the path; see `RecordPath`."""
+    tau = frequency * (time - time[0])
+    intervals = knot_intervals(tau)
+    form, spline = build_weak_form(tau, intervals), _spline(tau, angle, intervals)
+    since = float(time[0]) if origin is None else origin
+    return RecordPath(time, angle, frequency, form, spline, sensor, since, intervals, settings)
+
+
+def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:
+    return least_squares_spline(tau, motion, intervals)[0]

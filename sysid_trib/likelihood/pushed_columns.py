@@ -1,0 +1,178 @@
+"""Regression along the smoothed motion of a record that is pushed at random, in both noises' covariance.
+
+The noise of the rows is the operator on the sensor's noise, plus integrals of the random force. The most
+likely noise of the sensor (best linear unbiased prediction, Robinson 1991) is subtracted from the record:
+that is the smoothed motion, and the columns are taken along it. They are expected values: the sign of a speed
+that is known to so many rad only goes from -1 to 1 within that, near rest over many samples.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_solve_banded
+from scipy.signal import lfilter
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.errors import DecayError, SimulationError
+from sysid_trib.likelihood.linearisation import DeviationOperator, sensor_slope
+from sysid_trib.likelihood.optimizers import ConstraintMap
+from sysid_trib.likelihood.problem import (
+    NearbyMotion,
+    ReferenceTrajectory,
+    RunRegression,
+    Runs,
+    along_own_path,
+)
+from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.likelihood.ratio_posterior import RatioAverage, average_by_ratios
+from sysid_trib.likelihood.refined_columns import (
+    SETTLED_STEP,
+    common_values,
+    has_slipped,
+    motion_of_run,
+    step_in_errors,
+)
+from sysid_trib.likelihood.rows import Rows, run_weights, stack_rows
+from sysid_trib.likelihood.solution import Solution, solve
+from sysid_trib.likelihood.two_noises import with_noises
+from sysid_trib.likelihood.variance_ratio import smoothed_rate_error
+from sysid_trib.records.smoothing import least_squares_spline
+
+MAX_SMOOTHED_PATHS = 12
+# After so many rounds a step of this part of an error ends them: paths that hop between branches of a force
+# that jumps come no nearer. The step is then among the errors.
+ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
+# Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
+COLOUR_ROUND = 1
+
+
+@dataclass(frozen=True)
+class PushedRegression:
+    """A regression with a random force.
+
+    Attributes
+    ----------
+    runs : tuple of RunRegression
+        Along their smoothed motions, with `noises`.
+    rows : Rows
+        About these motions; of them the last solution is still to be taken.
+    settled : bool
+        Whether the estimate has stopped moving.
+    further : RatioAverage
+        Of coefficients and reference frequency: what moves the last solution and is added to its covariance,
+        since the ratios of the two variances are not known exactly; its step where that is among the errors.
+    """
+
+    runs: Runs
+    rows: Rows
+    settled: bool
+    further: RatioAverage
+
+
+def regress_pushed(
+    runs: Runs, active: Mask, constraints: ConstraintMap, option: RandomForceOption
+) -> PushedRegression:
+    """Estimate forces, a random force and the sensor's noise, along motions that are smoothed with them.
+
+    Parameters
+    ----------
+    runs : tuple of RunRegression
+        With a first estimate.
+    active : (force,) array of bool
+        Forces that are in the model.
+    constraints : ConstraintMap
+    option : "auto" or float, (rad/s^2)^2/Hz
+        A number is the one-sided density, held.
+
+    Returns
+    -------
+    PushedRegression
+        Where no random force is the most likely, along the free motion.
+
+    Raises
+    ------
+    DecayError
+        The rows are degenerate.
+    """
+    sensitivities: list[Array | None] = [None] * len(runs)
+    for turn in range(MAX_SMOOTHED_PATHS):
+        # A motion that slipped where both noises were known would slip again, or now and then.
+        tried = [turn <= COLOUR_ROUND or run.reference.near is not None for run in runs]
+        anchored = [
+            _beside_motion(run, active, near) if may_follow else (along_own_path(run), None)
+            for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
+        ]
+        runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
+        # Beside a density that is given, as in records that are simulated, the sensor's noise is white.
+        # What a driven model lacks is no noise of the sensor, whatever its colour.
+        driven = any(run.problem.inputs for run in runs)
+        colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
+        weighed = [with_noises(run, active, constraints, option, colour=colour) for run in runs]
+        runs = tuple(each_run.run for each_run in weighed)
+        rows = stack_rows(runs, [each_run.rows for each_run in weighed])
+        solution = solve(rows, runs[0], active, constraints)
+        after = solution.applied_to(runs)
+        step = float(np.max(np.abs(step_in_errors(runs, after, rows, solution))))
+        settled = step <= (1.0 if turn < ROUNDS_TO_SETTLE else STEP_AMONG_ERRORS / SETTLED_STEP)
+        if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
+            break
+        runs = _smoothed(after, [each_run.operator for each_run in weighed], solution)
+    zero = np.zeros_like(solution.covariance)
+    further = RatioAverage(zero[0], zero)
+    if isinstance(option, str):
+        further = average_by_ratios(weighed, solution, active, constraints)
+    if step > 1.0:
+        change = common_values(after) - common_values(runs)
+        further = further._replace(covariance=further.covariance + np.outer(change, change))
+    return PushedRegression(runs, rows, settled, further)
+
+
+def _beside_motion(
+    run: RunRegression, active: Mask, sensitivity: Array | None
+) -> tuple[RunRegression, Array | None]:
+    """A run with its path beside a free motion of its present model, where that follows the record."""
+    problem, path = run.problem, run.reference
+    try:
+        free = motion_of_run(run, active, sensitivity, near=True)
+    except SimulationError:
+        return along_own_path(run), None
+    along = problem.averaged_columns(run.frequency, free.x, free.v)
+    force = (run.frequency / problem.nominal_frequency) ** 2 * (free.x + along @ run.acting)
+    # The first path: the free motion itself.
+    reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=NearbyMotion(free.x, force))
+    beside = replace(run, reference=reference, start=(free.angle, free.rate))
+    if has_slipped(beside):
+        return along_own_path(run), None
+    if run.noises is not None:
+        # Friction holds a body that rests with what it takes, no more.
+        near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.pushes, force))
+        error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
+        expected = problem.averaged_columns(run.frequency, path.x, path.v, rate_error=error)
+        beside = replace(beside, reference=replace(path, columns=expected, exact=False, near=near))
+    # The zero of the sensor is that of the rows, which know the random force.
+    return beside, free.sensitivity
+
+
+def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:
+    """The runs along the next smoothed motions: the record, without the most likely noise of the sensor."""
+    lengths = [operator.matrix.shape[0] for operator in operators]
+    residuals = np.split(solution.residual, np.cumsum(lengths)[:-1])
+    weights = run_weights(runs) if len(runs) > 1 else np.ones(1)
+    return tuple(
+        _along_smoothed(run, operator, residual / weight)
+        for run, operator, residual, weight in zip(runs, operators, residuals, weights, strict=True)
+    )
+
+
+def _along_smoothed(run: RunRegression, operator: DeviationOperator, residual: Array) -> RunRegression:
+    problem, path, tau = run.problem, run.reference, run.problem.form.tau
+    innovation = -(operator.acting.T @ cho_solve_banded((operator.factor, True), residual))
+    noise = innovation if run.noises is None else lfilter([1.0], run.noises.filter_, innovation)
+    try:
+        change = (run.measured - path.x - noise) / sensor_slope(run)
+        spline, x = least_squares_spline(tau, change)
+    except DecayError:
+        return run
+    v = path.v + spline(tau, 1) * (problem.nominal_frequency / run.frequency)
+    return replace(run, reference=replace(path, x=path.x + x, v=v))

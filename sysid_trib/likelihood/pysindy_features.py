@@ -1,0 +1,308 @@
+"""The forces of a library as a feature library of pysindy."""
+
+import ast
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pysindy import AxesArray
+from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
+from scipy.constants import golden_ratio
+from scipy.special import ndtri
+from sklearn.utils.validation import check_is_fitted
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.errors import DecayError, LibraryError
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
+from sysid_trib.records.inputs import KnownInput, values_of_inputs
+from sysid_trib.simulation.internal_states import states_along
+
+# What pysindy calls its inputs when nobody has named them.
+UNNAMED = ["x0", "x1"]
+# Points of each sample's cell at which forces that jump are averaged.
+POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
+BINDING: dict[type, tuple[int, str]] = {
+    ast.Add: (1, " + "),
+    ast.Sub: (1, " - "),
+    ast.Mult: (2, " "),
+    ast.Div: (2, "/"),
+    ast.Pow: (4, "^"),
+}
+
+
+class ForceFeatures(BaseFeatureLibrary):
+    """One feature for each force of a library, on the states [theta, theta'] with theta' = dtheta/d(w t).
+
+    Parameters
+    ----------
+    library : the forces; sensors act on no equation of motion and are left out.
+    sampling_time : s, needed by forces with states, memory or `t`: these follow each trajectory,
+        which is taken to start at t = 0.
+    reference_frequency : w in rad/s, needed by forces with states or memory.
+    shapes : shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+
+    Examples
+    --------
+    The forces of Eq. 1 from angle, rate and acceleration (theta, rate, acceleration in SI units)::
+
+        states = np.column_stack((theta, rate / w))
+        target = (acceleration / w**2 + theta)[:, None]
+        model = pysindy.SINDy(feature_library=ForceFeatures(load_library()),
+                              optimizer=pysindy.STLSQ(threshold=0, alpha=0))
+        model.fit(states, t=sampling_time, x_dot=target)
+        model.print(lhs=["theta'' + theta"])
+
+    The coefficients of `theta'' + theta = -f` are those of the forces with the sign changed.
+    """
+
+    def __init__(
+        self,
+        library: ForceLibrary,
+        sampling_time: float | None = None,
+        reference_frequency: float | None = None,
+        shapes: ShapeValues | None = None,
+    ) -> None:
+        self.library = library
+        self.sampling_time = sampling_time
+        self.reference_frequency = reference_frequency
+        self.shapes = shapes
+        self._inputs: Mapping[str, KnownInput] = {}
+
+    def driven_by(self, inputs: Mapping[str, KnownInput]) -> "ForceFeatures":
+        """The same with inputs that `evaluate` and `cell_averages` know over time."""
+        self._inputs = inputs
+        return self
+
+    @x_sequence_or_item
+    def fit(self, x_full: Sequence[Any], y: object = None) -> "ForceFeatures":
+        """Check that the forces can be computed from the trajectories.
+
+        Parameters
+        ----------
+        x_full : trajectory, or list of them, (sample, 2): theta (rad) and theta' (rad).
+        y : not used.
+
+        Raises
+        ------
+        DecayError
+            Not two columns.
+        LibraryError
+            A force needs `sampling_time` or `reference_frequency`, which is missing; no forces at all.
+        """
+        for x in x_full:
+            _check_columns(x)
+        if not self._forces:
+            raise LibraryError(f"Library '{self.library.title}' has no forces to make features of.")
+        for force in self._forces:
+            self._check_given(force)
+        self.n_features_in_ = 2
+        self.n_output_features_ = len(self._forces)
+        return self
+
+    @x_sequence_or_item
+    def transform(self, x_full: Sequence[Any]) -> list[AxesArray]:
+        """Value of every force along each trajectory, (sample, force)."""
+        check_is_fitted(self)
+        return [self._columns(x) for x in x_full]
+
+    def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
+        """Formulas in readable form, in theta and theta' unless the inputs have names of their own."""
+        given = None if input_features is None else list(input_features)
+        angle, rate = ("theta", "theta'") if given in (None, UNNAMED) else given[:2]
+        return [readable(force, angle, rate, self.shapes) for force in self._forces]
+
+    @property
+    def _forces(self) -> list[Force]:
+        return [force for force in self.library if force.kind == "force"]
+
+    def _check_given(self, force: Force) -> None:
+        needs = {"sampling_time (s)": (self.sampling_time, force.holds_time or not force.memoryless)}
+        needs["reference_frequency (rad/s)"] = (self.reference_frequency, not force.memoryless)
+        for name, (value, needed) in needs.items():
+            if needed and not (value is not None and np.isfinite(value) and value > 0):
+                raise LibraryError(
+                    f"Force '{force.symbol}' depends on time: give ForceFeatures a positive {name}."
+                )
+
+    def evaluate(
+        self, time: Array, angle: Array, rate: Array, internal: Mapping[str, Array] | None = None
+    ) -> Array:
+        """Value of every force along a motion at times of its own.
+
+        Parameters
+        ----------
+        time : (sample,) array of float, s
+            From the first sample.
+        angle, rate : (sample,) array of float, rad
+            theta and theta'.
+        internal : mapping of str to (sample,) array of float, optional
+            Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
+            along the motion.
+
+        Returns
+        -------
+        (sample, force) array of float, rad
+        """
+        columns = np.empty((*angle.shape, len(self._forces)))
+        for i, force in enumerate(self._forces):
+            columns[..., i] = self._value(force, time, angle, rate, internal)
+        return columns
+
+    def _value(
+        self, force: Force, time: Array, angle: Array, rate: Array, internal: Mapping[str, Array] | None
+    ) -> Array:
+        """Value of one force along a motion, its states as far as they are known."""
+        known = internal or {}
+        names = {name: f"{force.symbol}.{name}" for name in (*force.state, *force.memory)}
+        if all(name in known for name in names.values()):
+            hidden = {name: known[full] for name, full in names.items()}
+        else:
+            tau = time * float(self.reference_frequency or 0.0)
+            hidden = states_along(force, tau, angle, rate, self.shapes, time=time)
+        return force.value(angle, rate, time, shapes=self.shapes, hidden=hidden | self._given(force, time))
+
+    def _given(self, force: Force, time: Array) -> dict[str, Array]:
+        """What the formulas of a force hold of inputs at these times."""
+        if not force.channels:
+            return {}
+        return values_of_inputs(self._inputs, force.channels, time, float(self.reference_frequency or 1.0))
+
+    def _memoryless(self, force: Force, point: tuple[Array, Array, Array]) -> Array:
+        return force.value(*point, shapes=self.shapes, hidden=self._given(force, point[2]))
+
+    def cell_averages(
+        self,
+        time: Array,
+        angle: Array,
+        rate: Array,
+        acceleration: Array,
+        *,
+        rate_error: float = 0.0,
+        internal: Mapping[str, Array] | None = None,
+    ) -> Array:
+        """`evaluate`, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
+
+        Parameters
+        ----------
+        time : (sample,) array of float, s
+            From the first sample.
+        angle, rate, acceleration : (sample,) array of float, rad
+            theta, theta' and theta''.
+        rate_error : float, rad
+            Standard deviation of a rate that is not known exactly: the average is over its normal law too.
+        internal : mapping of str to (sample,) array of float, optional
+            As of `evaluate`.
+
+        Returns
+        -------
+        (sample, force) array of float, rad
+
+        Notes
+        -----
+        With an error the points are a Kronecker sequence over cell and probability, symmetric about their
+        middle, so that every point has a time and an error of its own. Cells in which nothing switches are
+        averaged too, by two points (Gauss): values beside averages would be, of few samples a period, a
+        pattern that no motion has, and that seems to tell apart what the record does not.
+        """
+        columns = np.empty((len(time), len(self._forces)))
+        frequency = float(self.reference_frequency or 0.0)
+        timed = any(force.holds_time or force.channels for force in self._forces)
+        number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
+        cell, parts = frequency * np.gradient(time), number / POINTS_OF_CELL
+        errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
+
+        def near(part: Any, error: Any, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
+            cell, at, angle, rate, acceleration = samples
+            ahead = part * cell
+            x, v = ahead * rate, ahead * acceleration
+            x += angle
+            v += rate
+            v += error
+            return x, v, at + ahead / frequency if timed else at
+
+        every, extremes = (cell, time, angle, rate, acceleration), np.unique([errors.min(), errors.max()])
+        corners = [near(part, error, every) for part in parts[[0, -1]] for error in extremes]
+        before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
+        for i, force in enumerate(self._forces):
+            # Internal states are continuous, and costly to compute.
+            if not force.memoryless:
+                columns[:, i] = self._value(force, time, angle, rate, internal)
+                continue
+            low, high = (self._memoryless(force, point) for point in (before, after))
+            columns[:, i] = 0.5 * (low + high)
+            if not force.surfaces:
+                continue
+            around = [(point, self._given(force, point[2])) for point in ((angle, rate, time), *corners)]
+            at = np.flatnonzero(_switches(force, around, self.shapes))
+            # Of these samples alone: few cells switch, and each has many points.
+            for few in np.array_split(at, 1 + len(at) // CELLS_AT_ONCE):
+                points = near(parts[:, None], errors[:, None], [values[few] for values in every])
+                columns[few, i] = self._memoryless(force, points).mean(axis=0)
+        return columns
+
+    def _columns(self, x: Any) -> AxesArray:
+        _check_columns(x)
+        states = np.asarray(x)
+        angle, rate = (states[..., i].astype(float) for i in range(2))
+        time = np.arange(len(states), dtype=np.float64) * np.float64(self.sampling_time or 0.0)
+        columns = self.evaluate(time, angle, rate)
+        dtype = np.result_type(states.dtype, np.float32)
+        return AxesArray(columns.astype(dtype, copy=False), {"ax_time": 0, "ax_coord": 1})
+
+
+def _switches(
+    force: Force,
+    points: Sequence[tuple[tuple[Array, Array, Array], dict[str, Array]]],
+    shapes: ShapeValues | None,
+) -> Mask:
+    """Which samples have points (x, v, t), and inputs, on both sides of a switching surface, (sample,)."""
+    switches = np.zeros(len(points[0][0][0]), bool)
+    shape = force.shape_values(shapes)
+    for surface in force.surfaces:
+        names = [dict(zip("xvt", point, strict=True)) | given | shape for point, given in points]
+        first, *others = (surface.evaluate(at) > 0.0 for at in names)
+        for other in others:
+            switches |= first != other
+    return switches
+
+
+def readable(
+    force: Force, angle: str = "theta", rate: str = "theta'", shapes: ShapeValues | None = None
+) -> str:
+    """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
+    names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
+    names |= {k: f"{value:g}" for k, value in force.shape_values(shapes).items()}
+    return _text(force.formula.tree, names, 2)
+
+
+def _text(tree: ast.AST, names: Mapping[str, str], binding: int) -> str:
+    """Text of a tree, in brackets if it binds less than `binding`."""
+    match tree:
+        case ast.Constant(value=value):
+            return f"{float(value):.12g}"  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return names.get(name, name)
+        case ast.UnaryOp(op=op, operand=operand):
+            inner = _text(operand, names, 3)
+            text = f"-{inner}" if isinstance(op, ast.USub) else inner
+            return f"({text})" if binding > 1 else text
+        case ast.BinOp(left=left, op=op, right=right):
+            binds, sign = BINDING[type(op)]
+            # Subtraction and division do not associate to the right, a power not to the left.
+            first = _text(left, names, binds + isinstance(op, ast.Pow))
+            text = first + sign + _text(right, names, binds + isinstance(op, ast.Sub | ast.Div))
+            return f"({text})" if binds < binding else text
+        case ast.Call(func=ast.Name(id=name), args=args):
+            texts = [_text(arg, names, 0) for arg in args]
+            spoken = "sgn" if name == "sign" else name
+            return f"|{texts[0]}|" if name == "abs" else f"{spoken}({', '.join(texts)})"
+    raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
+
+
+def _check_columns(x: Any) -> None:
+    shape = np.shape(x)
+    if len(shape) != 2 or shape[1] != 2:
+        raise DecayError(
+            "Force features need the two columns theta and theta' = dtheta/d(w t) (rad), "
+            f"not data of shape {shape}."
+        )

@@ -1,0 +1,267 @@
+"""What a record leaves open of the ratio of two variances, and a regression's mean and errors over it.
+
+With few degrees of freedom the most likely ratio is often far too small, or zero, and errors at that ratio
+alone would be too small as well. Where nothing pushes it is above zero by chance in four of ten records.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import expit
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.likelihood.linearisation import DeviationOperator
+from sysid_trib.likelihood.optimizers import ConstraintMap
+from sysid_trib.likelihood.problem import RunRegression
+from sysid_trib.likelihood.refined_columns import common_values
+from sysid_trib.likelihood.rows import Rows, stack_rows
+from sysid_trib.likelihood.solution import Solution, solve
+from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
+from sysid_trib.likelihood.weak_form import cholesky_factor, whitened_by_both
+
+# Logarithm of a probability, relative to the largest, that is left out.
+NEGLIGIBLE_LOG_WEIGHT = 6.0
+# Longest step between ratios, in their logarithm: a likelihood bends over a unit of it.
+LONGEST_LOG_STEP = 0.5
+
+
+class WeighedRatio(NamedTuple):
+    """A ratio of variances, the variance of the sensor's noise with it, and the probability of both."""
+
+    ratio: float
+    variance: float
+    weight: float
+
+
+class RatioAverage(NamedTuple):
+    """Parameters over the ratios that a record leaves open.
+
+    Attributes
+    ----------
+    shift : (parameter,) array of float
+        From the parameters at the most likely ratio to their mean.
+    covariance : (parameter, parameter) array of float
+        What the open ratio adds to the covariance at the most likely one.
+    """
+
+    shift: Array
+    covariance: Array
+
+
+class _Likelihood(NamedTuple):
+    """Of a ratio: its logarithm, deviance, variance, logarithm of the determinant, degrees of freedom."""
+
+    logarithm: float
+    deviance: float
+    variance: float
+    determinant: float
+    degrees_of_freedom: float
+
+
+def average_over_ratios(
+    rows: Callable[[float], WhiteRows],
+    estimate: VarianceRatio,
+    samples: int,
+    solved: Callable[[VarianceRatio], tuple[Array, Array]],
+) -> RatioAverage:
+    """Mean of parameters over the ratios that a record leaves open, and the errors of that mean.
+
+    Parameters
+    ----------
+    rows : callable
+        The white rows of a ratio.
+    estimate : VarianceRatio
+        As `variance_ratio` gives it of these rows.
+    samples : int
+        Of the record.
+    solved : callable
+        Parameters and their covariance with a ratio and its variance.
+
+    Returns
+    -------
+    RatioAverage
+
+    Notes
+    -----
+    Bayesian model averaging (Hoeting et al. 1999): the mean is over the model without the second part and the
+    one with it, by the probability of each (`probability_of_none`). So a ratio that is above zero by chance
+    costs next to nothing. The errors are about this mean, over the ratios above zero: they hold
+    where there is a second part that the record hardly shows.
+    """
+    best, best_covariance = solved(estimate)
+    nodes = ratio_posterior(rows, estimate)
+    if not nodes:
+        return RatioAverage(np.zeros_like(best), np.zeros_like(best_covariance))
+    others = [solved(replace(estimate, ratio=node.ratio, variance=node.variance)) for node in nodes]
+    none, _ = solved(replace(estimate, ratio=0.0, variance=rows(0.0).restricted_deviance()[1]))
+    weight = np.array([node.weight for node in nodes])
+    change = np.array([values for values, _ in others]) - best
+    probability = probability_of_none(estimate.gain, samples)
+    shift = probability * (none - best) + (1.0 - probability) * (weight @ change)
+    added = np.array([covariance for _, covariance in others]) - best_covariance
+    off = change - shift
+    return RatioAverage(shift, np.tensordot(weight, added, 1) + (weight[:, None] * off).T @ off)
+
+
+def probability_of_none(gain: float, samples: int) -> float:
+    """Of a ratio of zero, where one above it lowers the deviance by `gain`, both being as probable before.
+
+    By the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to kicks that
+    each sample shows, also grows with the root of the number of samples.
+    """
+    return float(expit(0.5 * (np.log(samples) - gain)))
+
+
+def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio) -> list[WeighedRatio]:
+    """The ratios that a record leaves open.
+
+    Parameters
+    ----------
+    rows : callable
+        The white rows of a ratio.
+    estimate : VarianceRatio
+        As `variance_ratio` gives it of these rows.
+
+    Returns
+    -------
+    list of WeighedRatio
+        Their probabilities sum to one; empty where the likelihood tells no upper end.
+
+    Notes
+    -----
+    The restricted likelihood times Jeffreys' prior of both variances (1946), with which intervals have their
+    coverage to a higher order (Welch and Peers 1963). By the logarithm of the ratio that is
+    sqrt(tr A^2 - (tr A)^2/n), A the derivative of the logarithm of the covariance: in proportion to a small
+    ratio, so that zero has no weight of its own, and constant where the ratio is known well. With D the
+    logarithm of the restricted determinant, tr A = D' and tr A^2 = D' - D''.
+    """
+    centre = float(np.log(estimate.ratio if estimate.ratio > 0.0 else estimate.upper))
+    if not np.isfinite(centre):
+        return []
+    step = float(np.nanmin([estimate.relative_error, LONGEST_LOG_STEP]))
+    table = [*_outward(rows, centre - step, -step, estimate.deviance)[::-1]]
+    table += _outward(rows, centre, step, estimate.deviance)
+    logarithm, deviance, variance, determinant, degrees_of_freedom = np.array(table).T
+    spline = CubicSpline(logarithm, determinant)
+    slope, bend = spline(logarithm, 1), spline(logarithm, 2)
+    prior = np.sqrt(np.maximum(slope - bend - slope**2 / degrees_of_freedom, 0.0))
+    weight = prior * np.exp(0.5 * (np.min(deviance) - deviance))
+    nodes = np.column_stack([np.exp(logarithm), variance, weight / np.sum(weight)])
+    return [WeighedRatio(*node) for node in nodes.tolist()]
+
+
+def _outward(
+    rows: Callable[[float], WhiteRows], first: float, step: float, least: float
+) -> list[_Likelihood]:
+    """Likelihoods from a logarithm of the ratio on, as far as they count."""
+    table = []
+    for logarithm in first + step * np.arange(np.ceil(2.0 * NEGLIGIBLE_LOG_WEIGHT / abs(step))):
+        white = rows(float(np.exp(logarithm)))
+        deviance, variance = white.restricted_deviance()
+        degrees_of_freedom = white.degrees_of_freedom
+        determinant = deviance - degrees_of_freedom * np.log(variance)
+        table.append(_Likelihood(float(logarithm), deviance, variance, determinant, degrees_of_freedom))
+        # A small ratio has a prior that falls with it.
+        if deviance > least + 2.0 * NEGLIGIBLE_LOG_WEIGHT or first - logarithm > NEGLIGIBLE_LOG_WEIGHT:
+            break
+    return table
+
+
+class Prior(NamedTuple):
+    """As of further samples of the sensor's noise, beside the rows.
+
+    Attributes
+    ----------
+    samples : float
+        How many.
+    squares : float, rad^2
+        Sum of the squares of their innovations.
+    log_determinant : float
+        Of their covariance, in units of the variance of the innovations.
+    """
+
+    samples: float
+    squares: float
+    log_determinant: float = 0.0
+
+
+class RatioLikelihood(NamedTuple):
+    """Rows of one run by the ratio of its two variances.
+
+    Attributes
+    ----------
+    band, gram : (band, row) array of float
+        Covariance of the rows by the sensor's noise and by the random force, of unit variance.
+    table : (row, column) array of float
+        Free columns, nuisances, target.
+    prior : Prior
+        What is known besides of the sensor's noise.
+    """
+
+    band: Array
+    gram: Array
+    table: Array
+    prior: Prior
+
+    def rows(self, ratio: float) -> WhiteRows:
+        """White with this ratio."""
+        white, log_determinant = whitened_by_both(self.band, self.gram, ratio, self.table)
+        samples, squares, of_prior = self.prior
+        # One row has the squares of all further samples.
+        design = np.concatenate([white[:, :-1], np.zeros((1, white.shape[1] - 1))])
+        target = np.append(white[:, -1], np.sqrt(squares))
+        return WhiteRows(target, design, log_determinant + of_prior, further=samples - 1.0)
+
+    def factor(self, ratio: float) -> Array:
+        """Cholesky factor of the covariance."""
+        return cholesky_factor(self.band, self.gram, ratio)
+
+
+class WeighedRun(NamedTuple):
+    """A run with its `noises`, its rows, the operator that they are taken with, and its likelihood."""
+
+    run: RunRegression
+    rows: Rows
+    operator: DeviationOperator
+    likelihood: RatioLikelihood
+
+
+def average_by_ratios(
+    weighed: Sequence[WeighedRun], solution: Solution, active: Mask, constraints: ConstraintMap
+) -> RatioAverage:
+    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself.
+
+    Parameters
+    ----------
+    weighed : sequence of WeighedRun
+        All runs of the solution.
+    solution : Solution
+        At the most likely ratios.
+    active : (force,) array of bool
+    constraints : ConstraintMap
+    """
+    zero = np.zeros_like(solution.covariance)
+    shift, added = zero[0], zero
+    for at, (run, _, _, likelihood) in enumerate(weighed):
+        assert run.noises is not None
+        solved = partial(_solved_with, weighed, at, active, constraints)
+        average = average_over_ratios(likelihood.rows, run.noises.ratio, len(run.problem.time), solved)
+        shift, added = shift + average.shift, added + average.covariance
+    return RatioAverage(shift, added)
+
+
+def _solved_with(
+    weighed: Sequence[WeighedRun], at: int, active: Mask, constraints: ConstraintMap, ratio: VarianceRatio
+) -> tuple[Array, Array]:
+    """Coefficients and frequency, and their covariance, with another ratio of one run."""
+    runs, rows = [each_run.run for each_run in weighed], [each_run.rows for each_run in weighed]
+    noises = runs[at].noises
+    assert noises is not None
+    runs[at] = replace(runs[at], noises=replace(noises, ratio=ratio))
+    rows[at] = replace(rows[at], factor=weighed[at].likelihood.factor(ratio.ratio))
+    other = solve(stack_rows(tuple(runs), rows), runs[0], active, constraints)
+    return common_values(other.applied_to(tuple(runs))), other.covariance

@@ -1,0 +1,235 @@
+"""Rows of a run about its path, of as many samples as it needs: columns, and the noise of both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from scipy.signal import savgol_filter
+from scipy.sparse.linalg import spsolve
+
+from sysid_trib.arrays import Array
+from sysid_trib.likelihood.likelihood import Likelihood
+from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.resolution import unresolved
+from sysid_trib.likelihood.row_noise import covariance_of_local_rows
+from sysid_trib.likelihood.run_products import RowNoise, RunProducts, products_of
+from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import TrialEffect
+from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, log_determinant, whiten
+from sysid_trib.records.equilibrium import with_half_periods
+from sysid_trib.records.sensor import coarse_step
+from sysid_trib.records.signal import is_uniform
+from sysid_trib.records.smoothing import sensor_noise
+
+# Of a sensor of coarse steps at least so many samples a period are kept.
+FEWEST_PER_PERIOD = 10
+
+
+def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) -> xr.Dataset:
+    """The decay with some `per_period` samples a period, each from a parabola through its neighbours.
+
+    A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
+    and no sample enters two of them: noise stays white, and its level falls. The rounding of a sensor of
+    coarse steps is white where the motion passes a step from one sample to the next: single samples that
+    far apart. attrs: `decimated`.
+    """
+    time, angle, halves = with_half_periods(decay)
+    period = 2.0 * np.median(halves.duration) / np.median(np.diff(time))
+    apart = _apart_for_rounding(angle, coarse_step(decay, sensor_noise(decay)))
+    factor = max(int(period / per_period), min(apart, int(period / FEWEST_PER_PERIOD)))
+    if factor < 2:
+        return decay
+    width = factor if factor % 2 else factor - 1
+    smoothed = not apart and width >= 3 and is_uniform(time)
+    if smoothed:
+        angle = savgol_filter(angle, width, 2)
+    kept = slice(factor // 2, None, factor)
+    # What holds for the whole decay, such as its equilibrium, stays.
+    fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))
+    fewer = fewer.assign(angle=("time", angle[kept], decay.angle.attrs))
+    how = "parabolas" if smoothed else "single samples"
+    return fewer.assign_attrs(decimated=f"{len(time)} samples to {fewer.sizes['time']}, by {how}")
+
+
+def _apart_for_rounding(angle: Array, step: float) -> int:
+    """How many samples apart most values differ by a coarse step of the sensor; 0 of a fine one."""
+    if not step:
+        return 0
+    apart = 1
+    while apart < len(angle) // 2 and np.median(np.abs(angle[apart:] - angle[:-apart])) < step:
+        apart += 1
+    return apart
+
+
+@dataclass(frozen=True)
+class RunRows:
+    """What a run's rows are made of, about its path.
+
+    Attributes
+    ----------
+    path : RecordPath
+    operator, acting : (row, sample) sparse array of float
+        Of small deviations of the record, on the sensor's noise and on its innovations.
+    gain : (sample,) array of float
+        By which the record rises with the angle, in the operator.
+    """
+
+    path: RecordPath
+    operator: sp.csr_matrix
+    acting: sp.csr_matrix
+    gain: Array
+
+    @cached_property
+    def band(self) -> Array:
+        """Covariance of the rows by the innovations of the sensor's noise, of unit size."""
+        return covariance_of_local_rows(self.acting)
+
+    @cached_property
+    def white_band(self) -> Array:
+        """The same by white noise of the sensor."""
+        return self.band if self.acting is self.operator else covariance_of_local_rows(self.operator)
+
+    @cached_property
+    def target(self) -> Array:
+        """What the columns are to explain, (row,)."""
+        return -(self.operator @ (self.path.angle - self.path.at_samples[0])) - self.path.known_part
+
+    def columns(self, trials: Sequence[TrialEffect]) -> Array:
+        """Of each trial, (row, trial)."""
+        return self.path.columns(trials, self.operator)
+
+    def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
+        """The same from a fifth of the points, as far as they serve to compare."""
+        settings = self.path.settings
+        # Not kept: of a long record it is tens of MB for the rows of each model.
+        fewer = replace(settings, points_per_period=settings.points_per_period // 5)
+        return replace(self.path, settings=fewer).columns(trials, self.operator)
+
+    def products(self, columns: Array, near: float | None = None) -> RunProducts:
+        """Products of the target and columns, (row, column); see `products_of`."""
+        path, table = self.path, np.column_stack([self.target, columns])
+        noise = RowNoise(self.band, self.white_band, path.form, path.sensor.innovation)
+        return products_of(noise, table, path.settings, near)
+
+    def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
+        """Columns (row, column) in which the noises of a run are white and of unit variance."""
+        factor = cholesky_factor(self.band, self.path.form.gram, float(likelihood.ratios[run]))
+        return whiten(factor, table) / np.sqrt(likelihood.variances[run])
+
+    def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
+        """By how much the deviance beside a random force is too low, where rows do not resolve a stiffness.
+
+        By all that the determinant of the noise alone is too large where the random force shows in far more,
+        by nothing without one.
+        """
+        excess = unresolved(self.path.form, self.path.points.tau, *tangent, self.path.operator(tangent))
+        noise, both = (
+            log_determinant(cholesky_factor(self.band, self.path.form.gram, q)) for q in (0.0, ratio)
+        )
+        return excess * (both - noise) / (both - noise + excess) if excess else 0.0
+
+    def smoothed_motion(
+        self,
+        residual: Array,
+        errors: Array,
+        slopes: tuple[Array, Array],
+        ratio: float,
+        part: float = 1.0,
+    ) -> Array:
+        """The most likely motion at the samples, (sample,), or a part of the way there from the path.
+
+        Parameters
+        ----------
+        residual : (row,) array of float
+            What a model leaves of the rows.
+        errors : (sample,) array of float, rad
+            Of the sensor, its zero among them.
+        slopes : pair of (sample,) array of float
+            By which these errors grow with the angle and with its rate.
+        ratio : float
+            Of the random force to the noise of the sensor.
+        part : float
+
+        Notes
+        -----
+        Of all splines beside the path the one with the least squares of the sensor's innovations and of the
+        random force together; without a random force its rows vanish, and it is a free motion of the model.
+        The multipliers of the rows in this saddle point are the random force over its covariance.
+        """
+        unexplained = self.path.angle - errors - self.path.at_samples[0]
+        at_rest = residual + self.operator @ unexplained
+        step = self._most_likely(self._whitening @ unexplained, at_rest, slopes, ratio)
+        return np.asarray(self.path.at_samples[0] + part * step)
+
+    def possible_deviation(
+        self, deviation: float, slopes: tuple[Array, Array], ratio: float, random: np.random.Generator
+    ) -> Array:
+        """By what the motion may differ from the most likely one, drawn by its probability, (sample,), rad.
+
+        Parameters
+        ----------
+        deviation : float, rad
+            Of the sensor's innovations.
+        slopes, ratio
+            As of `smoothed_motion`.
+        random : Generator
+
+        Notes
+        -----
+        The most likely motion of noises that are drawn has the covariance of the motion's uncertainty
+        (Papandreou, Yuille 2010).
+        """
+        innovations = random.standard_normal(len(self.path.time))
+        force = np.zeros(self.path.form.rows)
+        if ratio:
+            lower = cholesky_factor(np.zeros_like(self.band), self.path.form.gram, ratio)
+            force = _banded(lower, len(force)) @ random.standard_normal(len(force))
+        return deviation * self._most_likely(innovations, force, slopes, ratio)
+
+    @cached_property
+    def _whitening(self) -> sp.dia_array:
+        count = len(self.path.time)
+        # The filter of a whole record may be longer than a part of it.
+        return _banded(self.path.sensor.filter_[:count], count)
+
+    def _most_likely(
+        self, innovations: Array, force: Array, slopes: tuple[Array, Array], ratio: float
+    ) -> Array:
+        """The most likely spline at the samples by innovations (sample,) and integrals of a force (row,)."""
+        splines = self.path.form.splines
+        basis = seen = splines.design()
+        if np.any(slopes):
+            seen = basis + sp.diags_array(slopes[0]) @ basis + sp.diags_array(slopes[1]) @ splines.design(1)
+        white = (self._whitening @ seen).tocsr() if len(self.path.sensor.filter_) > 1 else seen
+        felt = self.operator @ (sp.diags_array(self.gain) @ basis if np.any(self.gain != 1.0) else basis)
+        lower = _banded(self.path.form.gram, len(force))
+        covariance = ratio * (lower + sp.tril(lower, -1).T)
+        system = sp.block_array([[white.T @ white, felt.T], [felt, -covariance]], format="csc")
+        right = np.concatenate([white.T @ innovations, force])
+        return np.asarray(basis @ spsolve(system, right)[: basis.shape[1]])
+
+
+def _banded(diagonals: Array, count: int) -> sp.dia_array:
+    """A lower triangle of the diagonal and those below it, each of one value or of many."""
+    return sp.diags_array(diagonals, offsets=-np.arange(len(diagonals)), shape=(count, count))
+
+
+def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
+    """The rows of a run beside a model of coefficients and stiffness `guess`, (trial + 1,)."""
+    tangent = path.tangent(trials, guess[:-1], guess[-1])
+    operator, gain = path.operator(tangent), path.sensor_gain(trials, guess[:-1])
+    # A motion deviates by less than the record where errors of the sensor grow with the angle.
+    if np.any(gain != 1.0):
+        operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()
+    return RunRows(path, operator, coloured(operator, path.sensor.filter_), gain)
+
+
+def nuisances(rows: RunRows, run: int, runs: int, frequency_free: bool) -> Array:
+    """Columns of the stiffness and of each run's zero of the sensor, (row, 1 + run)."""
+    zeros = np.zeros((rows.path.form.rows, runs))
+    zeros[:, run] = -(rows.operator @ np.ones(len(rows.path.time)))
+    stiffness = rows.path.stiffness_column[:, None]
+    return np.column_stack([stiffness, zeros]) if frequency_free else zeros

@@ -1,0 +1,221 @@
+"""The sensor's noise: its level, its colour as an autoregression, and whether numbers are white."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from scipy.signal import lfilter, oaconvolve
+from scipy.stats import chi2
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.results.variables import Variables, noise_of_run, variable
+
+MAX_ORDER = 20
+# Part of itself that is left of what coloured noise has forgotten.
+FORGOTTEN = 1e-3
+
+
+def autoregression(residual: Array) -> Array:
+    """Filter that whitens a residual.
+
+    Parameters
+    ----------
+    residual : (sample,) array of float
+
+    Returns
+    -------
+    (order + 1,) array of float
+        Its coefficients, the first is 1.
+    """
+    n = len(residual)
+    centred = residual - residual.mean()
+    covariance = np.array([centred[k:] @ centred[: n - k] for k in range(_highest_order(n) + 1)]) / n
+    return autoregression_of(covariance, n)[0]
+
+
+def autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
+    """Autoregression of noise with a given autocovariance.
+
+    Parameters
+    ----------
+    covariance : (lag,) array of float
+    samples : int
+        Number of samples that the autocovariance is from.
+
+    Returns
+    -------
+    whitening_filter : (order + 1,) array of float
+    variance : float
+        Of the innovations.
+
+    Notes
+    -----
+    Yule and Walker's equations; the order minimises n log(variance) + order log(n).
+    """
+    # Here, since a program that needs no autoregression starts faster without.
+    from statsmodels.tsa.stattools import levinson_durbin
+
+    highest = min(_highest_order(samples), len(covariance) - 1)
+    if highest < 1 or covariance[0] <= 0.0:
+        return np.ones(1), float(covariance[0])
+    # Noise that its past determines has no variance left at some order, and no higher order is defined.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        *_, variances, weights = levinson_durbin(covariance, nlags=highest, isacov=True)
+    variances[0] = covariance[0]
+    scores = samples * np.log(np.maximum(variances, 1e-300)) + np.arange(highest + 1) * np.log(samples)
+    order = int(np.nanargmin(scores))
+    return np.concatenate([[1.0], -weights[1 : order + 1, order]]), float(variances[order])
+
+
+def fractional_difference(order: float, taps: int) -> Array:
+    """Filter that whitens noise with a spectrum of 1/f^(2 d).
+
+    Parameters
+    ----------
+    order : float
+        The d of fractional differencing.
+    taps : int
+
+    Returns
+    -------
+    (tap,) array of float
+        The coefficients of (1 - B)^d (Hosking 1981).
+    """
+    k = np.arange(1, taps)
+    return np.concatenate([[1.0], np.cumprod((k - 1.0 - order) / k)])
+
+
+def warm_up_samples(whitening_filter: Array) -> int:
+    """First samples that a filter has no past for; of a long one, those that would need most of it."""
+    return min(len(whitening_filter) - 1, MAX_ORDER)
+
+
+def memory_samples(whitening_filter: Array) -> int:
+    """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`.
+
+    Of a long one twice its length: what noise of long memory does after so long, it leaves out itself.
+    """
+    if len(whitening_filter) == 1:
+        return 0
+    if len(whitening_filter) - 1 > MAX_ORDER:
+        return 2 * len(whitening_filter)
+    slowest = min(max(float(np.max(np.abs(np.roots(whitening_filter)))), 1e-3), 1.0 - 1e-4)
+    return int(np.ceil(np.log(FORGOTTEN) / np.log(slowest))) + len(whitening_filter)
+
+
+def whitened(values: Array, whitening_filter: Array) -> Array:
+    """Values along the first axis after the whitening filter, without the first that have no past."""
+    start = warm_up_samples(whitening_filter)
+    if len(whitening_filter) - 1 > MAX_ORDER:
+        taps = whitening_filter.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray(oaconvolve(values, taps, axes=0))[start : len(values)]
+    return np.asarray(lfilter(whitening_filter, [1.0], values, axis=0))[start:]
+
+
+def _highest_order(samples: int) -> int:
+    return min(MAX_ORDER, samples // 20)
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of one run.
+
+    Attributes
+    ----------
+    innovation : float, rad
+        Standard deviation of the innovations.
+    filter_ : (tap,) array of float
+        Whitens the noise; [1] if it is white.
+    """
+
+    innovation: float
+    filter_: Array
+
+    @property
+    def warm_up(self) -> int:
+        """First samples that cannot be whitened."""
+        return warm_up_samples(self.filter_)
+
+    @property
+    def standard_deviation(self) -> float:
+        """Standard deviation of a sample, rad."""
+        # Lines of a record: 1/f noise has more the longer it lasts.
+        lines = len(self.filter_) if self.warm_up < len(self.filter_) - 1 else 4096
+        power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
+        return self.innovation * float(np.sqrt(np.mean(1.0 / power)))
+
+    def of_every(self, step: int, samples: int) -> "NoiseModel":
+        """The noise of every `step`-th sample, of so many that are kept: again taken as an autoregression."""
+        if step == 1 or len(self.filter_) == 1:
+            return self
+        lags = step * MAX_ORDER + 1
+        # The autocovariance of the series of innovations' responses, long enough to have died away.
+        response = lfilter([1.0], self.filter_, np.eye(1, lags + 2 * memory_samples(self.filter_))[0])
+        size = len(response)
+        covariance = np.array([response[lag:] @ response[: size - lag] for lag in range(0, lags, step)])
+        filter_, variance = autoregression_of(covariance, samples)
+        return NoiseModel(self.innovation * float(np.sqrt(variance)), filter_)
+
+    def draws(self, samples: int, count: int) -> Array:
+        """Realisations of such noise, (count, samples), rad, of mean zero; always the same."""
+        lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
+        response = np.fft.rfft(self.filter_, samples)
+        # A walk has no mean to come back to.
+        lines[:, 0], response[0] = 0.0, 1.0
+        return np.asarray(np.fft.irfft(self.innovation * lines / response, samples))
+
+
+FILTER = "noise_filter"
+
+
+def colour_variables(filters: Sequence[Array]) -> Variables:
+    """What whitens the sensor's noise in each run, as variables of a result; none where all is white.
+
+    Parameters
+    ----------
+    filters : (run,) sequence of (tap,) arrays of float
+        Autoregressions; the first coefficient of each is 1.
+    """
+    taps = max(len(filter_) for filter_ in filters)
+    if taps == 1:
+        return {}
+    table = np.stack([np.pad(filter_, (0, taps - len(filter_))) for filter_ in filters])
+    text = "autoregression that whitens the sensor's noise"
+    if len(filters) == 1:
+        return {FILTER: variable("tap", table[0], text, "1")}
+    return {FILTER: variable(("run", "tap"), table, text, "1")}
+
+
+def sensor_noise_of(result: xr.Dataset, run: int = 0) -> NoiseModel:
+    """The sensor's noise in one run of an identification; white where it says nothing of a colour."""
+    level = noise_of_run(result, run)
+    if FILTER not in result:
+        return NoiseModel(level, np.ones(1))
+    table = result[FILTER]
+    filter_ = np.trim_zeros(table.values[run] if "run" in table.dims else table.values, "b")
+    return NoiseModel(level / NoiseModel(1.0, filter_).standard_deviation, filter_)
+
+
+# Autocorrelations that are looked at.
+MOST_LAGS = 20
+# Level at which a residual is not white.
+WHITE_LEVEL = 1e-3
+
+
+def autocorrelation(values: Array, lags: Index) -> Array:
+    """Autocorrelation at some lags, (lag,), of values whose mean is left in: residuals should have none."""
+    whole = float(values @ values)
+    return np.array([values[lag:] @ values[:-lag] for lag in lags]) / (whole if whole > 0.0 else 1.0)
+
+
+def ljung_box_p_value(correlation: Array, lags: Index, count: int) -> float:
+    """P-value that so many values are white, by their autocorrelations at some lags, (lag,)."""
+    statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
+    return float(chi2.sf(statistic, len(lags)))
+
+
+def white_p_value(residual: Array) -> float:
+    """P-value that a residual, (sample,), is white; 1 of one too short to tell."""
+    lags = np.arange(1, min(MOST_LAGS, len(residual) // 4) + 1)
+    return ljung_box_p_value(autocorrelation(residual, lags), lags, len(residual)) if len(lags) else 1.0

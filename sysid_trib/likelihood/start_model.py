@@ -1,0 +1,222 @@
+"""The start of a search: the model that is given, fitted beside both noises, at its own frequency."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import LibraryError
+from sysid_trib.forces.force import Force
+from sysid_trib.likelihood.colour import (
+    MAX_COLOUR,
+    colour_above,
+    colours_beside,
+    most_likely_colour,
+    of_order,
+)
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
+from sysid_trib.likelihood.model_fit import fit_model, fitted_along
+from sysid_trib.likelihood.paths import RecordPath, path_of
+from sysid_trib.likelihood.row_noise import covariance_of_local_rows
+from sysid_trib.likelihood.run_products import RowNoise, products_of
+from sysid_trib.likelihood.sensor_noise import NoiseModel, fractional_difference
+from sysid_trib.likelihood.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.trials import TrialEffect, reference_power
+from sysid_trib.likelihood.weak_form import coloured
+from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth, swing_frequency
+
+# Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
+SAME_REFERENCE, RESCALINGS = 0.02, 4
+# Factor by which the reference changes at most in each. A model whose own frequency is lower than by that, or
+# none at all since forces of the motion hold it up, keeps the reference.
+MOST_RESCALED = 2.0
+
+
+def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
+    """The model fitted again, with its frequency as the reference.
+
+    `paths` : of the same frequency as the model's; by default the model's.
+    """
+    near = [rows.path for rows in model.rows] if paths is None else paths
+    for _ in range(RESCALINGS):
+        squared = 1.0 + model.stiffness
+        oscillates = squared >= 1.0 / MOST_RESCALED**2
+        factor = min(float(np.sqrt(squared)), MOST_RESCALED) if oscillates else 1.0
+        # The same forces, or a narrow resonance would no longer be where it was.
+        powers = np.array([reference_power(trial.force) for trial in model.trials])
+        first = np.append(model.coefficients * factor**powers, 0.0 if oscillates else model.stiffness)
+        rescaled = [path.rescaled(path.frequency * factor) for path in near]
+        trials, free = [trial.referred(factor) for trial in model.trials], model.frequency_free
+        after = fit_model(rescaled, trials, frequency_free=free, first=first)
+        if paths is None and after.likelihood.deviance > model.likelihood.deviance + model.settings.far:
+            # Shapes that hardly matter may lead astray: along the path where they were found, then.
+            after = fitted_along(rescaled, trials, first, free)
+        model = after
+        same = model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
+        if same or not oscillates:
+            break
+        near = [rows.path for rows in model.rows]
+    return model
+
+
+# Harmonics that the spline of a path follows, at least in part.
+ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
+# The d of 1/f noise, and the periods over which it is followed: the zero takes a part of what is slower.
+FLICKER, FLICKER_PERIODS = 0.5, 2.0
+# By which a partial autocorrelation is changed for the slope of the deviance.
+LITTLE_COLOUR = 0.05
+
+
+def fit_start_model(
+    runs: Sequence[xr.Dataset],
+    forces: Sequence[Force],
+    frequency: float | None,
+    settings: Settings = DEFAULTS,
+    held: Sequence[tuple[TrialEffect, float]] = (),
+) -> FittedModel:
+    """Fit the start model beside both noises of each run.
+
+    Parameters
+    ----------
+    runs : sequence of Dataset
+        With `angle(time)`.
+    forces : sequence of Force
+    frequency : float or None, rad/s
+        The reference frequency, held; None has it fitted.
+    settings : Settings
+    held : sequence of (TrialEffect, float)
+        Forces that are always there, with their coefficients.
+
+    Raises
+    ------
+    LibraryError
+        A force has no values along the motion.
+    """
+    nominal = frequency or float(np.median([swing_frequency(run) for run in runs]))
+    paths = [replace(_first_path(run, nominal, settings), held=tuple(held)) for run in runs]
+    trials = [TrialEffect(force, default_shapes(force)) for force in forces]
+    model = fit_model(paths, trials, frequency_free=frequency is None)
+    if not (model.is_finite and np.isfinite(model.deviance)):
+        symbols = ", ".join(model.without_values)
+        raise LibraryError(
+            f"The start model cannot be computed along this record ({symbols}): a force or its slope is not "
+            "finite there; leave it out."
+        )
+    return refitted(model)
+
+
+def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedModel:
+    """The model beside noise of the sensor of the colour that makes its rows likeliest.
+
+    Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
+    tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
+    information criterion. How far that is from `other`, of the same runs, need be known to a part of itself.
+    """
+    sensors = [_likeliest_sensor(model, run, other) for run in range(len(model.rows))]
+    known = [rows.path.sensor for rows in model.rows]
+    same = all(np.array_equal(a.filter_, b.filter_) for a, b in zip(sensors, known, strict=True))
+    return model if same else beside_noises(model, sensors)
+
+
+def beside_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
+    """The model fitted beside other noises of the sensor, one of each run."""
+    paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
+    first = np.append(model.coefficients, model.stiffness)
+    return refitted(fit_model(paths, model.trials, frequency_free=model.frequency_free, first=first))
+
+
+def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> NoiseModel:
+    """Noise of a run of the likeliest colour, of the order that its rows ask for."""
+    path = model.rows[run].path
+    known, samples = path.sensor.filter_, len(path.time)
+    beside_colour = _beside_colours(model, run)
+
+    def deviance_of(filter_: Array) -> float:
+        return beside_colour(filter_).deviance
+
+    least = _beside_colours(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
+    best, filter_ = deviance_of(known) + _parameters_of(path.sensor) * float(np.log(samples)), known
+    # The spectrum mostly shows the colour: a little more of it is tried before a search.
+    if gain_of_little_colour(deviance_of, known) > np.log(samples):
+        best = np.inf
+        for order in range(MAX_COLOUR + 1):
+            starts = [of_order(start, order) for start in (np.ones(1), filter_, known)]
+            tried, deviance = most_likely_colour(
+                deviance_of, starts, samples=float(path.form.rows), least=least
+            )
+            score = deviance + order * float(np.log(samples))
+            if score < best:
+                best, filter_ = score, tried
+            elif order >= len(known):
+                break
+    # An autoregression may be the likeliest of its kind where noise is as 1/f.
+    if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
+        filter_ = flicker
+    return NoiseModel(float(np.sqrt(beside_colour(filter_).variances[0])), filter_)
+
+
+def _beside_colours(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
+    """Maximum likelihood of a run's rows beside noise of a whitening filter (tap,)."""
+    rows, table = model.rows[run], np.column_stack([model.rows[run].target, model.tables[run]])
+    # Of a level that another colour gave nothing is known.
+    form, settings = rows.path.form, replace(model.settings, level_rows=0.0)
+    columns, level = range(1, table.shape[1]), rows.path.sensor.innovation
+    near = model.likelihood.ratios[[run]]
+
+    def beside(filter_: Array) -> Likelihood:
+        band = covariance_of_local_rows(coloured(rows.operator, filter_))
+        noise = RowNoise(band, rows.white_band, form, level)
+        likeliest = likeliest_near([partial(products_of, noise, table, settings)], near.tolist(), columns)[1]
+        # The next colour is near to this one.
+        near[:] = likeliest.ratios
+        return likeliest
+
+    return beside
+
+
+def _flicker_filter(path: RecordPath) -> Array:
+    """Whitening filter of 1/f noise, (tap,)."""
+    per_period = 2.0 * np.pi / float(np.median(np.diff(path.form.tau)))
+    return fractional_difference(FLICKER, max(2 + MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
+
+
+def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
+    """By how much the deviance would fall by the partial autocorrelation that shows most beside a colour.
+
+    By its slope and its bend there (Rao's score test).
+    `deviance` : of a whitening filter, (tap,).
+    """
+    here, gains = deviance(of_order(filter_, MAX_COLOUR)), []
+    for less, more in colours_beside(filter_, LITTLE_COLOUR):
+        below, above = deviance(less), deviance(more)
+        slope, bend = above - below, above - 2.0 * here + below
+        gains.append(slope**2 / (8.0 * bend) if bend > 0.0 else np.inf)
+    return max(gains)
+
+
+def colour_penalty(model: FittedModel) -> float:
+    """What the colours of a model's noise cost beside its deviance (Bayesian information criterion)."""
+    return float(sum(_parameters_of(rows.path.sensor) * np.log(len(rows.path.time)) for rows in model.rows))
+
+
+def _parameters_of(sensor: NoiseModel) -> int:
+    """Of its colour: a filter that is longer than any autoregression's is that of 1/f noise, with one."""
+    order = len(sensor.filter_) - 1
+    return order if order <= MAX_COLOUR else 1
+
+
+def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
+    """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
+    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
+    tau = frequency * (time - time[0])
+    sensor = colour_above(angle - smooth(tau, angle).x, tau, ABOVE)
+    return path_of(time, angle, frequency, sensor, settings=settings)
+
+
+def default_shapes(force: Force) -> dict[str, float]:
+    """Shape parameters of a force by their names, `dahl.s`."""
+    return {f"{force.symbol}.{name}": shape.default for name, shape in force.shape.items()}

@@ -1,0 +1,256 @@
+"""How much of the noise is a random force: restricted likelihood in the ratio of two variances.
+
+Rows of noise with the covariance variance * (A + ratio * B), A of the sensor's noise and B of a random force
+of unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the estimated coefficients.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+
+# Ratios tried: a wander far below a noise level at the end, and kicks far above it at each sample.
+SMALLEST_WANDER = 0.03
+LARGEST_KICK = 10.0
+# Rounds for the sensor's variance beside a random force that is given.
+VARIANCE_ROUNDS = 6
+# A change of it, in parts, that moves nothing.
+SETTLED_VARIANCE = 1e-4
+# Distance of the first values tried, in the logarithm of the ratio; a maximum of the likelihood is wider.
+FIRST_GRID = 2.0
+LOG_TOLERANCE = 0.02
+# Rise of the deviance over that without a random force, by which a ratio is a standard error too large.
+RISEN = 1.0
+# Differences for the curvature, in units of the logarithm.
+CURVATURE_STEP = 0.3
+
+
+@dataclass(frozen=True)
+class WhiteRows:
+    """Rows in which noise of the given ratio is white.
+
+    Attributes
+    ----------
+    target : (row,) array of float
+    design : (row, column) array of float
+    log_determinant : float
+        Of the covariance in units of the variance.
+    further : float
+        Number of samples that a row stands for beyond itself: of noise alone one row may have the squares of
+        many.
+    """
+
+    target: Array
+    design: Array
+    log_determinant: float
+    further: float = field(default=0.0, kw_only=True)
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Number of samples beyond the columns."""
+        return max(1.0, len(self.target) + self.further - self.design.shape[1])
+
+    def restricted_deviance(self) -> tuple[float, float]:
+        """Minus twice the logarithm of the restricted likelihood, its variance profiled; and the variance."""
+        # The triangular factor of the design and the target holds all that is needed.
+        size = np.linalg.norm(self.design, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        # Columns that lie in one piece, as LAPACK wants them, take a third of the time.
+        columns = np.concatenate([self.design.T / size[:, None], self.target[None]])
+        factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
+        count = self.design.shape[1]
+        if len(factor) <= count:
+            raise DecayError(
+                f"{len(self.target)} equations do not tell a random force beside {count} parameters; "
+                "leave it out (--random-force off), or give a longer record."
+            )
+        degrees_of_freedom = self.degrees_of_freedom
+        variance = max(float(factor[count, count] ** 2) / degrees_of_freedom, 1e-300)
+        information = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor)[:count]) * size + 1e-300)))
+        return degrees_of_freedom * np.log(variance) + self.log_determinant + information, variance
+
+    def solution(self) -> tuple[Array, Array]:
+        """Least squares of the rows: coefficients, and their covariance in units of the variance."""
+        size = np.linalg.norm(self.design, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        q, r = np.linalg.qr(self.design / size)
+        # Columns that nothing tells apart have the least solution.
+        inverse = np.linalg.pinv(r) if np.linalg.cond(r) > 1e13 else solve_triangular(r, np.eye(len(r)))
+        scaled = inverse / size[:, None]
+        return np.asarray(scaled @ (q.T @ self.target)), np.asarray(scaled @ scaled.T)
+
+
+@dataclass(frozen=True)
+class VarianceRatio:
+    """The ratio of two variances of most restricted likelihood.
+
+    Attributes
+    ----------
+    ratio : float
+        0 where the likelihood is greatest there.
+    variance : float
+        Of the sensor's noise.
+    relative_error : float
+        Standard error of ratio * variance over itself; where that is 0, nan.
+    upper : float
+        Where the ratio is 0: the ratio at which the deviance has risen by one, one standard error as it were.
+    gain : float
+        By how much the deviance is lower than without the second part.
+    deviance : float
+        Minus twice the logarithm of the restricted likelihood.
+    """
+
+    ratio: float
+    variance: float
+    relative_error: float
+    upper: float
+    gain: float
+    deviance: float = float("nan")
+
+    @property
+    def p_value(self) -> float:
+        """Of a ratio of zero: half a chi-square (Chernoff 1954)."""
+        return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
+
+
+def variance_ratio(
+    rows: Callable[[float], WhiteRows], low: float, high: float, start: float | None = None
+) -> VarianceRatio:
+    """Ratio of most restricted likelihood.
+
+    Parameters
+    ----------
+    rows : callable
+        The white rows of a ratio.
+    low, high : float
+        Between which it is sought, besides zero.
+    start : float, optional
+        Where it was last: nothing far from there is tried.
+
+    Returns
+    -------
+    VarianceRatio
+    """
+    known: dict[float, tuple[float, float]] = {}
+
+    def deviance(log_ratio: float) -> float:
+        if log_ratio not in known:
+            known[log_ratio] = rows(float(np.exp(log_ratio))).restricted_deviance()
+        return known[log_ratio][0]
+
+    unpushed = rows(0.0)
+    none = unpushed.restricted_deviance()
+    first, last = np.log(low), np.log(high)
+    grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
+    if start == 0.0:
+        risen = (number for number, at in enumerate(grid) if deviance(at) > none[0] + RISEN)
+        grid = grid[: next(risen, len(grid)) + 1]
+    elif start is not None:
+        grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
+    best = float(min(grid, key=deviance))
+    # A maximum of the likelihood is wider than the grid: below a smallest ratio that is too large is none.
+    if best > first or deviance(best) <= none[0] + RISEN:
+        best = _refined(deviance, grid, best, (first, last))
+    gain = none[0] - deviance(best)
+    if gain <= 0.0:
+        too_large = [at for at in sorted(known) if known[at][0] > none[0] + RISEN]
+        upper = float(np.exp(too_large[0])) if too_large else float("nan")
+        return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
+    error = _relative_error(deviance, known, best, unpushed.degrees_of_freedom)
+    return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))
+
+
+def _refined(
+    deviance: Callable[[float], float], grid: Array, best: float, span: tuple[float, float]
+) -> float:
+    """Where the deviance is least about the best logarithm of a grid."""
+    reach = float(np.max(np.diff(grid))) if len(grid) > 1 else FIRST_GRID
+    minimum = minimize_scalar(
+        deviance,
+        bounds=(max(span[0], best - reach), min(span[1], best + reach)),
+        method="bounded",
+        options={"xatol": LOG_TOLERANCE},
+    )
+    return min((float(minimum.x), best), key=deviance)
+
+
+def ratio_span(duration: float, step: float) -> tuple[float, float]:
+    """Ratios between which a random force is neither invisible nor all there is in each sample.
+
+    Parameters
+    ----------
+    duration : float
+        Length of the record in tau.
+    step : float
+        Between two samples, in tau.
+    """
+    return SMALLEST_WANDER**2 / (0.5 * duration), 3.0 * LARGEST_KICK**2 / step**3
+
+
+def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: float | None) -> VarianceRatio:
+    """The ratio where the size of the random force is given, `per_tau` in the unit of the variance.
+
+    `variance` is where the sensor's was last; None where nothing is known of it.
+    """
+    if variance is None:
+        variance = rows(0.0).restricted_deviance()[1]
+    deviance = float("nan")
+    for _ in range(VARIANCE_ROUNDS if per_tau else 1):
+        before = variance
+        deviance, variance = rows(per_tau / variance).restricted_deviance()
+        if abs(variance - before) < SETTLED_VARIANCE * variance:
+            break
+    return VarianceRatio(per_tau / variance, variance, float("nan"), float("nan"), 0.0, deviance)
+
+
+def _relative_error(
+    deviance: Callable[[float], float],
+    known: dict[float, tuple[float, float]],
+    best: float,
+    degrees_of_freedom: float,
+) -> float:
+    """Standard error of log(ratio * variance), from the curvature in both logarithms."""
+    step = CURVATURE_STEP
+    low, here, high = (deviance(best + side * step) for side in (-1.0, 0.0, 1.0))
+    profile = max((low + high - 2.0 * here) / step**2, 1e-12)
+    slope = (np.log(known[best + step][1]) - np.log(known[best - step][1])) / (2.0 * step)
+    # With the variance profiled, log(variance) moves by `slope` with log(ratio); a unit of it has
+    # `degrees_of_freedom` of curvature.
+    variance_of_log_ratio = 2.0 / profile
+    return float(np.sqrt((1.0 + slope) ** 2 * variance_of_log_ratio + 2.0 / max(1, degrees_of_freedom)))
+
+
+def smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
+    """Standard error of v = theta'/w of the smoothed motion, inside of a record.
+
+    Parameters
+    ----------
+    ratio : VarianceRatio
+        Growth q of the variance of v a unit of tau, over the variance of the sensor's noise in a sample.
+    step : float
+        Between two samples, in tau.
+
+    Returns
+    -------
+    float, rad
+        Zero without a random force.
+
+    Notes
+    -----
+    Of an oscillator in white acceleration of (two-sided) spectral density q, in white noise of density
+    r = variance * step, the best smoother leaves in x the spectral density 1/((1 - k^2)^2/q + 1/r)
+    (Wiener 1949), k the frequency. The integral of k^2 times that over dk/(2 pi) is
+    q / (2 sqrt(2 (sqrt(1 + q/r) - 1))): sqrt(q r)/2 where q is small.
+    """
+    by_sample = ratio.ratio / step
+    if by_sample == 0.0:
+        return 0.0
+    # sqrt(1 + z) - 1 without cancellation.
+    excess = by_sample / (np.sqrt(1.0 + by_sample) + 1.0)
+    return float(np.sqrt(ratio.ratio * ratio.variance / (2.0 * np.sqrt(2.0 * excess))))

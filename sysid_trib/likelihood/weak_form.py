@@ -1,0 +1,330 @@
+"""The weak form of Eq. 1: test functions that vanish with their slope at both ends of the record.
+
+Multiplying theta'' + w^2 (theta + sum c_j h_j) = 0 by a test function psi and integrating twice by parts,
+``int psi'' theta + w^2 int psi (theta + sum c_j h_j) = 0``, needs no derivative of the measured angle.
+The test functions are B-splines: narrow, so that noise of distant rows is independent and whitening costs
+a banded Cholesky factor; and clamped at the ends, so that nothing of the large first swing is lost.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from scipy.interpolate import make_interp_spline
+from scipy.signal import lfilter
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+from sysid_trib.likelihood.row_noise import covariance_band, covariance_of_local_rows
+from sysid_trib.likelihood.sensor_noise import memory_samples
+from sysid_trib.records.smoothing import (
+    MOST_KEPT,
+    SPLINE_DEGREE,
+    SplinesAt,
+    knot_intervals,
+    knot_sequence,
+    spline_design,
+)
+
+# With fewer samples than this a row, rows would nearly depend on each other; with many more, those of a
+# record of 20 samples a period would not resolve the third harmonic of the motion.
+SAMPLES_PER_ROW = 1.5
+# The first and last rows have knots on top of each other: samples are interpolated there by splines of this
+# degree and integrated in so many parts of a step, else each would be wrong by a hundredth.
+END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
+# Beside a gap, a step longer than so many others, there is nothing to interpolate.
+MOST_UNEVEN = 1.5
+# Where a sparse matrix has entries.
+ENTRIES = "indptr", "indices"
+# Numbers that are filtered at once.
+MOST_DENSE = 4_000_000
+# Entries that are combined at once: they fit into the cache of a core.
+ENTRIES_AT_ONCE = 2**14
+
+
+@dataclass(frozen=True)
+class WeakForm:
+    """Integrals against the test functions as sparse matrices on the samples.
+
+    Attributes
+    ----------
+    tau : (sample,) array of float
+        Time times a frequency.
+    value, slope, curvature : (row, sample) sparse array of float
+        ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` the same
+        with psi' and psi''.
+    splines : SplinesAt
+        On the knots of the test functions, at the samples.
+    """
+
+    tau: Array
+    value: sp.csr_matrix
+    slope: sp.csr_matrix
+    curvature: sp.csr_matrix
+    splines: SplinesAt
+
+    @cached_property
+    def gram(self) -> Array:
+        """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
+        weighed = _with_columns_times(self.value, 1.0 / np.gradient(self.tau))
+        return covariance_of_local_rows(weighed, self.value)
+
+    @cached_property
+    def shares_entries(self) -> bool:
+        """Whether the three matrices have entries in the same places, in the same order."""
+        return all(
+            np.array_equal(getattr(self.value, name), getattr(other, name))
+            for other in (self.slope, self.curvature)
+            for name in ENTRIES
+        )
+
+    @property
+    def rows(self) -> int:
+        """Number of test functions."""
+        return int(self.value.shape[0])
+
+
+def build_weak_form(tau: Array, intervals: int | None = None) -> WeakForm:
+    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform); the last few are kept.
+
+    `intervals` : between the knots of the test functions; by default `knot_intervals` of tau, of at least
+    `SAMPLES_PER_ROW` samples.
+    """
+    number = intervals or knot_intervals(tau, SAMPLES_PER_ROW)
+    return _kept(tau.tobytes(), number) if len(tau) <= MOST_KEPT else _built(tau, number)
+
+
+@lru_cache(maxsize=4)
+def _kept(tau: bytes, intervals: int) -> WeakForm:
+    return _built(np.frombuffer(tau), intervals)
+
+
+def _built(tau: Array, intervals: int) -> WeakForm:
+    value, slope, curvature = (_sample_integrals(tau, intervals, order) for order in range(3))
+    for matrix in (value, slope, curvature):
+        # Sorted, the three have their entries in the same places.
+        matrix.sort_indices()
+    return WeakForm(tau, value, slope, curvature, SplinesAt(tau, knot_sequence(tau, intervals)))
+
+
+def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
+    """Integrals against a derivative of the test functions from values at the samples, (row, sample)."""
+    # The first and last rows of a short record are the same ones.
+    if intervals + 1 < 2 * END_ROWS:
+        return _integrals(tau, tau, intervals, order)
+    turned = tau[0] + tau[-1] - tau[::-1]
+    first, last = _first_rows(tau, intervals, order), _first_rows(turned, intervals, order)
+    if first is None or last is None:
+        return _integrals(tau, tau, intervals, order)
+    # Turned back entry by entry: scipy would sort all samples.
+    last = last.tocoo()
+    places = END_ROWS - 1 - last.row, len(tau) - 1 - last.col
+    last = sp.coo_array(((-1.0) ** order * last.data, places), last.shape).tocsr()
+    inside = _integrals(tau, tau, intervals, order, ends=END_ROWS)
+    return sp.vstack([first, inside, last]).tocsr()
+
+
+def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
+    """The first rows, (row, sample), from samples that are interpolated; None beside a gap."""
+    end = knot_sequence(tau, intervals)[END_ROWS + 2 + SPLINE_DEGREE]
+    used = max(END_DEGREE + 1, int(np.searchsorted(tau, end)) + 1)
+    steps = np.diff(tau[:used])
+    if used > len(tau) or steps.max() > MOST_UNEVEN * np.median(steps):
+        return None
+    points = _between_samples(tau[:used], END_PARTS)
+    between = make_interp_spline(tau[:used], np.eye(used), END_DEGREE)(points)
+    rows = sp.csr_matrix(_integrals(points, tau, intervals, order)[:END_ROWS] @ between)
+    return sp.hstack([rows, sp.csr_matrix((END_ROWS, len(tau) - used))]).tocsr()
+
+
+def points_between(tau: Array, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
+    """Points between the samples of a weak form, for integrands that turn quickly; the last few are kept.
+
+    Parameters
+    ----------
+    tau : (sample,) array of float
+        Of the weak form.
+    intervals : int
+        Of the weak form.
+    per_period : float
+        Points wanted in 2 pi of tau, at least.
+
+    Returns
+    -------
+    splines : SplinesAt
+        On the knots of the test functions, at the points: each step of `tau` in equal parts.
+    integrals : (row, point) sparse array of float
+        Of the same rows as `WeakForm.value`.
+    """
+    step = float(np.median(np.diff(tau)))
+    parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
+    return _kept_between(tau.tobytes(), intervals, parts)
+
+
+@lru_cache(maxsize=8)
+def _kept_between(tau: bytes, intervals: int, parts: int) -> tuple[SplinesAt, sp.csr_matrix]:
+    samples = np.frombuffer(tau)
+    points = _between_samples(samples, parts)
+    return SplinesAt(points, knot_sequence(samples, intervals)), _integrals(points, samples, intervals, 0)
+
+
+def _between_samples(tau: Array, parts: int) -> Array:
+    """Each step of tau in equal parts, (point,)."""
+    return np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, np.arange(len(tau)), tau)
+
+
+def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int = 0) -> sp.csr_matrix:
+    """Integrals against a derivative of the test functions on `tau`, but so many of each end, by points."""
+    knots = knot_sequence(tau, intervals)
+    weights = np.gradient(points) * _end_weights(len(points))
+    # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
+    keep = slice(2 + ends, len(knots) - SPLINE_DEGREE - 1 - 2 - ends)
+    rows = spline_design(points, knots, order).T.tocsr()[keep]
+    # A spline is zero at its last knot, its derivatives have no entry there.
+    rows.eliminate_zeros()
+    rows.data *= weights[rows.indices]
+    return rows
+
+
+def _with_columns_times(matrix: sp.csr_matrix, weights: Array) -> sp.csr_matrix:
+    """`matrix @ diag(weights)` without a search for where it has entries."""
+    data = matrix.data * weights[matrix.indices]
+    return sp.csr_array((data, matrix.indices, matrix.indptr), matrix.shape)
+
+
+def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
+    """Rows as they act on the noise: of the equation linearised along the trajectory.
+
+    Parameters
+    ----------
+    form : WeakForm
+    stiffness, damping : (sample,) array of float
+        1 + sum c dh/dx and sum c dh/dv along the trajectory.
+
+    Returns
+    -------
+    (row, sample) sparse array of float
+    """
+    # int psi d e' = -int (psi d)' e: the derivative is taken of the rows, never of the noise.
+    rate = np.gradient(damping, form.tau)
+    if form.shares_entries:
+        indices, stiffness = form.value.indices, stiffness - rate
+        data = np.empty(len(indices))
+        # These are the largest tables there are: of a part what is between stays in the cache.
+        for start in range(0, len(data), ENTRIES_AT_ONCE):
+            part = slice(start, start + ENTRIES_AT_ONCE)
+            at = indices[part]
+            sum_ = np.multiply(stiffness[at], form.value.data[part], out=data[part])
+            sum_ += form.curvature.data[part]
+            sum_ -= damping[at] * form.slope.data[part]
+        return sp.csr_matrix((data, indices, form.value.indptr), form.value.shape)
+    turned = form.curvature + form.value @ sp.diags_array(stiffness - rate)
+    return (turned - form.slope @ sp.diags_array(damping)).tocsr()
+
+
+def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
+    """An operator on samples as it acts on the innovations of coloured noise.
+
+    Parameters
+    ----------
+    operator : (row, sample) sparse array of float
+        Each row on a few neighbouring samples.
+    filter_ : (tap,) array of float
+        Whitens the noise; [1] if it is white.
+
+    Returns
+    -------
+    (row, sample) sparse array of float
+        Its product with the inverse of the filter, cut where the noise has forgotten.
+
+    Notes
+    -----
+    A filter that runs backwards over each row, over blocks of rows side by side.
+    """
+    if len(filter_) == 1:
+        return operator
+    rows, samples = operator.shape
+    operator = operator.sorted_indices()
+    first, last = operator.indices[operator.indptr[:-1]], operator.indices[operator.indptr[1:] - 1]
+    length = last - np.maximum(0, first - min(memory_samples(filter_), samples)) + 1
+    values, columns = [], []
+    for block in np.array_split(np.arange(rows), 1 + int(np.sum(length)) // MOST_DENSE):
+        # Each row from its end backwards, so that all begin in one column.
+        entries = operator[block].tocoo()
+        backwards = np.zeros((len(block), int(length[block].max())))
+        backwards[entries.row, last[block][entries.row] - entries.col] = entries.data
+        carried = lfilter([1.0], filter_, backwards, axis=1)
+        inside = np.arange(backwards.shape[1]) < length[block][:, None]
+        values.append(carried[inside])
+        columns.append((last[block][:, None] - np.arange(backwards.shape[1]))[inside])
+    pointers = np.append(0, np.cumsum(length))
+    return sp.csr_matrix((np.concatenate(values), np.concatenate(columns), pointers), operator.shape)
+
+
+def whitener(operator: sp.csr_matrix) -> Array:
+    """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise."""
+    return cholesky_factor(covariance_band(operator @ operator.T))
+
+
+def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) -> Array:
+    """Banded Cholesky factor of a covariance, to which that of a random force (band, row) is added."""
+    if gram is not None and ratio:
+        whole = np.zeros((max(len(band), len(gram)), band.shape[1]))
+        whole[: len(band)] = band
+        whole[: len(gram)] += ratio * gram
+        band = whole
+    try:
+        return scipy.linalg.cholesky_banded(band, lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        raise DecayError("The equations of this record are degenerate; check its sampling.") from None
+
+
+def whitened_by_both(band: Array, gram: Array, ratio: float, table: Array) -> tuple[Array, float]:
+    """A table of rows, white in the noise of the sensor and of a random force.
+
+    Parameters
+    ----------
+    band, gram : (band, row) array of float
+        Covariance of the rows by either, of unit size.
+    ratio : float
+        Of their variances.
+    table : (row, column) array of float
+
+    Returns
+    -------
+    white : (row, column) array of float
+    log_determinant : float
+        Of the covariance.
+    """
+    factor = cholesky_factor(band, gram, ratio)
+    return whiten(factor, table), log_determinant(factor)
+
+
+def log_determinant(factor: Array) -> float:
+    """Logarithm of the determinant of a covariance, by its banded Cholesky factor."""
+    return 2.0 * float(np.sum(np.log(factor[0])))
+
+
+def whiten(factor: Array, columns: Array) -> Array:
+    """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
+    # LAPACK of scipy 1.17 writes beside an array that holds nothing.
+    if not columns.size:
+        return columns.copy()
+    solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))
+    solved, _ = solve(factor, columns.reshape(len(columns), -1), uplo="L")
+    return np.asarray(solved).reshape(columns.shape)
+
+
+def _end_weights(samples: int) -> Array:
+    """Gregory's end weights: the trapezoid rule made exact to sixth order at the ends of a smooth integrand.
+
+    Inside, the rule has no error to speak of: test functions end smoothly there.
+    """
+    weights = np.ones(samples)
+    ends = np.array([95 / 288, 317 / 240, 23 / 30, 793 / 720, 157 / 160])
+    if samples >= 2 * len(ends):
+        weights[: len(ends)] = ends
+        weights[-len(ends) :] = ends[::-1]
+    return weights

@@ -1,0 +1,311 @@
+"""Predictions of a record from what was measured before, with bands that grow by the random force."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from scipy.stats import norm
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of
+from sysid_trib.motion_fit.innovations import widening
+from sysid_trib.motion_fit.kalman import LinearModel, filter_gains, statsmodels_model
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_about, sensor_on
+from sysid_trib.motion_fit.steps import steps_over
+from sysid_trib.motion_fit.tracked import TrackedRecord, track
+from sysid_trib.results.schema import asymptotic_frequency, library_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import noise_of_run, variable, with_error
+from sysid_trib.simulation.integrate import FREQUENCY
+from sysid_trib.simulation.model import Model
+
+# Periods that the filter has for the start and the sensor's zero before the first prediction.
+SETTLING_PERIODS = 2.0
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Motions that go on from what was measured, with their uncertainty.
+
+    Attributes
+    ----------
+    states : (origin, state) array of float
+    transition : (origin, state, state) array of float
+        By the state at the origin.
+    sensitivity : (origin, state, parameter) array of float
+    diffusion : (origin, state, state) array of float
+        Per unit of `per_tau`.
+    """
+
+    states: Array
+    transition: Array
+    sensitivity: Array
+    diffusion: Array
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """What a record is predicted to show, each from one of its samples, (origin, horizon) arrays.
+
+    Attributes
+    ----------
+    times : s
+    predicted, standard_error : rad
+    measured : rad
+        nan where there is no sample.
+    """
+
+    times: Array
+    predicted: Array
+    standard_error: Array
+    measured: Array
+
+
+@in_units_of_the_motion
+def prediction_bands(
+    decay: xr.Dataset,
+    result: xr.Dataset,
+    periods: ArrayLike = (1.0, 3.0, 10.0),
+    *,
+    origins: Sequence[float] | None = None,
+    run: int = 0,
+) -> xr.Dataset:
+    """Predict a record from some of its instants, each from the samples up to then.
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)`: the record that the result is of, or another of the same experiment.
+    result : Dataset
+        Any identification.
+    periods : array_like of float
+        How far ahead, in periods of the reference frequency; of each the nearest sample is taken.
+    origins : sequence of float, s, optional
+        Times to predict from; where left out, one each longest horizon, so that predictions do not overlap.
+    run : int
+        Which of the result's runs gives noise and random force.
+
+    Returns
+    -------
+    Dataset
+        Over `origin` (s) and `horizon` (periods): `time_ahead` (s), `predicted` (rad) and its
+        `standard_error`, the sensor's noise of the sample among it; `measured` (rad), nan beyond the record.
+        Over `origin` the `widening`, by which the standard error was multiplied.
+
+    Raises
+    ------
+    DecayError
+        The record is too short, or the motion does not settle on it.
+    UsageError
+        A horizon that is not positive.
+
+    Notes
+    -----
+    The state is that of the filter, with no sample after the origin. The variance ahead is the sum of that of
+    the state, of the random force on the way (both along the motion, exact switching), of the coefficients,
+    of the sensor's zero and of its noise. The random force counts with its expected density, which is more
+    than the most likely one where that is zero or nearly so. Where predictions one period ahead that came due
+    in the ten periods before an origin were off by more than chance, the model lacks something there: errors
+    are multiplied by their Birge ratio (`widening`).
+    """
+    ahead = np.sort(np.atleast_1d(np.asarray(periods, dtype=float)))
+    if not (len(ahead) and np.all(np.isfinite(ahead)) and ahead[0] > 0.0):
+        raise UsageError(f"Horizons of a prediction are positive numbers of periods, not {periods!r}.")
+    return bands_of(track(decay, result, run), result, ahead, origins=origins, run=run)
+
+
+def bands_of(
+    tracked: TrackedRecord,
+    result: xr.Dataset,
+    ahead: Array,
+    *,
+    origins: Sequence[float] | None = None,
+    run: int = 0,
+) -> xr.Dataset:
+    """`prediction_bands` of a record that was followed before, so many periods ahead: ascending."""
+    tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
+    starts = _origins(tracked, float(ahead[-1]), origins)
+    ahead_of = partial(_predictions, tracked, result, run=run)
+    expected, factor = ahead_of(starts, ahead), _widening(tracked, starts, ahead_of)
+    dims, time = ("origin", "horizon"), tracked.time
+    errors = factor[:, None] * expected.standard_error
+    return xr.Dataset(
+        {
+            **with_error("predicted", dims, (expected.predicted, errors), "predicted angle", "rad"),
+            "measured": variable(dims, expected.measured, "measured angle", "rad"),
+            "time_ahead": variable(dims, expected.times, "time of the prediction", "s"),
+            "widening": variable("origin", factor, "Birge ratio of recent predictions", "1"),
+        },
+        {
+            "origin": variable("origin", time[starts], "time of the last sample that is known", "s"),
+            "horizon": variable("horizon", ahead, "periods ahead", "1"),
+        },
+    )
+
+
+def _widening(
+    tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], Predictions]
+) -> Array:
+    """By how much errors are to be multiplied at each start (start,)."""
+    time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
+    # The last predictions to come due at the last start, and those of the periods before.
+    earlier = np.arange(time[starts[-1]] - period, time[0] + SETTLING_PERIODS * period, -period)[::-1]
+    if not len(earlier):
+        return np.ones(len(starts))
+    recent = ahead_of(_origins(tracked, 0.0, list(earlier)), np.ones(1))
+    scores = (recent.measured - recent.predicted) / recent.standard_error
+    return widening(scores[:, 0], recent.times[:, 0], time[starts])
+
+
+def _predictions(
+    tracked: TrackedRecord, result: xr.Dataset, starts: Index, ahead: Array, *, run: int
+) -> Predictions:
+    """What is predicted from each start, so many periods ahead: ascending."""
+    names, of_parameters = parameters_of(result)
+    by = Derivatives(names, frequency=True)
+    states, covariance, by_states = _filtered(tracked, starts, by)
+    time, w = tracked.time, tracked.model.reference_frequency
+    leads = 2.0 * np.pi / w * ahead
+    targets = _nearest(time, time[starts][:, None] + leads)
+    times = np.where(targets >= 0, time[targets], time[starts][:, None] + leads)
+    model, onward = tracked.model, (*names, FREQUENCY)
+    predicted, variance = np.empty(times.shape), np.empty(times.shape)
+    size = states.shape[1] - 1
+    still = np.broadcast_to(np.eye(size), (len(starts), size, size))
+    now = Ahead(states[:, :size], still, by_states[:, :size], np.zeros_like(still))
+    at = time[starts]
+    for j in range(len(leads)):
+        now, at = _advanced(model, onward, now, w * (at - time[0]), w * (times[:, j] - at)), times[:, j]
+        shown, observed, by_sensor = sensor_on(tracked.model, at - time[0], now.states, by)
+        predicted[:, j] = shown + states[:, size]
+        by_start = np.concatenate(
+            [np.einsum("oa,oab->ob", observed, now.transition), np.ones((len(starts), 1))], axis=1
+        )
+        by_parameter = np.einsum("oa,oap->op", observed, now.sensitivity) + by_states[:, size]
+        by_parameter[:, :-1] += by_sensor
+        variance[:, j] = (
+            np.einsum("oa,oab,ob->o", by_start, covariance, by_start)
+            + tracked.per_tau * np.einsum("oa,oab,ob->o", observed, now.diffusion, observed)
+            + np.einsum("op,pq,oq->o", by_parameter, of_parameters, by_parameter)
+            + noise_of_run(result, run) ** 2
+        )
+    measured = np.where(targets >= 0, tracked.angle[targets], np.nan)
+    return Predictions(times, predicted, np.sqrt(variance), measured)
+
+
+def _expected_density(force: RandomForce) -> float:
+    """Mean of the density by its estimate and error: that of a Gaussian cut at zero."""
+    if not force.standard_error > 0.0:
+        return force.density
+    at = force.density / force.standard_error
+    return force.density + force.standard_error * float(np.exp(norm.logpdf(at) - norm.logcdf(at)))
+
+
+def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | None) -> Index:
+    """Samples to predict from."""
+    time = tracked.time
+    period = 2.0 * np.pi / tracked.model.reference_frequency
+    first = time[0] + SETTLING_PERIODS * period
+    if origins is None:
+        origins = list(np.arange(first, time[-1] - longest * period, longest * period))
+        if not origins:
+            raise DecayError(
+                f"No prediction of {longest:g} periods fits into this record after "
+                f"{SETTLING_PERIODS:g} periods for the start; ask for fewer periods."
+            )
+    times = np.asarray(origins, dtype=float)
+    if not (len(times) and np.all(np.isfinite(times)) and times.min() >= first and times.max() <= time[-1]):
+        raise DecayError(
+            f"Predictions start between {first:.4g} s, after {SETTLING_PERIODS:g} periods for the start, and "
+            f"{time[-1]:.4g} s, the end of the record."
+        )
+    return np.searchsorted(time, times + 1e-9 * period, side="right") - 1
+
+
+def _nearest(time: Array, wanted: Array) -> Index:
+    """Indices of the nearest samples; -1 where the record has none within half a step."""
+    at = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
+    at = at - (wanted - time[at - 1] < time[at] - wanted)
+    half = 0.51 * float(np.median(np.diff(time)))
+    return np.where(np.abs(time[at] - wanted) <= half, at, -1)
+
+
+def _filtered(tracked: TrackedRecord, starts: Index, by: Derivatives) -> tuple[Array, Array, Array]:
+    """States with the sensor's zero behind them, from the samples up to each start.
+
+    (start, state + 1), their covariance, and their derivatives by coefficients and frequency: with another
+    curve of the sensor, or another force, the same samples are those of another motion. Nothing is known of
+    the motion and the zero before the first sample: their standard deviation there is the swing.
+    """
+    linear = _by_parameters(tracked, by)
+    steps = linear.steps
+    samples, size = linear.path.shape
+    transition = np.zeros((samples - 1, size + 1, size + 1))
+    transition[:, :size, :size] = steps.transition
+    transition[:, size, size] = 1.0
+    noise = np.zeros_like(transition)
+    noise[:, :size, :size] = tracked.ratio * steps.diffusion
+    observed = np.column_stack([linear.observed, np.ones(samples)])
+    first = np.zeros((size + 1, size + 1))
+    swing = float(np.max(np.abs(tracked.angle))) / tracked.noise
+    first[[0, 1, size], [0, 1, size]] = swing**2
+    filter_ = statsmodels_model(observed, transition, noise, linear.sensor_filter, first=first).filter()
+    # The record, and what the parameters show and add, go through one filter.
+    signals = np.column_stack([linear.record, -linear.observed_parameters[:, :-3]])
+    added = np.concatenate([linear.mismatch[:, :, None], linear.by_column[:, :, :-3]], axis=2)
+    with_zero = replace(linear, steps=replace(steps, transition=transition), observed=observed)
+    gain, variance = filter_gains(filter_)
+    source = np.zeros((*gain.shape, signals.shape[1]))
+    source[1:] = gain[:-1, :, None] * signals[:-1, None]
+    source[1:, :size] += added
+    predicted = with_zero.recursion(gain, source)
+    shown = with_zero.with_sensor_states[0]
+    innovations = (signals - np.einsum("na,nac->nc", shown, predicted)) / variance[:, None]
+    weight = np.einsum("abn,nb->na", filter_.predicted_state_cov[..., :samples], shown)
+    motion = slice(0, size + 1)
+    changes = (predicted + weight[:, :, None] * innovations[:, None])[starts, motion]
+    covariance = tracked.noise**2 * np.moveaxis(filter_.filtered_state_cov[motion, motion], -1, 0)[starts]
+    states = np.column_stack([linear.path, np.full(samples, tracked.zero)])[starts]
+    return states + changes[..., 0], covariance, changes[..., 1:]
+
+
+def _by_parameters(tracked: TrackedRecord, by: Derivatives) -> LinearModel:
+    """The record linear about its path, in its parameters too."""
+    model, path = tracked.model, tracked.linear.path
+    per_run = np.array([path[0, 0], model.reference_frequency * path[0, 1], tracked.zero])
+    linear = linearised_about(model, tracked.time, tracked.angle, path, per_run, by)
+    return replace(linear, sensor_filter=tracked.linear.sensor_filter)
+
+
+def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
+    """Coefficients of the model, and their covariance with the reference frequency behind them."""
+    symbols = result.force.values.tolist()
+    covariance = result["covariance"].values
+    count = len(symbols)
+    whole = np.zeros((count + 1, count + 1))
+    whole[:count, :count] = covariance
+    w_error = float(result.reference_frequency_standard_error)
+    if w_error > 0.0:
+        w = float(result.reference_frequency)
+        _, gradient = asymptotic_frequency(library_of(result), result.coefficient.values, w)
+        # The result states the covariance with the asymptotic frequency, which depends on both.
+        with_frequency = (result.frequency_covariance.values - covariance @ gradient[:-1]) / gradient[-1]
+        whole[count, :count] = whole[:count, count] = with_frequency
+        whole[count, count] = w_error**2
+    return tuple(symbols), np.nan_to_num(whole)
+
+
+def _advanced(model: Model, by: tuple[str, ...], now: Ahead, tau: Array, length: Array) -> Ahead:
+    """The motions a stretch further, with all that moves them."""
+    steps = steps_over(model, tau, length, now.states, by)
+    onward = steps.transition
+    return Ahead(
+        steps.end,
+        onward @ now.transition,
+        onward @ now.sensitivity + steps.sensitivity,
+        onward @ now.diffusion @ onward.swapaxes(1, 2) + steps.diffusion,
+    )

@@ -1,0 +1,204 @@
+"""Innovations of any identification, and the random force over time: when the motion was pushed."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.stats import chi2
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.likelihood.sensor_noise import autocorrelation, ljung_box_p_value
+from sysid_trib.motion_fit.kalman import set_signal, statsmodels_model
+from sysid_trib.motion_fit.tracked import TrackedRecord, track
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import variable, with_error
+
+# Periods that count as recent: as many as the longest predictions that are asked for go ahead.
+RECENT_PERIODS = 10
+# Significance level of predictions that are worse than they claim.
+WIDENING_LEVEL = 0.01
+
+
+def widening(scores: Array, known_at: Array, origins: Array) -> Array:
+    """By how much bands are to be widened at each of some instants, from predictions that came due before.
+
+    Parameters
+    ----------
+    scores : (prediction,) array of float
+        Errors of predictions one period ahead over the stated ones; nan where nothing was measured.
+    known_at : (prediction,) array of float, s
+        When each came due, ascending.
+    origins : (origin,) array of float, s
+
+    Returns
+    -------
+    (origin,) array of float
+        Birge ratio (1932) of the last `RECENT_PERIODS` predictions where it is above 1 by more than chance
+        (chi-square), else 1.
+
+    Notes
+    -----
+    Errors of a random force are those of a white series: of a model that lacks nothing the sum of their
+    squares is a chi-square. What a model lacks comes and goes with the amplitude, so that predictions of long
+    ago say little of it.
+    """
+    seen = np.isfinite(scores)
+    squares, known_at = scores[seen] ** 2, known_at[seen]
+    factors = np.ones(len(origins))
+    for at, due in enumerate(np.searchsorted(known_at, origins, side="right")):
+        recent = squares[max(0, due - RECENT_PERIODS) : due]
+        if len(recent) and chi2.sf(np.sum(recent), len(recent)) < WIDENING_LEVEL:
+            factors[at] = np.sqrt(np.mean(recent))
+    return factors
+
+
+LAGS = 20
+
+
+@in_units_of_the_motion
+def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
+    """What an identification predicts wrongly one sample ahead, and the random force over time.
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)` of a run.
+    result : Dataset
+        Any identification of it. Coefficients, noise and random force are its own; the start of the motion
+        and the sensor's zero adapt to the record.
+    run : int
+        Which of the result's runs the decay is.
+
+    Returns
+    -------
+    Dataset
+        Over `time`: `innovation` and its standard deviation by the model, `innovation_standard_deviation`
+        (rad); `smoothed_angle` (rad) and `smoothed_rate` (rad/s) of the motion; `random_force`, mean
+        acceleration in spans of the `averaging_time` (s), with `random_force_standard_error` (rad/s^2).
+        Over `lag`: `autocorrelation` of the innovations in units of their standard deviation. Besides
+        `innovation_rms` (rad), `ljung_box_p_value`.
+
+    Raises
+    ------
+    DecayError
+        The motion does not settle on the record.
+    SimulationError
+        The motion between two samples cannot be computed.
+
+    Notes
+    -----
+    Innovations of a right model are white (Ljung 1999); the test is that of Ljung and Box (1978). Without a
+    random force they are what a free motion leaves of the record. The averaging time is twice the time in
+    which the random force moves the motion as far as the sensor's noise lets it be seen, (r^2 dt / per_tau)
+    to the power 1/4 in units of tau: within shorter spans little is known of the force.
+    """
+    return innovations_of(decay, track(decay, result, run))
+
+
+def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
+    """`innovations` of a record that was followed before."""
+    innovation, deviation = tracked.innovations()
+    lags = np.arange(1, 1 + min(LAGS, max(1, len(innovation) // 4)))
+    correlation = autocorrelation(innovation / deviation, lags)
+    count = len(innovation)
+    white = ljung_box_p_value(correlation, lags, count)
+    spans = _spans(tracked)
+    smoothed, force, force_error = _random_force(tracked, spans)
+    frequency = tracked.model.reference_frequency
+    rms = float(np.sqrt(np.mean(innovation**2)))
+    width = float(np.median(np.diff(tracked.time[np.flatnonzero(np.diff(spans, prepend=-1))])))
+    text = "of the prediction one sample ahead"
+    variables = {
+        "innovation": variable("time", innovation, "innovation", "rad"),
+        "innovation_standard_deviation": variable("time", deviation, f"standard deviation {text}", "rad"),
+        "smoothed_angle": variable("time", smoothed[0], "angle of the smoothed motion", "rad"),
+        "smoothed_rate": variable("time", frequency * smoothed[1], "rate of the smoothed motion", "rad/s"),
+        **with_error("random_force", ("time",), (force, force_error), "random force", "rad/s^2"),
+        "autocorrelation": variable("lag", correlation, "autocorrelation of the innovations", "1"),
+        "innovation_rms": variable((), rms, "RMS innovation", "rad"),
+        "ljung_box_p_value": variable((), white, "p-value of white innovations", "1"),
+        "averaging_time": variable((), width, "span over which the random force is averaged", "s"),
+    }
+    return xr.Dataset(variables, {"time": decay.time, "lag": lags})
+
+
+def _spans(tracked: TrackedRecord) -> Index:
+    """Number of the span in which each sample's next step lies, (sample,) array of int."""
+    time = tracked.time
+    step = float(np.median(np.diff(time)))
+    if tracked.ratio == 0.0:
+        # There is no force to resolve; what is shown is zero.
+        return np.arange(len(time))
+    frequency = tracked.model.reference_frequency
+    resolved = 2.0 * (frequency * step / tracked.ratio) ** 0.25 / frequency
+    width = max(1.0, np.round(resolved / step)) * step
+    return np.floor((time - time[0]) / width + 1e-9).astype(int)
+
+
+def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, Array]:
+    """Smoothed states (state, sample), and mean random force in the spans with its error, (sample,) each.
+
+    The state has one entry more, the impulse int xi dtau since the span began. Its part that the step shows
+    in x and v comes with them, by regression on their random part; the rest is noise of its own.
+    """
+    linear, frequency = tracked.linear, tracked.model.reference_frequency
+    size = linear.path.shape[1]
+    if tracked.ratio == 0.0:
+        zero = np.zeros(len(tracked.time))
+        return linear.smoothed_motion(0.0, tracked.deviation).T, zero, zero
+    states = _with_impulse(tracked, spans).smooth()
+    smoothed = linear.path.T + states.smoothed_state[:size]
+    firsts = np.flatnonzero(np.diff(spans[:-1], prepend=-1))
+    # The impulse of a span is that at the first sample of the next, before it starts anew.
+    ends = np.append(firsts[1:], len(spans) - 1)
+    # xi acts in v = theta'/w and in tau: the rate grows by w times the impulse.
+    scale = frequency / (tracked.time[ends] - tracked.time[firsts])
+    variance = np.maximum(states.smoothed_state_cov[size, size, ends], 0.0)
+    at = np.searchsorted(firsts, np.arange(len(spans)), side="right") - 1
+    force = scale * states.smoothed_state[size, ends]
+    return smoothed, force[at], (scale * tracked.noise * np.sqrt(variance))[at]
+
+
+def _with_impulse(tracked: TrackedRecord, spans: Index) -> Any:
+    """statsmodels' smoother of the states and of the impulse in each span."""
+    linear, steps, ratio = tracked.linear, tracked.linear.steps, tracked.ratio
+    samples, size = linear.path.shape
+    weights, rest = _impulse_of_step(
+        tracked.model.reference_frequency * np.diff(tracked.time), steps.diffusion[:, :2, :2]
+    )
+    transition = np.zeros((samples - 1, size + 1, size + 1))
+    transition[:, :size, :size] = steps.transition
+    transition[1:, size, size] = spans[1:-1] == spans[:-2]
+    selection = np.zeros_like(transition)
+    selection[:, range(size + 1), range(size + 1)] = 1.0
+    selection[:, size, :2] = weights
+    covariance = np.zeros_like(transition)
+    covariance[:, :size, :size] = ratio * steps.diffusion
+    covariance[:, size, size] = ratio * rest
+    covariance = selection @ covariance @ selection.swapaxes(1, 2)
+    observed = np.column_stack([linear.observed, np.zeros(samples)])
+    model = statsmodels_model(observed, transition, covariance, linear.sensor_filter, smoother=True)
+    record, added, start = linear.driven(tracked.deviation)
+    set_signal(model, record, np.column_stack([added, np.zeros(samples - 1)]), np.append(start, 0.0))
+    return model
+
+
+def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:
+    """Regression of the impulse of each step on the noise that it adds to x and v, and the variance left.
+
+    By the covariances of the free oscillator, over steps `length` of tau: (step, 2), (step,).
+    """
+    cross = np.stack([1.0 - np.cos(length), np.sin(length)], axis=1)
+    a, b, d = diffusion[:, 0, 0], diffusion[:, 0, 1], diffusion[:, 1, 1]
+    determinant = a * d - b * b
+    # A body that friction holds for the whole step shows nothing of the force.
+    free = determinant > 1e-9 * length**4
+    determinant = np.where(free, determinant, np.inf)
+    weights = np.stack(
+        [
+            (d * cross[:, 0] - b * cross[:, 1]) / determinant,
+            (a * cross[:, 1] - b * cross[:, 0]) / determinant,
+        ],
+        axis=1,
+    )
+    return weights, np.maximum(length - np.sum(weights * cross, axis=1), 0.0)

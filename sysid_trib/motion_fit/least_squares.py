@@ -1,0 +1,204 @@
+"""Least squares of motions on records, over a window that grows, and a fit as an identification."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from sysid_trib.arrays import Array
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.motion_fit.parameters import Parameters
+from sysid_trib.motion_fit.problem import FitProblem
+from sysid_trib.records.decay import one_or_all
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.results.variables import start_variables
+from sysid_trib.simulation.integrate import FREQUENCY
+
+
+@dataclass(frozen=True)
+class FitEstimate:
+    """Parameters fitted to records, with their errors.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Records and parameters.
+    values : (parameter,) array of float
+        The fitted values.
+    covariance : (parameter, parameter) array of float
+        Their covariance.
+    noises : sequence of float, rad
+        The sensor's noise in each run.
+    """
+
+    problem: FitProblem
+    values: Array
+    covariance: Array
+    noises: Sequence[float]
+
+    def identification(
+        self,
+        method: Any,
+        runs: Sequence[xr.Dataset],
+        offered: ForceLibrary,
+        extra: Mapping[str, tuple[ArrayLike, str, str]],
+    ) -> xr.Dataset:
+        """The Dataset that every method returns.
+
+        Parameters
+        ----------
+        method : dataclass with `shapes`
+            The method, for the provenance.
+        runs : sequence of xarray.Dataset
+            The decays.
+        offered : ForceLibrary
+            All forces to choose from.
+        extra : mapping of str to (values, units, long_name)
+            Further variables, a number each or one for each run.
+        """
+        parameters = self.problem.parameters
+        model, per_run = parameters.model(self.values), parameters.per_run(self.values)
+        estimate = Estimate(
+            parameters.coefficients(self.values),
+            parameters.covariance_of(self.covariance, (*parameters.library.symbols, FREQUENCY)),
+            model.reference_frequency,
+            self.noises,
+            {**start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2]), **extra},
+        )
+        method = replace(method, shapes=dict(model.shapes))
+        result = identification(method, one_or_all(runs), parameters.library, estimate, offered=offered)
+        if "shape" in result:
+            errors = dict(zip(parameters.names, np.sqrt(np.diag(self.covariance)), strict=True))
+            errors = {name: errors[name] for name in parameters.fit_shapes}
+            fitted = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
+            result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
+        return result
+
+
+# Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
+WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
+# A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
+FOLLOWED = 0.1
+# One this near has not slipped out of phase.
+NEARBY_PART = 0.5
+MAX_EVALUATIONS = 60
+# Steps, in units of the solution, below which a fit is done.
+CONVERGED = 1e-12
+# A parameter that is nearer to a bound than this part of its standard error is stopped by it.
+NEAR_BOUND = 1e-3
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A minimum of the whitened residual.
+
+    Attributes
+    ----------
+    values : (parameter,) array of float
+        All parameters.
+    residual : (sample,) array of float
+        Whitened residual, motion minus record.
+    sensitivity : (sample, free) array of float
+        Its derivative by the free parameters.
+    """
+
+    values: Array
+    residual: Array
+    sensitivity: Array
+
+
+def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -> Array:
+    """Extend the fit over the records window by window, unless a motion follows them sooner.
+
+    A window may hold too little to tell forces apart: from a motion that is near the record the whole is
+    tried first.
+    """
+    away = _missed(problem, values)
+    if away < FOLLOWED:
+        return values
+    if away < NEARBY_PART:
+        tried = fitted(problem, values, tolerance=tolerance).values
+        if _missed(problem, tried) < FOLLOWED:
+            return tried
+    for part in WINDOWS:
+        values = fitted(problem.first(part), values, tolerance=tolerance).values
+    return values
+
+
+def _missed(problem: FitProblem, values: Array) -> float:
+    """RMS of the residual over that of the record, the largest of all runs."""
+    pairs = zip(problem.residuals(values), problem.records, strict=True)
+    return max(rms(residual) / rms(record.angle) for residual, record in pairs)
+
+
+def fitted(
+    problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, evaluations: int = MAX_EVALUATIONS
+) -> Fit:
+    """Parameters of least whitened residual.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Records and parameters.
+    values : (parameter,) array of float
+        First guess.
+    tolerance : float
+        Relative step or fall of the sum of squares at which the fit is done.
+    evaluations : int
+        Most evaluations of the residual.
+    """
+    parameters = problem.parameters
+    low, high = (limit[parameters.free] for limit in parameters.limits)
+    bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
+    inside = np.clip(values[parameters.free], np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
+
+    # The optimiser asks for sensitivities where it has just asked for residuals.
+    @lru_cache(maxsize=1)
+    def residuals(*free: float) -> list[Array]:
+        return problem.residuals(parameters.expand(np.array(free)))
+
+    def sensitivity(free: Array) -> Array:
+        here = parameters.expand(free)
+        return parameters.by_free(problem.white_sensitivity(here, residuals(*free)), here)
+
+    minimum = least_squares(
+        lambda free: problem.white(residuals(*free)),
+        inside,
+        jac=sensitivity,
+        bounds=(low, high) if bounded else (-np.inf, np.inf),
+        method="trf" if bounded else "lm",
+        x_scale="jac",
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=0.01 * tolerance,
+        max_nfev=evaluations,
+    )
+    values = parameters.expand(np.asarray(minimum.x, dtype=float))
+    return Fit(values, np.asarray(minimum.fun), np.asarray(minimum.jac))
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def stopped_by_bounds(
+    parameters: Parameters, fit: Fit, bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """Parameters that would pass one of the given bounds if they could, and that bound."""
+    covariance = parameters.covariance(fit.sensitivity, fit.values)
+    free = parameters.free
+    step = np.zeros(len(parameters))
+    step[free] = -covariance[np.ix_(free, free)] @ (fit.sensitivity.T @ fit.residual)
+    stopped = {}
+    for name, (low, high) in bounds.items():
+        value, i = fit.values[parameters.index(name)], parameters.index(name)
+        near = NEAR_BOUND * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
+        if i in free and not low + near < value + step[i] < high - near:
+            stopped[name] = low if value - low < high - value else high
+    return stopped

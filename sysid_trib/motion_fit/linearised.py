@@ -1,0 +1,141 @@
+"""A record about a path, linear in the states and in every parameter of its model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import Force
+from sysid_trib.motion_fit.kalman import LinearModel
+from sysid_trib.motion_fit.steps import expected_steps
+from sysid_trib.records.smoothing import smooth
+from sysid_trib.simulation.equations import Motion
+from sysid_trib.simulation.internal_states import states_along
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import sensor_error
+
+# A step so many times the usual one is a gap, over which no spline is laid.
+LONG_STEP = 2.5
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """How a record is linearised: by these parameters, the start and the sensor's zero behind them.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Coefficients and shape parameters.
+    frequency : bool
+        Whether the reference frequency comes next.
+    rate_error : float or (sample,) array of float, rad
+        Standard error of v on the path: where forces switch with v, steps are averaged over it.
+    """
+
+    names: tuple[str, ...]
+    frequency: bool
+    rate_error: Array | float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Number of columns: names, frequency, angle and rate at the first sample, zero of the sensor."""
+        return len(self.names) + self.frequency + 3
+
+
+def spline_path(model: Model, time: Array, angle: Array) -> Array:
+    """States along the least-squares spline through a record, (sample, state): the first path of all.
+
+    Pieces between gaps have a spline each.
+    """
+    tau = model.reference_frequency * (time - time[0])
+    x, v = _smooth_pieces(tau, angle)
+    columns, motion = [x, v], Motion(model.forces)
+    hidden: dict[str, Array] = {}
+    for force in model.forces:
+        hidden_of = states_along(force, tau, x, v, _own_shapes(force, model), time=time - time[0])
+        hidden |= {f"{force.symbol}.{name}": values for name, values in hidden_of.items()}
+    names = (*motion.variables[2:], *motion.memory)
+    return np.stack([*columns, *(hidden[name] for name in names)], axis=1)
+
+
+def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
+    """Smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
+    steps = np.diff(tau)
+    gaps = np.flatnonzero(steps > LONG_STEP * np.median(steps)) + 1
+    x, v = angle.copy(), np.zeros_like(angle)
+    for at in np.split(np.arange(len(tau)), gaps):
+        try:
+            x[at], v[at], _, _ = smooth(tau[at], angle[at])
+        except (DecayError, ValueError):
+            # Too few samples for a spline: a parabola, from which the iteration can start.
+            parabola = Polynomial.fit(tau[at], angle[at], min(2, len(at) - 1))
+            x[at], v[at] = parabola(tau[at]), parabola.deriv()(tau[at])
+    return x, v
+
+
+def _own_shapes(force: Force, model: Model) -> dict[str, float]:
+    return {name: value for name, value in model.shapes.items() if name.partition(".")[0] == force.symbol}
+
+
+def linearised_about(
+    model: Model, time: Array, angle: Array, path: Array, per_run: Array, by: Derivatives
+) -> LinearModel:
+    """A record about a path.
+
+    Parameters
+    ----------
+    model : Model
+        Forces and sensor terms at the present parameters.
+    time, angle : (sample,) array of float, s and rad
+        The record, with steps of any length.
+    path : (sample, state) array of float
+        x, v (rad), internal states, memory at each sample.
+    per_run : (3,) array of float
+        Angle (rad) and rate (rad/s) at the first sample, zero of the sensor (rad).
+    by : Derivatives
+        The columns.
+
+    Returns
+    -------
+    LinearModel
+
+    Raises
+    ------
+    SimulationError
+        The motion between two samples cannot be computed.
+    """
+    w, size = model.reference_frequency, path.shape[1]
+    started = path.copy()
+    started[0] = _start(model, per_run, size)
+    steps = expected_steps(model, time, started, by.rate_error, by.names, frequency=by.frequency)
+    by_column = np.zeros((len(time) - 1, size, by.count))
+    by_column[:, :, :-3] = steps.sensitivity
+    start = np.zeros((size, by.count))
+    start[0, -3], start[1, -2] = 1.0, 1.0 / w
+    if by.frequency:
+        # The rate at the first sample is a parameter, v = rate / w is the state.
+        start[1, -4] = -started[0, 1] / w
+    shown, observed, by_sensor = sensor_on(model, time - time[0], started, by)
+    observed_parameters = np.zeros((len(time), by.count))
+    observed_parameters[:, : len(by.names)] = by_sensor
+    observed_parameters[:, -1] = 1.0
+    return LinearModel(
+        steps, started, angle - per_run[2] - shown, observed, observed_parameters, start, by_column
+    )
+
+
+def _start(model: Model, per_run: Array, size: int) -> Array:
+    motion = Motion(model.forces)
+    y, p = motion.start(model, float(per_run[0]), float(per_run[1]) / model.reference_frequency)
+    return np.concatenate([y, p[motion.memory_at]])[:size]
+
+
+def sensor_on(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tuple[Array, Array, Array]:
+    """What the sensor shows on a path but for its zero (sample,), and its derivatives by state and names."""
+    error, by_motion, by_names = sensor_error(model, elapsed, path[:, 0], path[:, 1], by.names)
+    observed = np.zeros_like(path)
+    observed[:, 0] = 1.0
+    observed[:, :2] += by_motion
+    return path[:, 0] + error, observed, by_names

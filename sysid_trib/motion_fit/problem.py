@@ -1,0 +1,207 @@
+"""Records and parameters of a trajectory fit: residuals of the motion, and their sensitivities."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SimulationError
+from sysid_trib.likelihood.sensor_noise import whitened
+from sysid_trib.motion_fit.parameters import Parameters
+from sysid_trib.records.inputs import KnownInput
+from sysid_trib.simulation.initial_conditions import Observation
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import SimulatedMotion
+from sysid_trib.simulation.simulate import trajectory
+
+# A motion is out of all proportion beyond so many swings of the record.
+OUT_OF_PROPORTION = 10.0
+# Part of a parameter by which a penalty is differenced.
+PENALTY_STEP = 1e-5
+# The shortest part of a record that is tried where a motion cannot be computed to the end.
+FIRST_SAMPLES = 20
+
+
+@dataclass(frozen=True)
+class WhitenedRecord:
+    """One run, with what makes its noise white and of one level.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Times of the samples.
+    angle : (sample,) array of float, rad
+        Measured angle.
+    filter_ : (tap,) array of float
+        Filter that whitens the noise.
+    weight : float, 1/rad
+        One over the standard deviation of the whitened noise.
+    observation : Observation
+        What was measured; `angle` and `weight` are in its unit.
+    swing : float, rad, optional
+        Largest angle, where that was not measured.
+    inputs : mapping of str to KnownInput
+        What drives the motion.
+    """
+
+    time: Array
+    angle: Array
+    filter_: Array = field(default_factory=lambda: np.ones(1))
+    weight: float = 1.0
+    observation: Observation = field(default_factory=Observation)
+    swing: float | None = None
+    inputs: Mapping[str, KnownInput] = field(default_factory=dict)
+
+    @property
+    def size(self) -> float:
+        """Largest angle of the motion, rad."""
+        return float(np.max(np.abs(self.angle))) if self.swing is None else self.swing
+
+    def residual(self, model: Model, per_run: Array) -> Array:
+        """Motion minus record.
+
+        Parameters
+        ----------
+        model : Model
+            The model.
+        per_run : (3,) array of float
+            Angle (rad) and rate (rad/s) at the first sample, and offset (rad).
+
+        Returns
+        -------
+        (sample,) array of float, rad
+
+        Notes
+        -----
+        A motion that is out of all proportion, or that cannot be computed, has a penalty in its place that
+        leads back. Where the frequency or the start is outside of the allowed region, it grows with the
+        distance from that region. Else the residual is that of the first part of the record that the motion
+        can be computed for. Where there is none, the penalty grows with the coefficients, without which every
+        motion can be computed.
+        """
+        far = OUT_OF_PROPORTION * self.size
+        if (excess := self._excess(model, per_run)) > 1.0:
+            return _penalty(far, excess - 1.0, len(self.time))
+        if (motion := self._motion(model, per_run)) is not None:
+            return self._difference(motion, per_run)
+        count, first = FIRST_SAMPLES, None
+        while count < len(self.time) and (motion := self._motion(model, per_run, count)) is not None:
+            count, first = 2 * count, self._difference(motion, per_run)
+        if first is None:
+            return _penalty(far, float(np.linalg.norm(list(model.coefficients.values()))), len(self.time))
+        # Compressed: what diverges is not to count for more than what cannot be computed.
+        size = np.maximum(np.abs(first) / far, 1.0)
+        return np.append(first / size * (1.0 + np.log(size)), np.full(len(self.time) - len(first), far))
+
+    def sensitivity(self, model: Model, per_run: Array, by: Sequence[str]) -> Array | None:
+        """Derivatives of the residual by parameters of the motion, (sample, parameter); None at a penalty."""
+        if self._excess(model, per_run) > 1.0:
+            return None
+        motion = self._motion(model, per_run, by=by)
+        return None if motion is None else self.observation.derivatives(motion)
+
+    def _excess(self, model: Model, per_run: Array) -> float:
+        """By how much frequency or start are out of all proportion; the highest that samples show is 1."""
+        # An optimiser astray asks for hours of faster swings.
+        highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
+        far, (angle, rate, _) = OUT_OF_PROPORTION * self.size, per_run.tolist()
+        return float(max(model.reference_frequency / highest, abs(angle) / far, abs(rate) / (far * highest)))
+
+    def _motion(
+        self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
+    ) -> SimulatedMotion | None:
+        acting, (angle, rate, _) = replace(model, inputs=self.inputs), per_run.tolist()
+        try:
+            return trajectory(acting, self.time[:count], angle, rate, by=by)
+        except SimulationError:
+            return None
+
+    def _difference(self, motion: SimulatedMotion, per_run: Array) -> Array:
+        return np.asarray(self.observation.shown(motion) + per_run[2] - self.angle[: len(motion.angle)])
+
+    def white(self, values: Array) -> Array:
+        """Values with noise of one level and no colour."""
+        return self.weight * whitened(values, self.filter_)
+
+
+def _penalty(far: float, distance: float, count: int) -> Array:
+    """A residual above `far` whose least squares are where the distance is zero."""
+    residual = np.full(count, np.sqrt(2.0) * far)
+    residual[::2] = far * distance
+    return residual
+
+
+@dataclass(frozen=True)
+class FitProblem:
+    """The runs and the parameters of their motions.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What the vector of values holds.
+    records : tuple of WhitenedRecord
+        The runs.
+    """
+
+    parameters: Parameters
+    records: tuple[WhitenedRecord, ...]
+
+    def first(self, part: float) -> "FitProblem":
+        """The problem of the first part of each record."""
+        counts = [max(20, round(part * len(record.time))) for record in self.records]
+        cut = [
+            replace(record, time=record.time[:count], angle=record.angle[:count])
+            for record, count in zip(self.records, counts, strict=True)
+        ]
+        return replace(self, records=tuple(cut))
+
+    def residuals(self, values: Array) -> list[Array]:
+        """Motion minus record of each run, (sample,) array of float each, rad."""
+        parameters, per_run = self.parameters, self.parameters.per_run(values)
+        pairs = enumerate(zip(self.records, per_run, strict=True))
+        return [record.residual(parameters.model(values, run), start) for run, (record, start) in pairs]
+
+    def white(self, values: Sequence[Array]) -> Array:
+        """Values of each run, (sample, ...), whitened, one after the other."""
+        return np.concatenate([record.white(v) for record, v in zip(self.records, values, strict=True)])
+
+    def white_sensitivity(self, values: Array, residuals: Sequence[Array]) -> Array:
+        """Derivative of the whitened residuals by each parameter, as if none were tied.
+
+        Parameters
+        ----------
+        values : (parameter,) array of float
+            Where it is taken.
+        residuals : sequence of (sample,) array of float, rad
+            The residuals there, of each run.
+
+        Returns
+        -------
+        (sample, parameter) array of float; 0 for parameters that are fixed.
+        """
+        return self.white([self._sensitivity(values, run, here) for run, here in enumerate(residuals)])
+
+    def _sensitivity(self, values: Array, run: int, here: Array) -> Array:
+        """Derivative of one run's residual (`here`) by all parameters."""
+        parameters, record = self.parameters, self.records[run]
+        table = np.zeros((len(here), len(values)))
+        *starts, offset = range(len(values))[parameters.of_run(run)]
+        moving = [
+            i for i in parameters.acting(run) if parameters.common[i] not in parameters.constraints.fixed
+        ]
+        names = [*(parameters.common[i] for i in moving), BY_ANGLE, BY_RATE]
+        start = parameters.per_run(values)[run]
+        places = [*moving, *starts]
+        columns = record.sensitivity(parameters.model(values, run), start, names)
+        if columns is not None:
+            table[:, places], table[:, offset] = columns, 1.0
+            return table
+        for i in (*places, offset):
+            stepped = values.copy()
+            stepped[i] += PENALTY_STEP * max(abs(values[i]), PENALTY_STEP)
+            start = parameters.per_run(stepped)[run]
+            residual = record.residual(parameters.model(stepped, run), start)
+            table[:, i] = (residual - here) / (stepped[i] - values[i])
+        return table

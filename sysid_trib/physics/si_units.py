@@ -1,0 +1,330 @@
+"""Coefficients in SI units: torques and forces of the contact, friction, and forces as a drive feels them."""
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force
+from sysid_trib.forces.scaling import signal_degree
+from sysid_trib.physics.model_estimate import (
+    ModelEstimate,
+    check_quantity,
+    model_estimate,
+    propagate,
+    propagate_measured,
+)
+from sysid_trib.records.units import METRES
+from sysid_trib.results.schema import library_of
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, signal_units, variable, with_error
+
+
+def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error: float = 0.0) -> xr.Dataset:
+    """Convert the coefficients of an identification to torques.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    inertia : float, kg m^2
+        Moment of inertia (of a translation with theta = x: mass, kg).
+    inertia_standard_error : float, kg m^2
+        Its standard error.
+
+    Returns
+    -------
+    Dataset
+        Over `force`: `coefficient` and `standard_error` in the unit of the coordinate `unit`, each the
+        factor of the coordinate `multiplies`; `covariance(force, other_force)`. Scalars `linear_stiffness`,
+        all that is proportional to the angle, and `inertia`, with errors.
+
+    Raises
+    ------
+    UsageError
+        Not an identification, or no positive inertia.
+
+    Notes
+    -----
+    A force of degree q in v is the torque I w^(2-q) c h(theta, theta'), theta' in rad/s; a numerical factor
+    of a power law goes to the coefficient: 2 zeta I w. One without such a degree is
+    I w^2 c h(theta, theta'/w). Errors hold those of w and of the inertia.
+    """
+    check_quantity("inertia", inertia, inertia_standard_error)
+    estimate = model_estimate(result)
+    count = len(estimate.forces)
+    powers = np.array([0.0 if f.speed_degree is None else f.speed_degree for f in estimate.forces])
+    factors = np.array([power_law_factor(f) for f in estimate.forces])
+    c, w = estimate.coefficients, estimate.frequency
+    scale = factors * inertia * w ** (2.0 - powers)
+    # By (coefficients, w, inertia).
+    jacobian = np.zeros((count, count + 2))
+    jacobian[:, :count] = np.diag(scale)
+    jacobian[:, count] = (2.0 - powers) * c * scale / w
+    jacobian[:, count + 1] = c * scale / inertia
+    values, whole = estimate.with_inertia(inertia, inertia_standard_error)
+    covariance = jacobian @ whole @ jacobian.T
+    errors = np.sqrt(np.diag(covariance))
+    data: Variables = {
+        "coefficient": variable("force", scale * c, "coefficient in SI units", PER_FORCE_UNIT),
+        "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
+        "covariance": variable(("force", "other_force"), covariance, "covariance", PER_FORCE_UNIT),
+    }
+    stiffness = propagate(lambda z: _stiffness(estimate, z), values, whole)
+    data |= with_error("linear_stiffness", (), stiffness, "linear stiffness", "N m rad-1")
+    data |= with_error("inertia", (), (inertia, inertia_standard_error), "moment of inertia", "kg m2")
+    coords = {
+        "force": estimate.symbols,
+        "other_force": estimate.symbols,
+        "unit": ("force", [_unit(f) for f in estimate.forces]),
+        "multiplies": ("force", [_term(f) for f in estimate.forces]),
+    }
+    return xr.Dataset(data, coords, estimate.provenance)
+
+
+def inertia_with_mass(
+    inertia: float,
+    mass: float,
+    radius: float,
+    *,
+    inertia_standard_error: float = 0.0,
+    mass_standard_error: float = 0.0,
+    radius_standard_error: float = 0.0,
+) -> xr.Dataset:
+    """Moment of inertia I0 + m l^2 of a pendulum with a mass fixed to it (Le Bot et al. 2019, Sec. 3).
+
+    Parameters
+    ----------
+    inertia : float, kg m^2
+        Without the mass.
+    mass : float, kg
+        The mass.
+    radius : float, m
+        Distance of the mass from the axis.
+    inertia_standard_error : float, kg m^2
+        Standard error of `inertia`.
+    mass_standard_error : float, kg
+        Standard error of `mass`.
+    radius_standard_error : float, m
+        Standard error of `radius`.
+
+    Returns
+    -------
+    Dataset
+        `inertia` and its standard error, kg m^2.
+
+    Raises
+    ------
+    UsageError
+        A quantity that is not positive.
+    """
+    total = propagate_measured(
+        lambda z: z[0] + z[1] * z[2] ** 2,
+        ("inertia", inertia, inertia_standard_error),
+        ("mass", mass, mass_standard_error),
+        ("radius", radius, radius_standard_error),
+    )
+    return xr.Dataset(with_error("inertia", (), total, "moment of inertia", "kg m2"))
+
+
+def _stiffness(estimate: ModelEstimate, values: Array) -> float:
+    """I w^2, and what a force of formula `x` adds to it where w does not hold it."""
+    force = estimate.library.role("x")
+    at = None if force is None else estimate.symbols.index(force.symbol)
+    added = values[at] if at is not None and estimate.in_model[at] else 0.0
+    return float(values[-1] * values[-2] ** 2 * (1.0 + added))
+
+
+def _is_monomial(force: Force) -> bool:
+    """Whether the force is a product of a power of |x|, one of |v|, signs and a number."""
+    return force.degree is not None and force.speed_degree is not None
+
+
+def power_law_factor(force: Force) -> float:
+    """The number in a power law, 2 of `2*v`; 1 of other forces."""
+    if not _is_monomial(force):
+        return 1.0
+    corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
+    return float(np.abs(force.value(corners[:, 0], corners[:, 1])).max())
+
+
+def _unit(force: Force) -> str:
+    speed = force.speed_degree or 0.0
+    whole = (force.degree or 0.0) if _is_monomial(force) else 0.0
+    # A coefficient of a force that drifts has its own unit of time.
+    drift = 0.0 if force.units == "1" else -float(force.units[1:])
+    powers = (("s", speed - drift), ("rad", -whole))
+    return "N m" + "".join(f" {name}{p:g}" if p != 1 else f" {name}" for name, p in powers if p)
+
+
+def _term(force: Force) -> str:
+    if not _is_monomial(force):
+        rate = "theta'/w" if force.speed_degree is None else "theta'"
+        return f"{force.formula.text}, x = theta, v = {rate}"
+    speed = force.speed_degree or 0.0
+    angle = (force.degree or 0.0) - speed
+    parts = [_power("|theta|", angle), _power("|theta'|", speed)]
+    return " ".join(part for part in parts if part) or "1"
+
+
+def _power(name: str, exponent: float) -> str:
+    return "" if not exponent else name if exponent == 1 else f"{name}^{exponent:g}"
+
+
+MASS, STIFFNESS = "mass", "stiffness"
+
+
+def per_input(result: xr.Dataset) -> xr.Dataset | None:
+    """Mass, stiffness and forces over the gain of an input; None where no force is an input by itself.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification with a force of formula `-u`, u any input.
+
+    Returns
+    -------
+    Dataset or None
+        Over `quantity`: `value` and `standard_error`. With g the gain and u in N these are SI: the mass
+        1/(w^2 g), N/(m/s^2); the stiffness 1/g, N/m (none of a body that is free to move); of a force that is
+        a power q of the rate its size at a rate of 1, c h(0, 1)/(g w^q), N/(m/s)^q. Others are left out.
+
+    Notes
+    -----
+    From theta'' + w^2 (theta + c h - g u) = 0, divided by w^2 g; errors to first order.
+    """
+    library = library_of(result)
+    drive = next((force for force in library if _is_gain(force)), None)
+    if drive is None:
+        return None
+    w, gain = result.reference_frequency.item(), result.coefficient.sel(force=drive.symbol).item()
+    rows: dict[str, tuple[str | None, float, float]] = {MASS: (None, 1.0 / w**2, -2.0)}
+    if not any(force.matches("-x") for force in library):
+        rows[STIFFNESS] = (None, 1.0, 0.0)
+    for force in library:
+        if (factor := _at_unit_rate(force)) is not None:
+            q = float(force.speed_degree or 0.0)
+            rows[force.symbol] = (force.symbol, factor / w**q, -q)
+    values, errors = [], []
+    for symbol, factor, power in rows.values():
+        value = factor / gain * (1.0 if symbol is None else result.coefficient.sel(force=symbol).item())
+        values.append(value)
+        errors.append(_error(result, drive.symbol, symbol, value, power))
+    return xr.Dataset(
+        {
+            "value": variable("quantity", values, "in the unit of the input"),
+            "standard_error": variable("quantity", errors, "standard error"),
+        },
+        {"quantity": list(rows)},
+        {"input": drive.inputs[0]},
+    )
+
+
+def _is_gain(force: Force) -> bool:
+    """Whether a force is an input of a unit of its own, with the sign of one that drives."""
+    single = len(force.channels) == 1 and not force.channels[0].kind
+    return single and force.formula.text.replace(" ", "") == f"-{force.channels[0].name}"
+
+
+def _at_unit_rate(force: Force) -> float | None:
+    """h(0, 1) of a force of the rate alone that is a power of it; None of others."""
+    names = {name for formula in force.formulas for name in formula.names}
+    if force.kind != "force" or not names <= {"v"} or force.speed_degree is None:
+        return None
+    return float(force.value(0.0, 1.0))
+
+
+def _error(result: xr.Dataset, gain: str, symbol: str | None, value: float, power: float) -> float:
+    """Standard error of c/g w^power, by the covariance of c and g; of w by itself."""
+    relative = {gain: -1.0 / result.coefficient.sel(force=gain).item()}
+    if symbol is not None and (c := result.coefficient.sel(force=symbol).item()):
+        relative[symbol] = 1.0 / c
+    names, slopes = list(relative), np.array(list(relative.values()))
+    covariance = result.covariance.sel(force=names, other_force=names).values
+    w = power * result.reference_frequency_standard_error.item() / result.reference_frequency.item()
+    return float(abs(value) * np.sqrt(max(0.0, float(slopes @ covariance @ slopes)) + w**2))
+
+
+def translation_units(result: xr.Dataset, mass: float, load: float | None = None) -> xr.Dataset:
+    """Forces on a mass from the coefficients of a displacement in a unit of length.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification of a displacement.
+    mass : float, kg
+    load : float, N, optional
+        Normal load of the contact.
+
+    Returns
+    -------
+    Dataset
+        Over `force`: `coefficient` and `standard_error` in the unit of the coordinate `unit` (N, kg s^-1,
+        kg m^-1, ...); with a load `friction_coefficient` and `friction_coefficient_standard_error` of forces
+        that do not depend on the size of the motion, else nan. Forces of no degree in the signal are nan.
+
+    Raises
+    ------
+    UsageError
+        No identification of a length, or no positive mass or load.
+
+    Notes
+    -----
+    A force of degree p in the signal and q in v is m w^(2-q) c |x|^(p-q) |x'|^q in SI units; a numerical
+    factor of a power law goes to the coefficient: 2 zeta m w. Errors hold those of w, but not of the mass.
+    """
+    check_quantity("mass", mass, 0.0)
+    if load is not None:
+        check_quantity("load", load, 0.0)
+    unit = signal_units(result)
+    check_length_unit(unit)
+    estimate = model_estimate(result)
+    w, w_error = estimate.frequency, float(np.sqrt(estimate.covariance[-1, -1]))
+    rows, names = [], []
+    for force, c, error in zip(
+        estimate.forces,
+        estimate.coefficients,
+        np.sqrt(np.diag(estimate.coefficient_covariance)),
+        strict=True,
+    ):
+        degree, speed = signal_degree(force), force.speed_degree or 0.0
+        power = np.nan if degree is None else degree.force
+        scale = power_law_factor(force) * mass * w ** (2.0 - speed) * METRES[unit] ** (1.0 - power)
+        rows.append((scale * c, np.hypot(scale * error, (2.0 - speed) * scale * c * w_error / w), power))
+        names.append(_unit_of_force(power, speed))
+    value, errors, powers = np.array(rows).T
+    data: Variables = {
+        "coefficient": variable("force", value, "coefficient in SI units", PER_FORCE_UNIT),
+        "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
+    }
+    if load is not None:
+        of_load = np.where(powers == 0.0, 1.0 / load, np.nan)
+        meaning = "coefficient of friction"
+        data["friction_coefficient"] = variable("force", of_load * value, meaning, "1")
+        data["friction_coefficient_standard_error"] = variable(
+            "force", of_load * errors, f"standard error of the {meaning}", "1"
+        )
+    coords = {"force": estimate.symbols, "unit": ("force", names)}
+    return xr.Dataset(data, coords, estimate.provenance)
+
+
+def check_length_unit(unit: str) -> None:
+    """Refuse a signal that is no length.
+
+    Raises
+    ------
+    UsageError
+        With what to give instead.
+    """
+    if unit not in METRES:
+        raise UsageError(
+            f"A mass makes forces of a displacement in a unit of length; this record is in {unit}. Give its "
+            "unit, --units mm, or for an angle the moment of inertia, --inertia."
+        )
+
+
+def _unit_of_force(power: float, speed: float) -> str:
+    """Unit of a coefficient: kg m^(1-p) s^(q-2); N where that is one."""
+    if power == 0.0 and speed == 0.0:
+        return "N"
+    powers = (("m", 1.0 - power), ("s", speed - 2.0))
+    return " ".join(["kg", *(name if p == 1.0 else f"{name}^{p:g}" for name, p in powers if p)])

@@ -1,0 +1,277 @@
+"""Samples that are no motion: spikes, outliers, frames that are held, a wrapped angle."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_lsq_spline
+from scipy.ndimage import maximum_filter1d
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.records.half_periods import noise_level, quantisation_step
+from sysid_trib.records.signal import LONGEST_FILLED
+
+Indices: TypeAlias = NDArray[np.int64]
+
+# Off what its neighbours say by this part of the swing: neither motion nor impact does this in one sample.
+SPIKE_SHARE = 0.2
+# Weights of the four neighbours of a sample (cubic), and of the four that follow the first.
+INSIDE = np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
+AT_END = np.array([4.0, -6.0, 4.0, -1.0])
+# Noise levels.
+SPIKE_NOISE = 15.0
+# Most a new frame moves, in steps of the sensor, where repeated values are its quantisation.
+QUANTISED_STEPS = 3.0
+WRAP_SHARE = 0.75
+# Part of the cuts at which the motion goes on on either side, and fewest of them.
+LEAST_AGAINST = 0.6
+FEWEST_CUTS = 4
+# Samples on either side that show how the motion goes on.
+CUT_REACH = 3
+# Pulses are so many times shorter than what is between them; a swing's two sides last alike.
+PULSE_RATIO = 3.0
+FEWEST_CROSSINGS = 12
+# Samples in a row that are bad together, at most.
+MOST_ROUNDS = 4
+
+
+def spikes(time: Array, signal: Array) -> Indices:
+    """Indices of samples that leap out of the swing and back, and of a bad first or last one.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+    signal : (sample,) array of float
+        In any unit.
+    """
+    if signal.size < 20:
+        return np.zeros(0, dtype=np.int64)
+    swing = float(np.ptp(np.percentile(signal, [1.0, 99.0])))
+    least = max(SPIKE_SHARE * swing, SPIKE_NOISE * noise_level(time, signal))
+    kept = np.arange(signal.size)
+    bad = np.zeros(signal.size, dtype=bool)
+    # A spike disturbs what is expected of its neighbours: the largest goes first, then they are judged anew.
+    for _ in range(MOST_ROUNDS):
+        if kept.size < 20:
+            return np.zeros(0, dtype=np.int64)
+        off = _off_neighbours(signal[kept])
+        candidates = (off > least) & _and_back(signal[kept], off)
+        if not candidates.any():
+            break
+        reach = np.lib.stride_tricks.sliding_window_view(np.pad(off, 2), 5).max(axis=1)
+        worst = kept[candidates & (off == reach)]
+        bad[worst] = True
+        kept = np.flatnonzero(~bad)
+    return np.flatnonzero(bad)
+
+
+def _and_back(signal: Array, off: Array) -> "NDArray[np.bool_]":
+    """Whether the neighbours of a sample are near each other: a step is no spike. True of the ends."""
+    back = np.ones(signal.size, dtype=bool)
+    back[1:-1] = off[1:-1] > 2.0 * np.abs(signal[2:] - signal[:-2])
+    return back
+
+
+def _off_neighbours(signal: Array) -> Array:
+    """Distance of each sample from the cubic through its four neighbours; of an end, through the next four.
+
+    Zero of the second from either end.
+    """
+    off = np.zeros(signal.size)
+    windows = np.lib.stride_tricks.sliding_window_view(signal, 5)
+    off[2:-2] = np.abs(windows[:, 2] - windows[:, [0, 1, 3, 4]] @ INSIDE)
+    off[0] = abs(signal[0] - signal[1:5] @ AT_END)
+    off[-1] = abs(signal[-1] - signal[-2:-6:-1] @ AT_END)
+    # The noise of an extrapolation is several times that of an interpolation.
+    off[[0, -1]] /= 3.0
+    return off
+
+
+def new_frames(signal: Array) -> Indices | None:
+    """First rows of values that are held over several rows (a live camera's frames); None if none are held.
+
+    Values repeat too where a fine clock meets a coarse sensor; but then a new value is the next step.
+    """
+    change = np.flatnonzero(np.diff(signal) != 0.0) + 1
+    if change.size < 20 or np.median(np.diff(change)) < 2.0:
+        return None
+    usual_step = float(np.median(np.abs(np.diff(signal)[change - 1])))
+    if usual_step <= QUANTISED_STEPS * quantisation_step(signal):
+        return None
+    return np.concatenate(([0], change))
+
+
+def unwrapped(angle: Array, turn: float) -> tuple[Array, int]:
+    """An angle that was cut at a whole turn, put together again, and the number of cuts.
+
+    Parameters
+    ----------
+    angle : (sample,) array of float
+        Within one turn where it was cut; missing values are nan.
+    turn : float
+        A whole turn in its unit.
+    """
+    good = np.isfinite(angle)
+    jumps = np.abs(np.diff(angle[good])) > WRAP_SHARE * turn
+    if not jumps.any() or np.ptp(angle[good]) > turn * (1.0 + 1e-6):
+        return angle, 0
+    whole = angle.copy()
+    whole[good] = np.unwrap(angle[good], period=turn)
+    # A spike of a whole turn and back is none.
+    if np.ptp(whole[good]) > 2.0 * turn:
+        return angle, 0
+    return whole, int(np.count_nonzero(jumps))
+
+
+def _step_beside_cubic() -> Array:
+    """Weights of samples before and after a cut that give the step of a cubic there, by least squares."""
+    at = np.arange(-CUT_REACH - 0.5, CUT_REACH + 1.0)
+    columns = np.column_stack([at**0, at, at**2, at**3, at > 0.0])
+    return np.asarray(np.linalg.pinv(columns)[-1])
+
+
+_STEP_BESIDE_CUBIC = _step_beside_cubic()
+
+
+def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
+    """A signal that was cut at the end of its sensor's range, put together again.
+
+    Parameters
+    ----------
+    signal : (sample,) array of float
+        In any unit, such as an encoder's counts of one turn.
+
+    Returns
+    -------
+    whole : (sample,) array of float
+    turn : float
+        What was added or taken off at each cut; nan where there is none.
+    cuts : int
+
+    Notes
+    -----
+    At a cut the signal leaps over most of its range in one step, against its motion, which goes on beyond.
+    The step that a cubic through the samples on either side leaves is a whole turn. A light barrier leaps as
+    well, but rests on either side.
+    """
+    span = float(np.ptp(signal))
+    step = np.diff(signal)
+    cut = np.flatnonzero(np.abs(step) > WRAP_SHARE * span)
+    cut = cut[(cut >= CUT_REACH) & (cut < step.size - CUT_REACH)]
+    if not cut.size:
+        return signal, float("nan"), 0
+    before, after = signal[cut] - signal[cut - CUT_REACH], signal[cut + 1 + CUT_REACH] - signal[cut + 1]
+    apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
+    beside = 0.5 * (before + after) / CUT_REACH
+    against = (before * after > 0.0) & (beside * step[cut] < 0.0)
+    if np.count_nonzero(against & apart) < max(FEWEST_CUTS, LEAST_AGAINST * np.count_nonzero(apart)):
+        return signal, float("nan"), 0
+    # The step beside a cubic through the samples on either side.
+    near = np.lib.stride_tricks.sliding_window_view(signal, 2 * CUT_REACH + 2)[cut - CUT_REACH]
+    turn = float(np.median(np.abs(near @ _STEP_BESIDE_CUBIC)[against & apart]))
+    if np.all(signal == np.round(signal)):
+        turn = float(round(turn))
+    whole = np.unwrap(signal, period=turn)
+    if np.ptp(whole) > 2.0 * turn:
+        return signal, float("nan"), 0
+    return whole, turn, int(cut.size)
+
+
+def pulses(signal: Array) -> bool:
+    """Whether a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    low, high = np.percentile(signal, [0.5, 99.5])
+    # Clearly on either side: noise about the middle is no crossing.
+    clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
+    above = signal[clear] > 0.5 * (low + high)
+    crossings = np.flatnonzero(np.diff(above))
+    if crossings.size < FEWEST_CROSSINGS:
+        return False
+    # By medians: a single long rest, before a release or after a stop, is none of them.
+    lasts, up = np.diff(clear[crossings]), above[crossings[:-1] + 1]
+    high_for, low_for = np.median(lasts[up]), np.median(lasts[~up])
+    return bool(max(high_for, low_for) > PULSE_RATIO * min(high_for, low_for))
+
+
+# Of the spline: its degree, knots in a period, and fewest samples between knots.
+OUTLIER_DEGREE, KNOTS, SAMPLES_PER_INTERVAL = 5, 12, 3
+# Noise levels, and part of the swing.
+OUTLIER_NOISE, OUTLIER_SHARE = 8.0, 3e-4
+# An impact bends the motion: it leaves its neighbours off as well, by more than this part.
+NEIGHBOURS, NEIGHBOURS_PART = 3, 0.2
+# More of its neighbours are bad only where they hold one value, as of a sensor that drops out or freezes.
+MOST_TOGETHER = 2
+# Noise with so many samples in its tails has no outliers.
+MOST_OUTLIERS = 0.05
+MOST_REMOVALS = 12
+# Samples that are looked at together.
+LONGEST_PART = 20_000
+
+
+def outliers(time: Array, signal: Array, period: float) -> Indices:
+    """Indices of samples that are off what the others say, wherever in the swing they are.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Rising.
+    signal : (sample,) array of float
+        In any unit.
+    period : float, s
+        Of the swing.
+
+    Notes
+    -----
+    A least-squares spline of twelve knots a period is fitted to each part without gaps. The sample that it
+    misses most is left out, and the others are judged anew.
+    """
+    gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * period) + 1
+    pieces = np.split(np.arange(time.size), gaps)
+    parts = [part for piece in pieces for part in np.array_split(piece, 1 + piece.size // LONGEST_PART)]
+    least = OUTLIER_SHARE * float(np.ptp(signal))
+    step = quantisation_step(signal)
+    parts_off = [part[_off_the_others(time[part], signal[part], period, (least, step))] for part in parts]
+    together = np.concatenate(parts_off)
+    return together if together.size <= MOST_OUTLIERS * time.size else np.zeros(0, dtype=np.int64)
+
+
+def _off_the_others(time: Array, signal: Array, period: float, least: tuple[float, float]) -> Mask:
+    """Which samples of a part without gaps are off by more than the noise, the least and a step's noise."""
+    bad = np.zeros(time.size, dtype=bool)
+    knots = min(KNOTS * np.ptp(time) / period, time.size / SAMPLES_PER_INTERVAL)
+    if knots < OUTLIER_DEGREE:
+        return bad
+    inner = np.linspace(time[0], time[-1], 1 + int(knots))
+    clamped = np.concatenate([[time[0]] * OUTLIER_DEGREE, inner, [time[-1]] * OUTLIER_DEGREE])
+    repeated = np.append(False, np.diff(signal) == 0.0)
+    if np.mean(repeated) < MOST_OUTLIERS:
+        bad = repeated
+    for _ in range(MOST_REMOVALS):
+        try:
+            spline = make_lsq_spline(
+                time, signal, clamped, OUTLIER_DEGREE, w=np.where(bad, 1e-6, 1.0), method="norm-eq"
+            )
+        except (ValueError, np.linalg.LinAlgError):
+            return np.zeros(time.size, dtype=bool)
+        off = np.abs(signal - spline(time))
+        good = np.where(bad, 0.0, off)
+        noise = max(1.5 * float(np.median(off[~bad])), least[1] / np.sqrt(12.0))
+        largest = good == maximum_filter1d(good, 2 * NEIGHBOURS + 1)
+        limit = max(OUTLIER_NOISE * noise, least[0])
+        further = largest & (good > limit)
+        if not further.any():
+            break
+        bad = bad | further
+    # Where it stays at the end of its range a sensor is clipped.
+    at_end = np.minimum(signal - np.min(signal), np.max(signal) - signal) <= limit
+    clipped = at_end & (np.append(False, at_end[:-1]) | np.append(at_end[1:], False))
+    bad &= (off > limit) & ~clipped
+    by_themselves = [at for at in np.flatnonzero(bad).tolist() if _is_by_itself(at, signal, off, bad)]
+    return np.isin(np.arange(time.size), by_themselves)
+
+
+def _is_by_itself(at: int, signal: Array, off: Array, bad: Mask) -> bool:
+    """Whether a bad sample is among good ones, or is one of several that hold one value."""
+    near = slice(max(0, at - NEIGHBOURS), at + NEIGHBOURS + 1)
+    values, others = signal[near][bad[near]], off[near][~bad[near]]
+    few = values.size <= MOST_TOGETHER or np.ptp(values) == 0.0
+    return bool(few and np.all(others <= NEIGHBOURS_PART * off[at]))

@@ -1,0 +1,216 @@
+"""A decay as a Dataset, also one too short to prove itself free, and several runs as a list."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from scipy.optimize import curve_fit
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.as_angle import integrated
+from sysid_trib.records.equilibrium import Swing, find_swing
+from sysid_trib.records.half_sines import with_standard_error
+from sysid_trib.records.inputs import refuse_inputs
+from sysid_trib.records.parts import Part, free_part
+from sysid_trib.records.signal import Piece, checked_signal, unit_of_signal
+
+# Samples of a period that are kept of an integrated signal: integration leaves next to no noise above them.
+INTEGRATED_POINTS_PER_PERIOD = 32
+
+
+@dataclass(frozen=True)
+class CutDecay:
+    """A decay within a piece of a record: its swing, and the part that is free."""
+
+    piece: Piece
+    swing: Swing
+    part: Part
+
+
+def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
+    """The decay as a part of its record, on the record's own samples where nothing was changed.
+
+    Parameters
+    ----------
+    record : Dataset
+        With `angle(time)`, and the rate or acceleration that is to be integrated (attribute `measured`).
+    decay : CutDecay
+        Found in the angle, or in what was measured.
+    said : str
+        What was done to the samples before.
+
+    Returns
+    -------
+    Dataset
+        As `free_decay` returns it.
+    """
+    piece, swing, part = decay.piece, decay.swing, decay.part
+    chosen = slice(part.start, part.stop)
+    time, signal = piece.time[chosen], piece.signal[chosen] - swing.equilibrium
+    attrs = record["angle"].attrs
+    units = centred_in = unit_of_signal(record)
+    equilibrium = swing.equilibrium, swing.standard_error
+    measured = record.attrs.get("measured")
+    beside = {}
+    if measured:
+        own_attrs = dict(record[measured].attrs) | {"long_name": f"{measured} as measured, about its mean"}
+        at = ("measured_time", time, {"units": "s", "long_name": "time"})
+        beside = {"measured": xr.DataArray(signal, {"measured_time": at}, "measured_time", attrs=own_attrs)}
+        period = swing.oscillation.period
+        for _ in range(int(record.attrs["integrations"])):
+            signal = integrated(time, signal, period)
+        if "felt_per_sine" in record.attrs:
+            signal = np.arcsin(np.clip(signal / float(record.attrs["felt_per_sine"]), -1.0, 1.0))
+        every = max(1, int(period / INTEGRATED_POINTS_PER_PERIOD * (time.size - 1) / (time[-1] - time[0])))
+        every = every if record.attrs["integrations"] else 1
+        time, signal = time[::every], signal[::every]
+        equilibrium, centred_in = (0.0, np.nan), str(record[measured].attrs["units"])
+    cut = _on_own_samples(record, time, bare=bool(measured))
+    cut["angle"] = ("time", signal, attrs)
+    cut = cut.assign(beside)
+    cut = cut.assign(with_standard_error((), "equilibrium", *equilibrium, units, "equilibrium"))
+    if np.isfinite(part.stop_time):
+        stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}
+        cut["stop_time"] = ((), part.stop_time, stop_attrs)
+    mended = "; ".join(text for text in (said, piece.sentence) if text)
+    cut.attrs["free_decay"] = _sentence(piece.time, part, swing, centred_in, mended)
+    return cut
+
+
+def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Dataset:
+    """The record's part at these times, with all its variables; of other times their coordinate alone."""
+    first = int(np.searchsorted(record["time"].to_numpy(), time[0]))
+    part = record.isel(time=slice(first, first + time.size))
+    if np.array_equal(part["time"].to_numpy(), time) and not bare:
+        return part.copy()
+    return xr.Dataset(coords={"time": ("time", time, record["time"].attrs)}, attrs=record.attrs)
+
+
+def _sentence(time: Array, part: Part, swing: Swing, units: str, mended: str) -> str:
+    cut = " and ".join(text for text in (part.before, part.after) if text)
+    kept = f"kept {time[part.start]:.6g} s to {time[part.stop - 1]:.6g} s ({part.stop - part.start} samples)"
+    error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
+    middle = f"centred on {swing.equilibrium:.6g}{error} {units}"
+    done = f"; {mended}" if mended else ""
+    return f"Free decay: {kept}; cut {cut or 'nothing'}{done}; {middle}."
+
+
+# Half periods from which a stop for good can be seen.
+FEWEST_SEEN = 3
+# Part of the motion that a damped sine may leave: what leaves more is no swing.
+LARGEST_LEFT = 0.5
+# Exponents, over the frequency, from which the damped sine is fitted.
+FIRST_EXPONENTS = (-0.02, 0.02, 0.2, 0.6)
+
+
+def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> CutDecay:
+    """The swing of a piece about the constant beside the damped sine that fits it best.
+
+    Parameters
+    ----------
+    piece : Piece
+    value : float, optional
+        Its equilibrium, if that is given.
+    refusal : DecayError
+        Why it is no proven decay.
+
+    Raises
+    ------
+    DecayError
+        The refusal, if nothing swings.
+    """
+    swing = find_swing(piece.time, piece.signal, value)
+    if swing is None:
+        raise refusal
+    part = _part(piece, swing)
+    chosen = slice(part.start, part.stop)
+    fitted = _damped_sine(piece.time[chosen], piece.signal[chosen], swing.oscillation.period)
+    if fitted is None:
+        raise refusal
+    if value is None:
+        swing = replace(swing, equilibrium=fitted[0], standard_error=fitted[1])
+    return CutDecay(piece, swing, part)
+
+
+def _part(piece: Piece, swing: Swing) -> Part:
+    """All of it, or what comes before a stop for good."""
+    whole, peak = Part(0, piece.time.size, "", ""), swing.halves.peak[swing.run]
+    if peak.size < FEWEST_SEEN or peak[-1] > peak[0]:
+        return whole
+    seen = free_part(piece.time, piece.signal - swing.equilibrium, swing)
+    return replace(seen, start=0, before="") if np.isfinite(seen.stop_time) else whole
+
+
+def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, float] | None:
+    """Constant beside a damped sine, and its standard error; None if that is not what moves."""
+    w, size = 2.0 * np.pi / period, float(np.std(signal))
+    at, y = w * (time - time[0]), signal / size
+
+    def motion(
+        at: Array, constant: float, cosine: float, sine: float, exponent: float, ratio: float
+    ) -> Array:
+        fall = np.exp(np.clip(-exponent * at, -50.0, 50.0))
+        return np.asarray(constant + fall * (cosine * np.cos(ratio * at) + sine * np.sin(ratio * at)))
+
+    fits = []
+    for exponent in FIRST_EXPONENTS:
+        fall = np.exp(np.clip(-exponent * at, -50.0, 50.0))
+        columns = np.stack([np.ones_like(at), fall * np.cos(at), fall * np.sin(at)], axis=1)
+        start = np.linalg.lstsq(columns, y, rcond=None)[0]
+        try:
+            fits.append(curve_fit(motion, at, y, [*start, exponent, 1.0]))
+        except (RuntimeError, ValueError):
+            continue
+    residuals = [float(np.std(y - motion(at, *values))) for values, _ in fits]
+    if not fits or min(residuals) > LARGEST_LEFT:
+        return None
+    values, covariance = fits[int(np.argmin(residuals))]
+    return float(values[0] * size), float(np.sqrt(covariance[0, 0]) * size)
+
+
+Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
+
+# Of each run, by which it shows how far names and coefficients hold.
+RECORD_PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
+
+
+def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
+    """The runs as a list, also if there is but one.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        `angle(time)` of one run, or of several.
+    driven : bool
+        Whether a known input is taken.
+
+    Raises
+    ------
+    UsageError
+        None is given, or one is no decay, or has a known input that is not taken.
+    DecayError
+        One holds what is no number, or times that do not rise.
+    """
+    runs = [decay] if isinstance(decay, xr.Dataset) else list(decay)
+    if not runs:
+        raise UsageError("No run is given; give at least one decay.")
+    for run in runs:
+        checked_signal(run)
+        if not driven:
+            refuse_inputs(run)
+    return runs
+
+
+def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
+    """The decay itself where there is but one."""
+    return runs[0] if len(runs) == 1 else list(runs)
+
+
+def root_mean_square(values: ArrayLike) -> float:
+    """RMS of numbers; of one it is that number itself."""
+    numbers = np.asarray(values, dtype=float)
+    return float(numbers[0]) if len(numbers) == 1 else float(np.sqrt(np.mean(numbers**2)))

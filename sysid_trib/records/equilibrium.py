@@ -1,0 +1,233 @@
+"""The swing within a record, and the equilibrium it swings about."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+from sysid_trib.records.half_periods import (
+    HalfPeriods,
+    IntArray,
+    Oscillation,
+    dominant_periods,
+    find_half_periods,
+    regular_run,
+    smooth,
+)
+from sysid_trib.records.signal import checked_signal
+
+BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+DRIFT_BLOCKS = 8
+SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
+KEPT_DECAYS = 64
+# Half periods that are summed at once: of a hundred samples each, their terms fit into the cache of a core.
+HALF_PERIODS_AT_ONCE = 64
+# The swing is what moves so many times as far as the line of the most travel, in so many half periods.
+HUM = 2.0
+FEWEST_REGULAR = 5
+
+
+@dataclass(frozen=True)
+class Swing:
+    """The regular part of an oscillation, split about its equilibrium.
+
+    Attributes
+    ----------
+    oscillation : the smoothed signal, not centred.
+    halves : all half periods of the record, about the equilibrium.
+    run : those of them that belong to the regular swing.
+    equilibrium, standard_error : in the signal's unit; the error is nan where the equilibrium was given.
+    """
+
+    oscillation: Oscillation
+    halves: HalfPeriods
+    run: slice
+    equilibrium: float
+    standard_error: float
+
+
+def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> Swing | None:
+    """Find the regular swing of a signal and, unless it is given, its equilibrium.
+
+    None if the signal holds no oscillation that stands out of its noise.
+    """
+    swings = [
+        _settle(time, signal, smooth(time, signal, period), equilibrium)
+        for period in dominant_periods(time, signal)
+    ]
+    travels = max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
+    if travels is None:
+        return None
+    # Mains hum travels far on small ways: a swing is what is several times as large.
+    larger = [
+        swing
+        for swing in swings
+        if swing.run.stop - swing.run.start >= FEWEST_REGULAR
+        and swing.oscillation.period > travels.oscillation.period
+        and _largest(swing) > HUM * _largest(travels)
+    ]
+    return max(larger, key=_largest, default=travels)
+
+
+def _largest(swing: Swing) -> float:
+    return float(swing.halves.peak[swing.run].max(initial=0.0))
+
+
+def usable_half_periods(time: Array, angle: Array, source: str, fewest: int = 3) -> HalfPeriods:
+    """Whole half periods of a centred decay.
+
+    Parameters
+    ----------
+    time, angle : (sample,) array of float, s and rad
+        The decay. Several parts of the program ask for the half periods of the same one: the last ones are
+        kept.
+    source : str
+        Name of the record in messages.
+    fewest : int
+        How many are needed; an envelope needs three.
+
+    Raises
+    ------
+    DecayError
+        Fewer than these.
+    """
+    halves = _whole_half_periods(time.tobytes(), angle.tobytes())
+    if halves is None:
+        raise DecayError(f"{source}: no oscillation stands out of the noise.")
+    count = halves.sign.size
+    if count < fewest:
+        raise DecayError(f"{source}: only {count} whole half periods; at least {fewest} needed.")
+    return halves
+
+
+def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array, HalfPeriods]:
+    """Times (s), angles (rad) and whole half periods of a centred decay (see `usable_half_periods`)."""
+    checked_signal(decay)
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    return time, angle, usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")), fewest)
+
+
+@lru_cache(maxsize=KEPT_DECAYS)
+def _whole_half_periods(time: bytes, angle: bytes) -> HalfPeriods | None:
+    swing = find_swing(np.frombuffer(time), np.frombuffer(angle), equilibrium=0.0)
+    return None if swing is None else swing.halves.select(swing.run)
+
+
+def _settle(time: Array, signal: Array, oscillation: Oscillation, equilibrium: float | None) -> Swing:
+    """Split and centre in turn: the split depends on the centre and the centre on the split."""
+    centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
+    error = np.nan
+    halves, run = _split(oscillation, centre)
+    # From the smoothed points first, which is quick, then from all.
+    for source_time, source in ((oscillation.time, oscillation.signal),) * 3 + ((time, signal),) * 2:
+        if equilibrium is not None or run.stop - run.start < 4:
+            break
+        extrema = centre + signed_extrema(source_time, source - centre, halves.select(run))
+        # The cosine rests on four times as many samples as an averaged point, unevenly.
+        centre, error = robust_mean(extrema, 0.6 * oscillation.smoothed_noise)
+        halves, run = _split(oscillation, centre)
+    return Swing(oscillation, halves, run, centre, error)
+
+
+def _split(oscillation: Oscillation, centre: float) -> tuple[HalfPeriods, slice]:
+    halves = find_half_periods(oscillation, centre)
+    return halves, regular_run(halves, oscillation.period)
+
+
+def _centre_of_travel(oscillation: Oscillation) -> float:
+    """Median weighted by the distance travelled: holding, resting and sticking do not count."""
+    middle = 0.5 * (oscillation.signal[1:] + oscillation.signal[:-1])
+    distance = np.abs(np.diff(oscillation.signal))
+    order = np.argsort(middle)
+    travelled = np.cumsum(distance[order])
+    return float(middle[order][np.searchsorted(travelled, 0.5 * travelled[-1])])
+
+
+def signed_extrema(time: Array, signal: Array, halves: HalfPeriods) -> Array:
+    """Extremum of each half period of a roughly centred signal, from a cosine through its middle two thirds.
+
+    What is left of the equilibrium passes with gain one, up to the cosine's curvature.
+    """
+    duration = halves.duration
+    local = np.convolve(np.pad(duration, 1, mode="edge"), SHORT_BINOMIAL, "valid")
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    reach = np.maximum(local / 3.0, 1.5 * (time[-1] - time[0]) / (time.size - 1))
+    low = np.searchsorted(time, middle - reach)
+    high = np.minimum(np.searchsorted(time, middle + reach), time.size)
+    index = np.arange(low[0], high[-1])
+    half = np.repeat(np.arange(low.size), np.diff(np.append(low, high[-1])))
+    inside = index < high[half]
+    index, half = index[inside], half[inside]
+    phase = np.pi * (time[index] - middle[half]) / local[half]
+    first = np.searchsorted(half, np.arange(low.size))
+    cc, cs, ss, cy, sy = harmonic_sums(phase, signal[index], np.ones(half.size), first)
+    determinant = np.maximum(cc * ss - cs * cs, 1e-12 * cc * cc)
+    p, q = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
+    return np.copysign(np.hypot(p, q), p)
+
+
+def harmonic_sums(phase: Array, value: Array, weight: Array, first: IntArray) -> Array:
+    """Sums of cos cos, cos sin, sin sin, cos y and sin y over each half period, which starts at `first`."""
+    sums = np.empty((5, len(first)))
+    # Some at a time: what is between stays in the cache, however long the record is.
+    for start in range(0, len(first), HALF_PERIODS_AT_ONCE):
+        begin = first[start : start + HALF_PERIODS_AT_ONCE]
+        # One without samples, as the next one starts where it does, takes the next one's first.
+        last = start + len(begin)
+        end = len(phase) if last == len(first) else max(first[last], begin[-1] + 1)
+        part = slice(begin[0], end)
+        cosine, sine, y = np.cos(phase[part]), np.sin(phase[part]), value[part]
+        c, s = weight[part] * cosine, weight[part] * sine
+        terms = (c * cosine, c * sine, s * sine, c * y, s * y)
+        sums[:, start:last] = [np.add.reduceat(term, begin - begin[0]) for term in terms]
+    return sums
+
+
+def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
+    """Mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
+
+    Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second
+    difference; the difference between extrema of one sign shows by how much: it is taken off (which makes the
+    weights 1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber). The error is
+    not less than what ``noise``, that of an extremum, leaves.
+    """
+    kernel = BINOMIAL if extrema.size >= 5 else SHORT_BINOMIAL
+    terms = np.convolve(extrema, kernel, "valid")
+    weights = np.ones(terms.size)
+    curvature = np.abs(extrema[2:] - extrema[:-2]) / 4.0
+    if extrema.size >= 5:
+        curvature = np.abs(extrema[4:] - 2.0 * extrema[2:-2] + extrema[:-4]) / 16.0
+        usual = max(float(np.median(curvature)), noise, 1e-15 * float(np.max(np.abs(extrema))))
+        weights = 1.0 / np.maximum(1.0, curvature / usual) ** 2
+    total, mean = weights, float(np.average(terms, weights=weights))
+    for _ in range(5):
+        deviation = np.abs(terms - mean)
+        limit = 1.5 * 1.4826 * float(np.median(deviation))
+        total = weights * limit / np.maximum(deviation, limit) if limit > 0.0 else weights
+        mean = float(np.average(terms, weights=total))
+    # Neighbouring terms share extrema: the error follows from the weight that each extremum has in the end.
+    influence = float(np.sqrt(np.sum(np.convolve(total / total.sum(), kernel) ** 2)))
+    scatter = np.sqrt(np.average((terms - mean) ** 2, weights=total) * terms.size / max(terms.size - 1, 1))
+    error = float(scatter / np.sqrt(np.sum(kernel**2))) * influence
+    # The scatter of a few terms may be small by chance.
+    if terms.size < 12:
+        error = max(error, noise * influence)
+    if terms.size < 4:
+        error = max(error, float(np.mean(curvature)))
+    return mean, max(error, _drift_error(terms, total, error))
+
+
+def _drift_error(terms: Array, weights: Array, error: float) -> float:
+    """Error of the mean from eight successive blocks, where it is clearly larger: the equilibrium drifts."""
+    if terms.size < 4 * DRIFT_BLOCKS:
+        return 0.0
+    bounds = np.arange(DRIFT_BLOCKS) * terms.size // DRIFT_BLOCKS
+    mass = np.add.reduceat(weights, bounds)
+    blocks = np.add.reduceat(weights * terms, bounds) / mass
+    weight = mass / mass.sum()
+    scatter = np.sum((weight * (blocks - np.sum(weight * blocks))) ** 2) * DRIFT_BLOCKS / (DRIFT_BLOCKS - 1)
+    drift = float(np.sqrt(scatter))
+    return drift if drift > 1.7 * error else 0.0

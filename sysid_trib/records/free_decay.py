@@ -1,0 +1,308 @@
+"""The free decays within a record: from the release to the stop, about their equilibrium."""
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records import free_motion_checks as checks
+from sysid_trib.records.cleaning import Indices, new_frames, outliers, pulses, spikes
+from sysid_trib.records.decay import CutDecay, decay_dataset, short_decay
+from sysid_trib.records.equilibrium import Swing, find_swing
+from sysid_trib.records.half_periods import dominant_periods
+from sysid_trib.records.parts import free_part
+from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
+
+# In any unit; the squares of still smaller numbers underflow.
+SMALLEST_SWING = 1e-150
+# What is left of a record is searched for another decay if it is of this part of the first one's amplitude,
+SMALLEST_FURTHER = 0.2
+# of the same period within this part,
+PERIOD_TOLERANCE = 0.25
+# and lasts for so many periods.
+FEWEST_PERIODS = 4.0
+MOST_DECAYS = 60
+
+
+def free_decay(
+    record: xr.Dataset,
+    *,
+    window: tuple[float | None, float | None] = (None, None),
+    equilibrium: float | str = "auto",
+    keep_outliers: bool = False,
+) -> xr.Dataset:
+    """Cut a record to its free decay and centre it on its equilibrium.
+
+    Of several decays in one record it is the one that travels farthest; `free_decays` gives them all.
+
+    Parameters
+    ----------
+    record
+        With ``angle(time)``.
+    window : s
+        Times between which to look; None for the record's end.
+    equilibrium : in the unit of the angle, or "auto"
+        ``auto``: the robust mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema. It is not the rest
+        position, which dry friction may put anywhere in the stick band.
+    keep_outliers : bool
+        Whether single samples that leap out of the swing and back are kept.
+
+    Returns
+    -------
+    Dataset
+        The record from the release to the stop, ``angle`` centred, times unchanged where they are even within
+        2 %; scalars ``equilibrium`` and ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it
+        stopped for good; attrs ``free_decay``: a sentence on what was cut or mended. A record that is free
+        from its first sample on loses none.
+
+    Raises
+    ------
+    UsageError
+        The window is no interval.
+    DecayError
+        Less than three periods, or flat, only noise, not decaying, growing, clipped, pulses.
+    """
+    decays = free_decays(record, window=window, equilibrium=equilibrium, keep_outliers=keep_outliers)
+    longest = max(decays, key=lambda decay: float(np.abs(np.diff(decay.angle.values)).sum()))
+    if len(decays) > 1:
+        others = f" It is the one of {len(decays)} decays that travels farthest; free_decays gives all."
+        longest.attrs["free_decay"] += others
+    return longest
+
+
+def free_decays(
+    record: xr.Dataset,
+    *,
+    window: tuple[float | None, float | None] = (None, None),
+    equilibrium: float | str = "auto",
+    keep_outliers: bool = False,
+    as_it_is: bool = False,
+) -> list[xr.Dataset]:
+    """Every free decay of a record, in order: parted by gaps, by hands, or by a new release.
+
+    Parameters
+    ----------
+    record : Dataset
+        With ``angle(time)``.
+    window : (float, float), s
+        Times between which to look; None for the record's end.
+    equilibrium : float, or "auto"
+        As in `free_decay`.
+    keep_outliers : bool
+        Whether single samples that leap out of the swing and back are kept.
+    as_it_is : bool
+        Whether a motion that is too short, too damped or growing to prove itself a free decay is taken whole,
+        about the constant beside the damped sine that fits it best; for forces that are known.
+
+    Returns
+    -------
+    list of Dataset
+        Each as `free_decay` returns it.
+
+    Raises
+    ------
+    UsageError, DecayError
+        As `free_decay`.
+    """
+    checked_signal(
+        record, *([str(record.attrs["measured"])] if "measured" in getattr(record, "attrs", {}) else [])
+    )
+    source = str(record.attrs.get("source", "record"))
+    inside = _in_window(record, window, source)
+    # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
+    measured = inside[inside.attrs.get("measured", "angle")]
+    time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
+    _check_signal(time, angle, source)
+    value = None if equilibrium == "auto" else _given(equilibrium)
+    if value is not None and measured.name != "angle":
+        raise UsageError(
+            f"{source}: no equilibrium can be given where the angle is integrated; leave it out."
+        )
+    if value is not None and not angle.min() < value < angle.max():
+        raise DecayError(
+            f"{source}: an equilibrium of {value:g} is outside of the record, which runs from "
+            f"{angle.min():.4g} to {angle.max():.4g} {inside['angle'].attrs.get('units', 'rad')}; "
+            "correct it, or let it be found (auto)."
+        )
+    kept, said = _kept_samples(time, angle, keep_outliers)
+    time, angle = time[kept], angle[kept]
+    periods = dominant_periods(time, angle)
+    period = periods[0] if periods else float(time[-1] - time[0])
+    breaks = np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float))
+    pieces = uniform_pieces(time, angle, period, tuple(breaks))
+    refused = ""
+    try:
+        decays = _decays_of(pieces, value, source)
+    except DecayError as refusal:
+        if not as_it_is:
+            raise
+        longest = max(pieces, key=lambda piece: piece.time.size)
+        decays = [short_decay(longest, value, refusal)]
+        refused = (
+            str(refusal).removeprefix(f"{source}: ").partition(";")[0].partition(", at least")[0].rstrip(".")
+        )
+        said.append(f"taken as it is, since its forces are named, though {refused}")
+    if len(pieces) > 1:
+        said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
+    datasets = [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
+    return [decay.assign_attrs(taken_as_it_is=refused) for decay in datasets] if refused else datasets
+
+
+def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> "tuple[Indices, list[str]]":
+    """Indices of the samples that are kept, and sentences on the others."""
+    kept, said = np.arange(time.size), []
+    frames = new_frames(angle)
+    if frames is not None:
+        kept = frames
+        said.append(f"values are held over rows: the {frames.size} new ones of {time.size} are used")
+    if keep_outliers:
+        return kept, said
+    calm = np.delete(kept, spikes(time[kept], angle[kept]))
+    if periods := dominant_periods(time[calm], angle[calm]):
+        calm = np.delete(calm, outliers(time[calm], angle[calm], periods[0]))
+    left_out = np.setdiff1d(kept, calm)
+    if left_out.size:
+        listed = ", ".join(f"{angle[at]:.4g} at {time[at]:.6g} s" for at in left_out[:3])
+        more = ", ..." if left_out.size > 3 else ""
+        count = "1 outlier" if left_out.size == 1 else f"{left_out.size} outliers"
+        said.append(f"{count} left out ({listed}{more}; --keep-outliers keeps them)")
+    return calm, said
+
+
+def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[CutDecay]:
+    """The decays of all pieces; where there is none, the reason why the longest is none."""
+    decays: list[CutDecay] = []
+    longest = max(pieces, key=lambda piece: piece.time.size)
+    try:
+        decays = _decays_in(longest, value, source)
+    except DecayError:
+        if len(pieces) == 1:
+            raise
+    for piece in pieces:
+        if piece is not longest:
+            decays += _further(piece, decays, value, source)
+    if not decays:
+        _first(longest, value, source)
+    return sorted(decays, key=lambda decay: decay.piece.time[decay.part.start])
+
+
+def _decays_in(piece: Piece, value: float | None, source: str) -> list[CutDecay]:
+    """The decay of a piece that travels farthest, and those before and after it."""
+    decays = [_first(piece, value, source)]
+    waiting = list(_beside(decays[0]))
+    while waiting and len(decays) < MOST_DECAYS:
+        rest = waiting.pop()
+        for decay in _further(rest, decays, value, source):
+            decays.append(decay)
+            waiting += _beside(decay)
+    return decays
+
+
+def _beside(decay: CutDecay) -> list[Piece]:
+    """What comes before a decay and after it."""
+    time, signal, part = decay.piece.time, decay.piece.signal, decay.part
+    sentence = decay.piece.sentence
+    return [
+        Piece(time[: part.start], signal[: part.start], sentence),
+        Piece(time[part.stop :], signal[part.stop :], sentence),
+    ]
+
+
+def _further(piece: Piece, decays: list[CutDecay], value: float | None, source: str) -> list[CutDecay]:
+    """The decay of a piece, if it is one like those that are known."""
+    known = decays[0].swing.oscillation.period if decays else 0.0
+    if piece.time.size < 20 or piece.time[-1] - piece.time[0] < FEWEST_PERIODS * known:
+        return []
+    if decays and np.ptp(piece.signal) < SMALLEST_FURTHER * np.ptp(decays[0].piece.signal):
+        return []
+    try:
+        decay = _first(piece, value, source)
+    except DecayError:
+        return []
+    if not decays:
+        return [decay]
+    halves, first = decay.swing.halves.peak[decay.swing.run], decays[0].swing.halves.peak[decays[0].swing.run]
+    alike = abs(decay.swing.oscillation.period / known - 1.0) < PERIOD_TOLERANCE
+    return [decay] if alike and halves.max() > SMALLEST_FURTHER * first.max() else []
+
+
+def _first(piece: Piece, value: float | None, source: str) -> CutDecay:
+    """The decay that a piece holds, or the reason why it holds none."""
+    time, signal = piece.time, piece.signal
+    if pulses(signal):
+        raise DecayError(
+            f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier "
+            "does: it is not a displacement, from which a decay could be read; choose another column."
+        )
+    swing = find_swing(time, signal, value)
+    if swing is None:
+        raise DecayError(
+            f"{source}: no oscillation stands out of the noise; check the column and the window."
+        )
+    first, clipped = checks.end_of_clipping(time, signal, swing, source)
+    if first:
+        sentence = "; ".join(text for text in (piece.sentence, clipped) if text)
+        return _first(Piece(time[first:], signal[first:], sentence), value, source)
+    swing = checks.after_the_drive(time, signal, swing)
+    swing = checks.after_the_largest(time, signal, swing, source)
+    return CutDecay(piece, swing, free_part(time, signal - swing.equilibrium, swing))
+
+
+def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
+    """The swing of a signal if it holds a free decay, else None and why; in a unit and times of any kind.
+
+    Parameters
+    ----------
+    time : (sample,) array of float
+        Rising.
+    signal : (sample,) array of float
+    """
+    if signal.size < 20 or np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
+        return None, "it does not move"
+    kept, _ = _kept_samples(time, signal, keep_outliers=False)
+    periods = dominant_periods(time[kept], signal[kept])
+    if not periods:
+        return None, "no oscillation stands out of the noise"
+    try:
+        decays = _decays_of(uniform_pieces(time[kept], signal[kept], periods[0]), None, "")
+    except DecayError as error:
+        return None, str(error).removeprefix(": ").partition(";")[0].rstrip(".")
+    swings = (decay.swing for decay in decays)
+    return max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum())), ""
+
+
+def _given(equilibrium: float | str) -> float:
+    try:
+        value = float(equilibrium)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise UsageError(f"equilibrium {equilibrium!r}: give a number, or auto.")
+    return value
+
+
+def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], source: str) -> xr.Dataset:
+    start = -np.inf if window[0] is None else float(window[0])
+    stop = np.inf if window[1] is None else float(window[1])
+    if not start < stop:
+        raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
+    time = record["time"].to_numpy()
+    first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))
+    inside = record.isel(time=slice(first, last))
+    if (count := inside.sizes["time"]) < 20:
+        few = f"only {count} sample{'s' * (count != 1)}"
+        if window == (None, None):
+            raise DecayError(
+                f"{source}: {few} in {np.ptp(time):.3g} s, of which no decay can be told; record longer."
+            )
+        asked = ":".join("" if end is None else f"{end:g}" for end in window)
+        raise DecayError(
+            f"{source}: {few} in the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); "
+            "widen the window."
+        )
+    return inside
+
+
+def _check_signal(time: Array, angle: Array, source: str) -> None:
+    if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
+        raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")

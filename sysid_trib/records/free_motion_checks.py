@@ -1,0 +1,276 @@
+"""Whether a swing is a free decay: long enough, falling, never pushed, not clipped, not stopped by a hand."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+from sysid_trib.records.equilibrium import Swing, signed_extrema
+from sysid_trib.records.half_periods import IntArray
+
+# Three full periods: five whole half periods and a part of one at either end.
+FEWEST_EXTREMA = 5
+# Each half-sine has two unknowns.
+FEWEST_PER_HALF_PERIOD = 2.5
+# A drive holds the amplitude for so many half periods at least, and within this part.
+DRIVEN_HALF_PERIODS = 8
+DRIVEN_TOLERANCE = 0.03
+# A beat rises over so many half periods at least, in this part of them, and swings on in this part.
+FEWEST_RISING = 5
+RISING_PART = 0.8
+# What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
+SHAKEN = 0.25
+# Between its maxima the amplitude of a beat falls by this part of the largest one at least.
+TROUGH = 0.3
+SWINGING_ON = 0.7
+# Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
+HOLLOW = 0.8
+# Noise levels within which a sample is at the end of the sensor's range; part of the samples within four
+# times that which are at it in a flat top (of a parabola it is half of them); fewest flat tops of one sign.
+CLIPPED_NOISE, FLAT_PART, FEWEST_CLIPPED = 6.0, 0.75, 2
+# A hand takes a few periods at most.
+HAND_HALF_PERIODS = 8
+# Friction alone stops a swing that, at its last pace, would end within so many half periods.
+NATURAL_HALF_PERIODS = 4.0
+PACE_TOLERANCE = 0.03
+
+
+def after_the_drive(time: Array, angle: Array, swing: Swing) -> Swing:
+    """Leave out what comes before the decay if the amplitude is held until there, as a drive holds it."""
+    run = swing.run
+    if run.stop - run.start < DRIVEN_HALF_PERIODS + FEWEST_EXTREMA:
+        return swing
+    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
+    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
+    held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
+    allowed = DRIVEN_TOLERANCE * held + scatter
+    away = np.abs(peak - held) > allowed
+    end = int(np.argmax(away)) if away.any() else peak.size
+    if end < DRIVEN_HALF_PERIODS or end > peak.size - FEWEST_EXTREMA:
+        return swing
+    after = slice(end - 1, end - 1 + FEWEST_EXTREMA)
+    pace = -float(np.polyfit(np.arange(FEWEST_EXTREMA), peak[after], 1)[0])
+    # At the pace of what follows the amplitude would have left what is allowed several times over.
+    if pace * end < 8.0 * allowed:
+        return swing
+    return replace(swing, run=slice(run.start + end - 1, run.stop))
+
+
+def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> Swing:
+    """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
+    run = swing.run
+    per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
+    if per_half_period < FEWEST_PER_HALF_PERIOD:
+        raise DecayError(f"{source}: only {per_half_period:.2g} samples in a half period; sample faster.")
+    count = run.stop - run.start
+    if count < FEWEST_EXTREMA:
+        raise DecayError(
+            f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
+            f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
+            "record longer or widen the window, or name the forces that act (--forces) to take it as it is."
+        )
+    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
+    # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,
+    # and steps.
+    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
+    largest = int(np.argmax(peak))
+    first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
+    quarter = max(1, (count - first) // 4)
+    fall = float(np.mean(peak[first : first + quarter]) - np.mean(peak[-quarter:]))
+    falling = fall >= 1e-4 * peak[first] + scatter / np.sqrt(quarter)
+    if (count - first < FEWEST_EXTREMA and largest) or not falling:
+        _refuse_rise_and_fall(peak, scatter, source)
+    if count - first < FEWEST_EXTREMA and largest:
+        growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
+        raise DecayError(
+            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed, or the "
+            "forces that act (--forces), to take it as it is."
+        )
+    if not falling:
+        change = -200.0 * fall / peak[first] / (count - first)
+        raise DecayError(
+            f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period; "
+            "is it driven? A free decay is needed."
+        )
+    swing = replace(swing, run=slice(run.start + first, run.stop))
+    swing = _before_shaking(peak[first:], swing)
+    _refuse_pushes(peak[first : first + swing.run.stop - swing.run.start], swing, source)
+    _refuse_beats(swing, source)
+    return swing
+
+
+def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
+    """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest."""
+    trough = int(np.argmin(peak))
+    before, after = peak[: trough + 1].max(), peak[trough:].max()
+    if (
+        min(before, after) - peak[trough] > TROUGH * peak.max() + 2.0 * scatter
+        and peak[0] > TROUGH * peak.max()
+    ):
+        raise DecayError(
+            f"{source}: the amplitude falls from {before:.3g} to {peak[trough]:.3g} and rises again to "
+            f"{after:.3g}: two modes beat; record one alone, or choose the window of one decay."
+        )
+
+
+def _refuse_beats(swing: Swing, source: str) -> None:
+    """Refuse the fall of a beat: the amplitude falls to nothing, ever faster, and rises again as gradually.
+
+    Where two modes are as strong as each other the sign changes at the node, which ends the run there.
+    """
+    run, peak = swing.run, swing.halves.peak
+    fall = peak[run]
+    quarter = fall.size // 4
+    rise = peak[run.stop : min(run.stop + fall.size, peak.size - 1)]
+    if quarter < 1 or rise.size < FEWEST_RISING:
+        return
+    lasts = swing.halves.duration[run.stop : run.stop + rise.size] / (0.5 * swing.oscillation.period)
+    swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > SWINGING_ON
+    hollow = fall[-quarter - 1] - fall[-1] < HOLLOW * (fall[0] - fall[quarter])
+    top = int(np.argmax(rise))
+    gradual = top >= FEWEST_RISING - 1 and np.mean(np.diff(rise[: top + 1]) > 0.0) > RISING_PART
+    if swings_on and not hollow and gradual and rise[top] > 0.5 * fall[0]:
+        instant = swing.halves.crossing[run.stop]
+        raise DecayError(
+            f"{source}: the amplitude falls from {fall[0]:.3g} to {fall[-1]:.3g} at {instant:.4g} s and "
+            f"rises again to {rise[top]:.3g} as gradually: two modes beat; record one alone, or choose "
+            "the window of one decay."
+        )
+
+
+def _first_rise(peak: Array, swing: Swing) -> tuple[int, float] | None:
+    """First half period that is larger than one of its sign before, and the smallest of those; else None."""
+    rises = []
+    for side in (0, 1):
+        same = peak[side::2]
+        lowest = np.minimum.accumulate(same)
+        larger = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
+        rises += [(side + 2 * int(larger[0]), float(lowest[larger[0]]))] if larger.size else []
+    return min(rises, default=None)
+
+
+def _before_shaking(peak: Array, swing: Swing) -> Swing:
+    """Leave out what comes after the decay if it is shaken on from there: small, and larger again."""
+    rise = _first_rise(peak, swing)
+    if rise is None:
+        return swing
+    level = float(peak[rise[0] :].max())
+    stop = int(np.argmax(peak <= level))
+    if level > SHAKEN * peak[0] or stop < FEWEST_EXTREMA:
+        return swing
+    return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
+
+
+def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
+    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
+    rise = _first_rise(peak, swing)
+    if rise is not None:
+        instant = swing.halves.crossing[swing.run.start + rise[0]]
+        raise DecayError(
+            f"{source}: the amplitude rises again at {instant:.4g} s, from {rise[1]:.3g} to "
+            f"{peak[rise[0]]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
+            "window before, or start it after."
+        )
+
+
+def end_of_clipping(time: Array, angle: Array, swing: Swing, source: str) -> tuple[int, str]:
+    """First sample after the last half period that the end of the sensor's range cuts off, and a sentence.
+
+    Returns
+    -------
+    int
+        0 where nothing is clipped.
+    str
+        What is left out, and why.
+
+    Raises
+    ------
+    DecayError
+        Too little is left.
+    """
+    halves = swing.halves
+    last, limits = -1, []
+    for side in (-1, 1) if swing.run.stop - swing.run.start >= FEWEST_EXTREMA else ():
+        reached, limit = _clipped(time, angle, swing, side)
+        if reached.size:
+            last = max(last, int(reached[-1]))
+            limits.append(f"{limit:.6g}")
+    if last < 0:
+        return 0, ""
+    if swing.run.stop - last - 1 < FEWEST_EXTREMA:
+        raise DecayError(
+            f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end; "
+            "record with a wider range."
+        )
+    first = int(np.searchsorted(time, halves.crossing[last + 1]))
+    cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"
+    return first, cut
+
+
+def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> tuple[IntArray, float]:
+    """Half periods of one sign that reach the extreme value, if some stay there too long; that value.
+
+    Exactly, or within the noise, which may come after what clips.
+    """
+    halves, run = swing.halves, swing.run
+    starts, stops = halves.samples(time)
+    part = slice(int(starts[run.start]), int(stops[run.stop - 1]))
+    limit = float(side * np.max(side * angle[part]))
+    height = max(side * (limit - swing.equilibrium), 1e-300)
+    inside = (np.arange(len(starts)) >= run.start) & (np.arange(len(starts)) < run.stop)
+    noise = swing.oscillation.smoothed_noise * np.sqrt(swing.oscillation.samples)
+
+    samples = np.minimum(stops - starts, np.median(stops - starts))
+
+    def near_limit(width: float) -> IntArray:
+        near = np.concatenate(([0], np.cumsum(np.abs(limit - angle) <= width)))
+        return np.where(halves.sign == side, near[stops] - near[starts], 0)
+
+    for width in (1e-9 * height, CLIPPED_NOISE * noise):
+        # A cosine stays within so much of its top for this part of a half period.
+        usual_width = max(width, swing.oscillation.step)
+        usual = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - usual_width / height)) * samples
+        at_limit = near_limit(width)
+        # A broad top has many more samples somewhat below it, a flat one next to none.
+        tops = (at_limit > 1.5 * usual + 1) & (at_limit > FLAT_PART * near_limit(4.0 * usual_width))
+        if np.any(tops & inside) and np.count_nonzero(tops) >= FEWEST_CLIPPED:
+            return np.flatnonzero((at_limit > 0) & (inside | tops)), limit
+    return np.zeros(0, dtype=np.int64), limit
+
+
+def before_the_hand(swing: Swing) -> slice | None:
+    """The run up to the last half period that is free, or None if the swing does not end by a hand.
+
+    For a record that goes on after its run of half periods otherwise than the swing would.
+    """
+    run = swing.run
+    end = run.stop
+    for half in range(max(run.stop - HAND_HALF_PERIODS, run.start + 4), run.stop):
+        if _disturbed(swing, half):
+            end = half
+            break
+    # Friction's own arrest also breaks the pace, but at a small amplitude.
+    if end - run.start < 5 or _nearly_stopped(swing, end - 1):
+        return None
+    return slice(run.start, end)
+
+
+def _disturbed(swing: Swing, half: int) -> bool:
+    """Whether amplitude or duration leave the course of the half periods of the same sign before."""
+    peak, duration = swing.halves.peak, swing.halves.duration
+    noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
+    fall = peak[half - 4] - peak[half - 2]
+    expected = peak[half - 2] - fall
+    off_pace = abs(peak[half] - expected) > PACE_TOLERANCE * peak[half - 2] + abs(fall) + noise
+    drift = abs(duration[half - 2] - duration[half - 4])
+    shift = noise / peak[half - 2] * duration[half - 2] / np.pi
+    longer = abs(duration[half] - duration[half - 2])
+    return bool(off_pace or longer > PACE_TOLERANCE * duration[half - 2] + 2.0 * drift + 2.0 * shift)
+
+
+def _nearly_stopped(swing: Swing, half: int) -> bool:
+    """Whether the amplitude, at its pace, is about to end or to be off_pace in the noise."""
+    peak = swing.halves.peak
+    pace = (peak[half - 4] - peak[half]) / 4.0
+    return bool(peak[half] < NATURAL_HALF_PERIODS * pace + 4.0 * swing.oscillation.floor)

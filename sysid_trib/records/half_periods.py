@@ -1,0 +1,297 @@
+"""Half periods of an oscillation that may be noisy, quantised, jittered, or held by hand at first."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import hilbert
+
+from sysid_trib.arrays import Array
+
+IntArray = NDArray[np.int64]
+
+POINTS_PER_PERIOD = 24
+"""Points a period keeps after smoothing: enough for its crossings, few enough to be quick."""
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """A signal averaged over a twelfth of its period, and what disturbs it.
+
+    Attributes
+    ----------
+    time, signal : (point,)
+        The averaged signal; a twentyfourth of a period apart where the sampling allows.
+    period : s
+        Dominant period.
+    step : float
+        Quantisation step of the original signal (tiny if there is none).
+    smoothed_noise : float
+        White noise of one averaged point.
+    samples : int
+        That are averaged in a point.
+    """
+
+    time: Array
+    signal: Array
+    period: float
+    step: float
+    smoothed_noise: float
+    samples: int
+
+    @property
+    def floor(self) -> float:
+        """Amplitude below which noise or quantisation could feign a half period."""
+        return max(5.0 * self.smoothed_noise, 0.75 * self.step)
+
+
+@dataclass(frozen=True)
+class HalfPeriods:
+    """Consecutive half periods, bounded by zero crossings; their signs alternate.
+
+    Attributes
+    ----------
+    crossing : (half_period + 1,) s
+        Zero crossings; the first and last value are the ends of the averaged signal, unless a part was
+        selected.
+    sign : (half_period,)
+        +1 or -1.
+    peak : (half_period,)
+        Largest absolute value of the averaged signal.
+    """
+
+    crossing: Array
+    sign: IntArray
+    peak: Array
+
+    @property
+    def duration(self) -> Array:
+        """Time between the crossings of each half period."""
+        return np.diff(self.crossing)
+
+    def select(self, part: slice) -> "HalfPeriods":
+        """The half periods ``part.start`` to ``part.stop - 1``."""
+        return HalfPeriods(self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part])
+
+    def samples(self, time: Array) -> tuple[IntArray, IntArray]:
+        """First sample of each half period, and one past its last."""
+        bounds = np.searchsorted(time, self.crossing)
+        return bounds[:-1], bounds[1:]
+
+
+def noise_level(time: Array, signal: Array) -> float:
+    """White noise of one sample, from sixth differences: a smooth motion leaves next to nothing in them.
+
+    Jittered times get divided differences: taken for even, they would turn motion into noise. Single spikes
+    and the kinks of dry friction are left out.
+    """
+    if signal.size < 12:
+        return 0.0
+    steps = np.diff(time)
+    if np.ptp(steps) < 1e-6 * steps.mean():
+        difference = np.abs(np.diff(signal, 6)) / np.sqrt(924.0)
+    else:
+        difference = _divided_difference(time / steps.mean(), signal)
+    usual = float(np.quantile(difference, 0.7))
+    if usual > 0.0:
+        difference = difference[difference < 8.0 * usual]
+    return float(np.sqrt(np.mean(difference**2)))
+
+
+def _divided_difference(time: Array, signal: Array) -> Array:
+    """Size of the sixth divided differences, scaled to the noise of one sample."""
+    count = time.size - 6
+    near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
+    difference, squares = np.zeros(count), np.zeros(count)
+    # One point after the other: all spacings of a long record at once take a gigabyte.
+    for at in range(7):
+        weight = np.ones(count)
+        for other in range(7):
+            if other != at:
+                weight *= near[at] - near[other]
+        weight = 1.0 / weight
+        difference += weight * values[at]
+        squares += weight**2
+    return np.asarray(np.abs(difference) / np.sqrt(squares))
+
+
+def quantisation_step(signal: Array) -> float:
+    """Smallest spacing between values; that of continuous values is negligible by itself.
+
+    Spacings below a millionth of the range are rounding of the quantised values, not their step.
+    """
+    values = np.sort(signal[:: max(1, signal.size // 20_000)])
+    spacing = np.diff(values)
+    spacing = spacing[spacing > 1e-6 * (values[-1] - values[0])]
+    return float(spacing.min()) if spacing.size else 0.0
+
+
+def noise_of_record(time: Array, signal: Array) -> float:
+    """Noise of one sample: white, or that of the quantisation where it is larger."""
+    return max(noise_level(time, signal), quantisation_step(signal) / np.sqrt(12.0))
+
+
+def dominant_periods(time: Array, signal: Array) -> list[float]:
+    """Periods of the line that is strongest by its rate and, if others, by the root of its rate or by itself.
+
+    Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
+    line stands out of the spectrum's median, as it does not in noise.
+    """
+    size = next_fast_len(2 * signal.size, real=True)
+    spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
+    # Few lines stand out: what follows is done with these alone.
+    out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
+    spectrum, index = spectrum[out], out + 1
+    if not spectrum.size:
+        return []
+    peaks = [int(np.argmax(spectrum * index**power)) for power in (1.0, 0.5, 0.0)]
+    if spectrum[peaks[0]] == 0.0:
+        return []
+    periods: list[float] = []
+    for peak in peaks:
+        period = float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak])
+        # Of times near the smallest number a period may be zero.
+        if period > 0.0 and not any(0.8 < period / other < 1.25 for other in periods):
+            periods.append(period)
+    return periods
+
+
+def smooth(time: Array, signal: Array, period: float) -> Oscillation:
+    """Average over a twelfth of the period."""
+    interval = (time[-1] - time[0]) / (time.size - 1)
+    width = max(1, round(2 * period / POINTS_PER_PERIOD / interval))
+    first = np.arange(0, time.size - width + 1, max(1, width // 2))
+
+    def average(values: Array) -> Array:
+        total = np.concatenate(([0.0], np.cumsum(values - values[0])))
+        return (total[first + width] - total[first]) / width + values[0]
+
+    noise = float(noise_level(time, signal) / np.sqrt(width))
+    return Oscillation(average(time), average(signal), period, quantisation_step(signal), noise, width)
+
+
+def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> HalfPeriods:
+    """Split an oscillation at the zero crossings that lead from one clear side to the other.
+
+    A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis).
+    Of several chattering crossings on the way, the middle counts.
+    """
+    time, signal = oscillation.time, oscillation.signal - equilibrium
+    magnitude = np.abs(signal)
+    points = max(3, round(oscillation.period * (time.size - 1) / (time[-1] - time[0])))
+    clear = magnitude > np.maximum(0.1 * maximum_filter1d(magnitude, points), oscillation.floor)
+    where = np.flatnonzero(clear)
+    side = np.sign(signal[where]).astype(np.int64)
+    turn = np.flatnonzero(np.diff(side))
+    if where.size == 0:
+        empty = np.zeros(0)
+        return HalfPeriods(empty, empty.astype(np.int64), empty)
+    crossing = _middle_crossing(time, signal, where[turn], where[turn + 1])
+    crossing = np.concatenate(([time[0]], crossing, [time[-1]]))
+    first = np.concatenate(([0], turn + 1))
+    peak = np.maximum.reduceat(magnitude[where], first)
+    return HalfPeriods(crossing, side[first], peak)
+
+
+def _middle_crossing(time: Array, signal: Array, before: IntArray, after: IntArray) -> Array:
+    """Mean of the first and last zero crossing between the points ``before`` and ``after``."""
+    change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
+    low, high = signal[change], signal[change + 1]
+    instant = time[change] + (time[change + 1] - time[change]) * low / (low - high)
+    first = np.searchsorted(change, before)
+    last = np.searchsorted(change, after) - 1
+    return 0.5 * (instant[first] + instant[last])
+
+
+def regular_run(halves: HalfPeriods, period: float) -> slice:
+    """The run of whole half periods with steady durations that covers the most travel, of all of a record.
+
+    Rest, lifting and holding last too long or too short to belong to it, as does a stuck tail.
+    """
+    half = halves.duration / (0.5 * period)
+    fits = (half > 0.4) & (half < 2.5)
+    # The first and the last half period are cut off by the ends of the record.
+    fits[:1] = fits[-1:] = False
+    steady = np.abs(np.log(half[1:] / half[:-1])) < np.log(1.67)
+    goes_on = steady & fits[1:] & fits[:-1]
+    run = np.concatenate(([0], np.cumsum(~goes_on)))[: fits.size]
+    travel = np.bincount(run, halves.peak * fits, minlength=1)
+    best = np.flatnonzero(fits & (run == np.argmax(travel)))
+    return slice(int(best[0]), int(best[-1]) + 1) if best.size else slice(0, 0)
+
+
+# N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half period
+# alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has 2.
+EXTREMUM_VARIANCE = 2.0
+DEGREE = 5
+
+
+def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
+    """Extrema of the half periods, from lines through the log amplitude and the phase of the analytic signal.
+
+    Parameters
+    ----------
+    time, angle : (sample,) s, rad; the angle about its equilibrium.
+    halves : whole half periods, three or more.
+
+    Returns
+    -------
+    (half_period,) each: extremum (rad, signed), its time (s), and the standard errors of both at a noise
+    of 1.
+
+    Notes
+    -----
+    An amplitude that decays within the half period, which a half-sine does not follow, does no harm here;
+    harmonics of the motion average out over the half period, as they do there.
+    """
+    grid, log_amplitude, phase = _analytic_signal(time, angle, halves)
+    count = halves.sign.size
+    half = np.searchsorted(halves.crossing[1:-1], grid, side="right")
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    s = grid - middle[half]
+    level, slope = _lines(s, phase, half, count)
+    # The phase is zero at the first extremum and grows by pi from one to the next.
+    late = (np.pi * np.arange(count) - level) / slope
+    log_level, log_slope = _lines(s, log_amplitude, half, count)
+    extremum = np.exp(log_level + log_slope * late)
+    samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
+    error: Array = np.sqrt(EXTREMUM_VARIANCE / samples)
+    return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
+
+
+def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:
+    """Even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
+    crossing = halves.crossing
+    span = crossing[-1] - crossing[0]
+    count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
+    grid = crossing[0] + (np.arange(count) + 0.5) * span / count
+    # Steady amplitude first: what a decaying one would leak from the record's start to its end is gone.
+    trend = _log_trend(halves, grid)
+    steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
+    # Odd about both ends, as the motion itself is about a zero crossing but for its decay.
+    signal = hilbert(np.concatenate([steady, -steady[::-1]]))[:count]
+    phase = np.unwrap(np.angle(signal))
+    # The branch on which the first extremum has the phase zero.
+    first = grid < crossing[1]
+    phase -= 2.0 * np.pi * np.round(np.mean(phase[first]) / (2.0 * np.pi))
+    return grid, np.log(np.abs(signal)) + trend, phase
+
+
+def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
+    """Smooth trend of the logarithm of the amplitude."""
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    degree = min(DEGREE, halves.sign.size - 2)
+    trend = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
+    return np.asarray(trend(grid))
+
+
+def _lines(s: Array, y: Array, half: IntArray, count: int) -> tuple[Array, Array]:
+    """Least-squares line y = level + slope s of each half period."""
+    n, sx, sxx, sy, sxy = (
+        np.bincount(half, weights, count) for weights in (np.ones_like(s), s, s * s, y, s * y)
+    )
+    slope = (n * sxy - sx * sy) / (n * sxx - sx**2)
+    return (sy - slope * sx) / n, slope

@@ -1,0 +1,208 @@
+"""Envelope of a decay: a half-sine through every half period gives amplitude, its rate, and frequency."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.equilibrium import harmonic_sums, with_half_periods
+from sysid_trib.records.half_periods import HalfPeriods, IntArray, analytic_extrema, noise_of_record
+from sysid_trib.records.signal import unit_of_signal
+
+EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
+
+# The third round moves the frequency by less than 1e-6 of itself.
+FREQUENCY_ROUNDS = 3
+# A half-sine of known frequency has two unknowns.
+FEWEST_IN_HALF_PERIOD = 2
+# Half periods that differences for the scatter span; fewer than a few of these decide nothing.
+DIFFERENCE_SPAN, FEWEST_FOR_SCATTER = 8, 15
+# White noise scatters by more than 1 + this over sqrt(differences) in one record of a thousand, however long.
+WHITE_NOISE_EXCESS = 6.5
+
+
+def half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
+    """Extrema of the half periods, from half-sines b cos(w (t - t_b)) through three or more, all at once.
+
+    The results are those of `analytic_extrema`. w is the frequency between the neighbouring extrema, the
+    paper's w_i, found in a few rounds: a w free in each half period would cost precision of b and gain
+    nothing. A sample next to a zero crossing counts by the fraction of its cell inside, so that the fit does
+    not depend on where samples fall.
+    """
+    sample, half, weight, first = _cells(time, halves)
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    s, y = time[sample] - middle[half], angle[sample]
+    w: Array = np.pi / halves.duration
+    for _ in range(FREQUENCY_ROUNDS):
+        phase = w[half] * s
+        cc, cs, ss, cy, sy = harmonic_sums(phase, y, weight, first)
+        normal = np.stack([cc, cs, cs, ss], axis=1).reshape(-1, 2, 2)
+        right = np.stack([cy, sy], axis=1)
+        p, q = np.linalg.solve(normal, right[..., None])[..., 0].T
+        instant = middle + np.arctan(q / p) / w
+        used, inner = w, 2.0 * np.pi / (instant[2:] - instant[:-2])
+        w = np.clip(np.concatenate((inner[:1], inner, inner[-1:])), 0.7 * used, 1.4 * used)
+    extremum = np.copysign(np.hypot(p, q), p)
+    # Standard errors of (p, q) at unit noise, carried over to b and its time.
+    covariance = np.linalg.inv(normal)
+    to_b = np.stack([p, q], axis=-1) / extremum[:, None]
+    to_t = np.stack([-q, p], axis=-1) / (extremum**2 * used)[:, None]
+    errors = [np.sqrt(np.einsum("hi,hij,hj->h", row, covariance, row)) for row in (to_b, to_t)]
+    return extremum, instant, errors[0], errors[1]
+
+
+def _cells(time: Array, halves: HalfPeriods) -> tuple[IntArray, IntArray, Array, IntArray]:
+    """Samples whose cells touch each half period: number, half period, part inside, first of each."""
+    edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
+    edge[0] -= 0.5 * (time[1] - time[0])
+    edge[-1] += 0.5 * (time[-1] - time[-2])
+    low = np.searchsorted(edge, halves.crossing[:-1], side="right") - 1
+    high = np.searchsorted(edge, halves.crossing[1:], side="left")
+    count = high - low
+    half = np.repeat(np.arange(count.size), count)
+    first = np.concatenate(([0], np.cumsum(count)[:-1]))
+    sample = np.arange(half.size) - first[half] + low[half]
+    start = np.maximum(edge[sample], halves.crossing[half])
+    inside = np.minimum(edge[sample + 1], halves.crossing[half + 1]) - start
+    return sample, half, inside / (edge[sample + 1] - edge[sample]), first
+
+
+EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, Array, Array]]] = {
+    "half-sines": half_sine_extrema,
+    "analytic-signal": analytic_extrema,
+}
+
+
+def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
+    """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
+
+    Parameters
+    ----------
+    decay
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as
+        it is.
+    curve
+        What gives the extrema: ``half-sines``, or the ``analytic-signal`` (see `analytic_extrema`).
+
+    Returns
+    -------
+    Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over
+    ``instant``, the half periods but the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1] +
+    b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] -
+    t[i-1]); each with its ``..._standard_error``. And ``white_noise``, that of one sample. Amplitudes
+    have the unit of the decay.
+
+    Raises
+    ------
+    DecayError
+        Fewer than three half periods, or too few samples in each.
+    UsageError
+        A curve of another name.
+
+    Notes
+    -----
+    A half period cut off by an end of the record is left out: what remains of it decays less, so that its
+    half-sine differs from its neighbours' by more than the noise (a fifth missing: its time by 1e-3 half
+    periods).
+
+    The noise is that of sixth differences, or the quantisation's if that is larger. Where successive extrema
+    (their times) scatter about a smooth course by clearly more than this noise explains (waves, a wandering
+    camera), all their standard errors are raised by that ratio, as the attrs say. They do not cover that a
+    decaying, not quite harmonic half period is no half-sine: b and t then carry an error that varies slowly
+    from one half period to the next, of a few 1e-3 b in the paper's run.
+    """
+    if curve not in EXTREMA:
+        raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
+    time, angle, halves = with_half_periods(decay)
+    if np.diff(halves.samples(time)[0]).min() < FEWEST_IN_HALF_PERIOD:
+        source = decay.attrs.get("source", "decay")
+        raise DecayError(f"{source}: fewer than two samples in a half period; sample faster.")
+    signed, extremum_time, extremum_error, time_error = EXTREMA[curve](time, angle, halves)
+    noise, extremum = noise_of_record(time, angle), np.abs(signed)
+    decay_ratio = float(np.clip(np.median(extremum[2:] / extremum[:-2]), 0.0, 1.0))
+    at_noise = (extremum, noise * extremum_error), (extremum_time, noise * time_error)
+    ratios = [_scatter_ratio(value, error, decay_ratio) for value, error in at_noise]
+    errors = [ratio * error for ratio, (_, error) in zip(ratios, at_noise, strict=True)]
+    unit = unit_of_signal(decay)
+    over, name, time_name = "half_period", "extremum of the half-sine", "time of the extremum"
+    return xr.Dataset(
+        {
+            **with_standard_error(over, "extremum", extremum, errors[0], unit, name),
+            "sign": (over, halves.sign, {"units": "1", "long_name": "sign of the half period"}),
+            **with_standard_error(over, "extremum_time", extremum_time, errors[1], "s", time_name),
+            "white_noise": ((), noise, {"units": unit, "long_name": "white noise of one sample"}),
+            **_instants(extremum, extremum_time, errors, unit),
+        },
+        attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]},
+    )
+
+
+def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
+    """How much more values scatter than their errors say; 1 where that may be chance.
+
+    `decay_ratio` : of extrema a period apart. Differences are between half periods of one sign: whatever
+    differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line
+    (solid friction), of a geometric decay (viscous friction), nor of their sum.
+    """
+    if value.size < FEWEST_FOR_SCATTER:
+        return 1.0
+    weights = np.convolve([1.0, 0.0, -2.0, 0.0, 1.0], [1.0, 0.0, -2.0 * decay_ratio, 0.0, decay_ratio**2])
+    difference = np.convolve(value, weights, "valid")
+    expected = np.sqrt(np.convolve(error**2, weights**2, "valid"))
+    ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
+    return ratio if ratio > 1.0 + WHITE_NOISE_EXCESS / np.sqrt(value.size - DIFFERENCE_SPAN) else 1.0
+
+
+def with_standard_error(
+    dim: str | tuple[()], name: str, value: ArrayLike, error: ArrayLike, units: str, long_name: str
+) -> dict[str, Any]:
+    """A variable of a Dataset and its `..._standard_error`."""
+    attrs = {"units": units, "long_name": long_name}
+    error_attrs = attrs | {"long_name": f"standard error of the {long_name}"}
+    return {name: (dim, value, attrs), f"{name}_standard_error": (dim, error, error_attrs)}
+
+
+def _instants(b: Array, t: Array, errors: Sequence[Array], unit: str) -> dict[str, Any]:
+    """Amplitude, its rate and the frequency at all half periods but the first and last."""
+    variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
+    span = t[2:] - t[:-2]
+    rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
+    both_b, both_t = variance_b[2:] + variance_b[:-2], variance_t[2:] + variance_t[:-2]
+    variables: dict[str, Any] = {}
+    for name, value, variance, units, long_name in (
+        ("instant_time", t[1:-1], variance_t[1:-1], "s", "time"),
+        ("amplitude", 0.5 * (b[2:] + b[:-2]), 0.25 * both_b, unit, "amplitude"),
+        ("amplitude_rate", rate, (both_b + rate**2 * both_t) / span**2, f"{unit}/s", "rate of the amplitude"),
+        ("frequency", frequency, frequency**2 * both_t / span**2, "rad/s", "angular frequency"),
+    ):
+        variables |= with_standard_error("instant", name, value, np.sqrt(variance), units, long_name)
+    return variables
+
+
+def instant_derivatives(result: xr.Dataset) -> dict[str, Array]:
+    """Derivatives of an envelope's instants by its extrema and their times, before and after each.
+
+    Neighbouring instants share extrema, so that their errors are correlated.
+
+    Returns
+    -------
+    Arrays (instant, 2): ``amplitude_by_extremum``, ``amplitude_rate_by_extremum``,
+    ``amplitude_rate_by_time``, ``frequency_by_time``.
+    """
+    t = result["extremum_time"].to_numpy()
+    span = t[2:] - t[:-2]
+    rate, frequency = result["amplitude_rate"].to_numpy(), result["frequency"].to_numpy()
+
+    def difference(by: Array) -> Array:
+        return (by / span)[:, None] * np.array([-1.0, 1.0])
+
+    return {
+        "amplitude_by_extremum": np.full((span.size, 2), 0.5),
+        "amplitude_rate_by_extremum": difference(np.ones_like(span)),
+        "amplitude_rate_by_time": difference(-rate),
+        "frequency_by_time": difference(-frequency),
+    }

@@ -1,0 +1,141 @@
+"""The step of a sensor, and what rounding leaves where it is coarse beside noise and motion."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+from numpy.polynomial.legendre import legvander
+
+from sysid_trib.arrays import Array
+
+# Values and candidate steps that are looked at.
+MOST_VALUES = 20_000
+MOST_STEP_CANDIDATES = 200
+# Spacings of up to so many steps count: over more the step itself is not known well enough.
+MOST_STEPS = 20.0
+FEWEST_SPACINGS = 12
+# Of values that repeat so often three show their spacing.
+OFTEN, FEWEST_OF_OFTEN = 20, 2
+# Distance from a whole number of steps that is rounding, and the part of the spacings it must explain. By
+# chance it explains a fifth.
+ROUNDED = 0.1
+LEAST_EXPLAINED = 0.9
+# Below this part of the range two values are one, but for rounding.
+SAME_VALUE = 1e-12
+
+
+def sensor_step(signal: Array) -> float:
+    """Largest spacing that explains the values of a sensor.
+
+    Parameters
+    ----------
+    signal : (sample,) array of float
+        As it was measured, in any unit.
+
+    Returns
+    -------
+    float
+        In the unit of the signal; nan of values that lie on no lattice.
+
+    Notes
+    -----
+    Values that repeat are looked at first: where the record was interpolated to an even clock, they alone are
+    the sensor's. A step divides nearly all spacings between neighbouring values.
+    """
+    held, every = np.unique(signal[1:][np.diff(signal) == 0.0]), np.unique(signal)
+    fewest = FEWEST_SPACINGS if OFTEN * every.size > signal.size else FEWEST_OF_OFTEN
+    for values in (held, every):
+        step = _lattice(values, fewest)
+        if np.isfinite(step):
+            return step
+    return float("nan")
+
+
+def _lattice(values: Array, fewest: int) -> float:
+    """Largest spacing that explains sorted values; nan if none does."""
+    first = max(0, (values.size - MOST_VALUES) // 2)
+    values = values[first : first + MOST_VALUES]
+    spacing = np.diff(values)
+    spacing = np.sort(spacing[spacing > SAME_VALUE * np.ptp(values)]) if values.size > 1 else spacing
+    if spacing.size < fewest:
+        return float("nan")
+    shortest = spacing[np.linspace(0, spacing.size - 1, min(MOST_STEP_CANDIDATES, spacing.size)).astype(int)]
+    # Neighbours may never be one step apart, but two and three.
+    for step in np.sort(np.concatenate([shortest, shortest / 2.0, shortest / 3.0]))[::-1]:
+        if _explains(step, spacing, fewest):
+            count = np.round(spacing / step)
+            near = (count > 0.0) & (count <= MOST_STEPS)
+            return float(np.median(spacing[near] / count[near]))
+    return float("nan")
+
+
+def _explains(step: float, spacing: Array, fewest: int) -> bool:
+    count = spacing[: np.searchsorted(spacing, MOST_STEPS * step)] / step
+    whole = np.abs(count - np.round(count)) < ROUNDED
+    return count.size >= fewest and bool(np.mean(whole & (count > ROUNDED)) >= LEAST_EXPLAINED)
+
+
+# Motions that are rounded to know what rounding leaves.
+ROUNDED_MOTIONS = 40
+# Degree of the polynomials in time by which slow noise changes amplitude and phase.
+SLOW_DEGREE = 7
+
+
+def coarse_step(decay: xr.Dataset, noise: float) -> float:
+    """Step of a sensor whose rounding shows; 0 where it is as good as white noise, or was integrated.
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)`.
+    noise : float, rad
+        Of a sample.
+
+    Notes
+    -----
+    Rounding is white noise where other noise, or the motion from one sample to the next, is of the size of a
+    step (Widrow and Kollar 2008). It shows where it is the larger part of the noise, and most samples are
+    within a step of the last.
+    """
+    if int(decay.attrs.get("integrations", 0)):
+        return 0.0
+    signal = decay.angle.values.astype(float)
+    # Most values of a fine sensor differ from the last by more than what their spacing could be.
+    if not np.any(np.diff(signal) == 0.0):
+        return 0.0
+    step = sensor_step(signal)
+    rounds = step**2 / 12.0 > noise**2 / 2.0
+    slow = np.median(np.abs(np.diff(signal))) < 1.5 * step
+    return float(step) if rounds and slow else 0.0
+
+
+def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
+    """What rounding and the rest of the noise leave of a motion, (sample,), `ROUNDED_MOTIONS` times.
+
+    The zero of the sensor lies anywhere between two of its steps.
+    """
+    random = np.random.default_rng(0)
+    rest = np.sqrt(max(0.0, noise**2 - step**2 / 12.0))
+    for _ in range(ROUNDED_MOTIONS):
+        exact = motion + random.uniform(-0.5, 0.5) * step
+        yield step * np.round((exact + rest * random.standard_normal(len(motion))) / step) - exact
+
+
+class SlowPart:
+    """The part of noise that changes amplitude and phase of a motion (x, v) little by little."""
+
+    def __init__(self, x: Array, v: Array) -> None:
+        polynomials = legvander(np.linspace(-1.0, 1.0, len(x)), SLOW_DEGREE)
+        size = np.maximum(np.hypot(x, v), 1e-300)
+        self.columns = np.hstack([polynomials * (part / size)[:, None] for part in (x, v)])
+        self.products = self.columns.T @ self.columns
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers describe it."""
+        return len(self.products)
+
+    def square(self, noise: Array) -> float:
+        """Sum of its squares: of white noise of one, a chi square of `numbers`."""
+        moments = self.columns.T @ noise
+        return float(moments @ np.linalg.lstsq(self.products, moments, rcond=1e-10)[0])

@@ -1,0 +1,194 @@
+"""What every function of a record asks of it: `angle(time)`, and pieces without gaps on a uniform clock."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError, UsageError
+
+# Squares and cubes of larger numbers overflow, those of numbers below its inverse are lost.
+LARGEST_NUMBER = 1e75
+FEWEST_SAMPLES = 4
+ANGLE_UNIT = "rad"
+SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
+# Units of an angle that files may have, and a record in memory may not: its forces are functions of radians.
+OTHER_ANGLES = (
+    "deg",
+    "degree",
+    "degrees",
+    "°",
+    "mrad",
+    "µrad",
+    "rev",
+    "turn",
+    "turns",
+    "gon",
+    "arcmin",
+    "arcsec",
+)
+
+
+def unit_of_signal(record: xr.Dataset) -> str:
+    """Unit of the `angle` of a record or decay; rad where none is stated."""
+    return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
+
+
+def checked_signal(record: Any, *names: str) -> None:
+    """Refuse what is no record.
+
+    Parameters
+    ----------
+    record : Dataset
+        With `angle(time)`, in rad or a unit of length, over s.
+    names : str
+        Variables over time that it needs besides.
+
+    Raises
+    ------
+    UsageError
+        It is no Dataset, has no `angle(time)`, or no numbers in it.
+    DecayError
+        A number that is none, or vast, all numbers tiny, times that do not rise, or next to no samples; or an
+        angle or a time in a unit of its own.
+    """
+    if not isinstance(record, xr.Dataset) or "angle" not in record:
+        raise UsageError(
+            f"A decay is a Dataset with angle(time), not {type(record).__name__}: free_decay(record)."
+        )
+    source = str(record.attrs.get("source", "record"))
+    for name in ("time", "angle", *names):
+        variable = record.variables.get(name)
+        if variable is None or variable.dims != ("time",):
+            raise UsageError(
+                f"{source}: a record has {name}(time), one number for each sample; this one has none."
+            )
+        if variable.dtype.kind not in "fiu":
+            raise UsageError(
+                f"{source}: {name}(time) holds {variable.dtype}; give numbers (time in s, angles in rad)."
+            )
+        # Whatever is not finite is not below either.
+        bad = np.flatnonzero(~(np.abs(variable.values) <= LARGEST_NUMBER))
+        if bad.size:
+            first, instant = bad[0], record.variables["time"].values[bad[0]]
+            where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
+            raise DecayError(
+                f"{source}: {where} is not a finite number that can be computed with "
+                f"({variable.values[first]:g}); cut it out."
+            )
+    _check_units(record, source)
+    if record.sizes["time"] < FEWEST_SAMPLES:
+        raise DecayError(f"{source}: only {record.sizes['time']} samples are no oscillation; record longer.")
+    if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
+        raise DecayError(f"{source}: its times do not rise; sort them.")
+    for name in ("time", "angle"):
+        values = record.variables[name].values
+        extent = float(np.max(values) - np.min(values))
+        if 0.0 < extent < 1.0 / LARGEST_NUMBER:
+            raise DecayError(
+                f"{source}: {name} is flat at {values[0]:.3g} but for {extent:.3g}, too little; scale it."
+            )
+
+
+def _check_units(record: xr.Dataset, source: str) -> None:
+    """Refuse times that are not in s and angles that are not in rad; a displacement has any unit."""
+    time_unit = str(record["time"].attrs.get("units", "")).strip()
+    if time_unit.lower() not in SPELT_SECONDS:
+        raise DecayError(
+            f"{source}: its times are in {time_unit}, where s are needed; convert them "
+            '(record.assign_coords(time=...)), with units="s".'
+        )
+    angle_unit = unit_of_signal(record).strip()
+    if angle_unit.lower() in OTHER_ANGLES:
+        raise DecayError(
+            f'{source}: its angle is in {angle_unit}, where rad are needed; convert it, with units="rad".'
+        )
+
+
+# Deviation of a step from the usual one that the methods take as it is.
+STEP_TOLERANCE = 0.02
+# A gap of more than this part of a period parts a record: no polynomial knows what was in it.
+LONGEST_FILLED = 0.25
+FILL_DEGREE = 7
+# A step longer than this many usual ones has samples missing in it.
+PARTED_STEP = 1.5
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of a record without a long gap.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+        Steps that differ by 2 % at most.
+    signal : (sample,) array of float
+    sentence : str
+        What was done to make it so; nothing where it was so.
+    """
+
+    time: Array
+    signal: Array
+    sentence: str = ""
+
+
+def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[float, ...] = ()) -> list[Piece]:
+    """Split a record at long gaps and put each piece on a uniform clock.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Rising, in any steps.
+    signal : (sample,) array of float
+    period : float, s
+        Of the oscillation: a gap of more than a quarter of it parts the record.
+    breaks : tuple of float, s
+        Further times at which a piece starts.
+
+    Notes
+    -----
+    Where steps differ by more than 2 %, samples on a uniform grid are those of the cubic spline through the
+    measured ones. In a short gap they are those of the polynomial of degree 7 that fits a quarter of a period
+    on either side best. The mean step stays, and so does the density of the noise at low frequency.
+    """
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    usual = float(np.mean(steps[steps <= PARTED_STEP * usual])) if usual > 0.0 else usual
+    longest = max(LONGEST_FILLED * period, PARTED_STEP * usual)
+    bounds = np.union1d(np.flatnonzero(steps > longest) + 1, np.searchsorted(time, breaks)).astype(int)
+    parts = np.split(np.arange(time.size), bounds)
+    return [_on_a_grid(time[part], signal[part], usual, period) for part in parts if part.size > 1]
+
+
+def is_uniform(time: Array) -> bool:
+    """Whether all steps are within 2 % of the median (the limit itself is on the good side)."""
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    return bool(np.abs(steps - median).max(initial=0.0) <= (1.0 + 1e-6) * STEP_TOLERANCE * median)
+
+
+def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece:
+    if is_uniform(time):
+        return Piece(time, signal)
+    count = max(1, round((time[-1] - time[0]) / usual))
+    grid = np.linspace(time[0], time[-1], count + 1)
+    value = CubicSpline(time, signal)(grid)
+    filled = 0
+    for start in np.flatnonzero(np.diff(time) > PARTED_STEP * usual):
+        low, high = time[start], time[start + 1]
+        # The samples at its ends are there: by rounding a point of the grid may be after one.
+        inside = (grid > low + 0.5 * usual) & (grid < high - 0.5 * usual)
+        near = (time >= low - LONGEST_FILLED * period) & (time <= high + LONGEST_FILLED * period)
+        if np.count_nonzero(near) > 2 * FILL_DEGREE:
+            fit = np.polynomial.Polynomial.fit(time[near], signal[near], FILL_DEGREE)
+            value[inside] = fit(grid[inside])
+        filled += int(np.count_nonzero(inside))
+    uneven = f"uneven steps: interpolated to {1.0 / (grid[1] - grid[0]):.5g} Hz"
+    gaps = f"{filled} missing samples filled from a quarter of a period on either side"
+    steps = np.diff(time)
+    jitters = not is_uniform(np.cumsum(steps[steps <= PARTED_STEP * usual]))
+    said = [text for text, is_so in ((uneven, jitters or not filled), (gaps, filled > 0)) if is_so]
+    return Piece(grid, value, " and ".join(said))

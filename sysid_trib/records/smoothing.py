@@ -1,0 +1,293 @@
+"""The least-squares spline through a record: motion, derivatives, and the noise of the sensor beside it."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+from sysid_trib.records.equilibrium import with_half_periods
+from sysid_trib.records.half_periods import noise_of_record
+
+SPLINE_DEGREE = 5
+KNOTS_PER_PERIOD = 12
+# Fewer samples than this between knots and the splines would follow the noise.
+SAMPLES_PER_KNOT = 2
+# Samples up to which splines or test functions are kept for the next records on the same grids: some 40 MB.
+# Of the splines of longer records the last are.
+MOST_KEPT = 100_000
+
+
+# What a sample moves of the spline falls by a third with each knot (the root -0.666 of the Euler-Frobenius
+# polynomial of degree 11): so many away it is below rounding.
+FELT_KNOTS = 100
+
+
+class SmoothedMotion(NamedTuple):
+    """A smoothed record.
+
+    Attributes
+    ----------
+    x, v, acceleration : (sample,) or (sample, record) array of float, rad
+        The angle and its first and second derivatives by tau.
+    noise : float, rad
+        Standard deviation of a sample about the spline.
+    """
+
+    x: Array
+    v: Array
+    acceleration: Array
+    noise: float
+
+
+def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
+    """Intervals of a twelfth of a period (2 pi in tau), of whole samples if possible, of so many at least."""
+    step = (tau[-1] - tau[0]) / (len(tau) - 1)
+    per_knot = max(fewest, 2.0 * np.pi / KNOTS_PER_PERIOD / step)
+    per_knot = round(per_knot) if per_knot >= SAMPLES_PER_KNOT else per_knot
+    return max(1, round((len(tau) - 1) / per_knot))
+
+
+def knot_sequence(tau: Array, intervals: int | None = None) -> Array:
+    """Clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
+    return clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
+
+
+def clamped_knots(tau: Array, intervals: int, degree: int) -> Array:
+    """Uniform knots between the first and the last sample, so many intervals, of splines of a degree."""
+    inner = np.linspace(tau[0], tau[-1], max(1, intervals) + 1)
+    return np.concatenate([np.full(degree, tau[0]), inner, np.full(degree, tau[-1])])
+
+
+def least_squares_spline(tau: Array, values: Array, intervals: int | None = None) -> tuple[BSpline, Array]:
+    """The spline on a `knot_sequence` that is nearest to values, and what it is at their times.
+
+    Parameters
+    ----------
+    tau : (sample,) array of float
+    values : (sample,) or (sample, record) array of float
+    intervals : int, optional
+        Of its knots.
+
+    Raises
+    ------
+    DecayError
+        The samples do not determine the spline: too few, or with gaps.
+
+    Notes
+    -----
+    The normal equations of B-splines are well conditioned, and banded. scipy's `make_lsq_spline` gives the
+    same to the bit, but looks for the interval of every sample from the first knot on: 12 s for 10^6 samples.
+    """
+    return _spline_on(knot_sequence(tau, intervals), tau, values)
+
+
+def first_of_spline(tau: Array, values: Array) -> tuple[float, float]:
+    """First value and slope of `least_squares_spline`, by the samples that they depend on."""
+    knots = knot_sequence(tau)
+    if len(knots) > FELT_KNOTS + 2 * (SPLINE_DEGREE + 1):
+        last = knots[SPLINE_DEGREE + FELT_KNOTS]
+        knots = np.append(knots[: SPLINE_DEGREE + FELT_KNOTS], np.full(SPLINE_DEGREE + 1, last))
+        used = slice(np.searchsorted(tau, last, side="right"))
+        tau, values = tau[used], values[used]
+    spline, x = _spline_on(knots, tau, values)
+    return float(x[0]), float(spline(tau[0], 1))
+
+
+def _spline_on(knots: Array, tau: Array, values: Array) -> tuple[BSpline, Array]:
+    try:
+        kept = _kept if len(tau) <= MOST_KEPT else _last
+        basis, factor = kept(tau.tobytes(), knots.tobytes())
+        coefficients = cho_solve_banded((factor, True), basis.T @ values, check_finite=False)
+    except ValueError:
+        raise DecayError(
+            "The samples of this record do not determine a spline; check its sampling."
+        ) from None
+    return BSpline.construct_fast(knots, coefficients, SPLINE_DEGREE), np.asarray(basis @ coefficients)
+
+
+def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_array, Array]:
+    """B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
+    tau, knots = np.frombuffer(tau_bytes), np.frombuffer(knots_bytes)
+    if np.any(np.diff(tau) <= 0.0):
+        raise ValueError("times that do not increase")
+    # No sample is beyond the knots: without extrapolation Python's own min and max look through all of them.
+    basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE, extrapolate=True)
+    normal, count = basis.T @ basis, basis.shape[1]
+    band = np.zeros((SPLINE_DEGREE + 1, count))
+    for off in range(min(len(band), count)):
+        band[off, : count - off] = normal.diagonal(off)
+    return basis, cholesky_banded(band, lower=True, check_finite=False)
+
+
+_kept, _last = lru_cache(maxsize=6)(_normal_equations), lru_cache(maxsize=1)(_normal_equations)
+
+
+def smooth(tau: Array, angle: Array) -> SmoothedMotion:
+    """Smooth one or several records by the least-squares spline on `knot_sequence`.
+
+    Parameters
+    ----------
+    tau : (sample,) array of float
+        Time times the frequency of the motion, increasing.
+    angle : (sample,) or (sample, record) array of float, rad
+
+    Returns
+    -------
+    SmoothedMotion
+
+    Raises
+    ------
+    DecayError
+        See `least_squares_spline`.
+    """
+    spline, x = least_squares_spline(tau, angle)
+    return SmoothedMotion(x, spline(tau, 1), spline(tau, 2), _noise_about(spline, angle - x))
+
+
+def noise_about_spline(tau: Array, angle: Array) -> float:
+    """`noise` of `smooth` by itself, without the derivatives of the motion."""
+    spline, x = least_squares_spline(tau, angle)
+    return _noise_about(spline, angle - x)
+
+
+def _noise_about(spline: BSpline, residual: Array) -> float:
+    """Standard deviation of a sample about a spline that was fitted to it."""
+    degrees_of_freedom = max(1, len(residual) - len(spline.c))
+    return float(np.sqrt(np.sum(residual**2) / degrees_of_freedom))
+
+
+@dataclass(frozen=True)
+class SplinesAt:
+    """All splines on some knots, at some points.
+
+    Attributes
+    ----------
+    points : (point,) array of float
+    knots : (knot,) array of float
+    """
+
+    points: Array
+    knots: Array
+
+    @cached_property
+    def _designs(self) -> dict[int, sp.csr_matrix]:
+        return {}
+
+    def design(self, order: int = 0) -> sp.csr_matrix:
+        """Values of every B-spline, or of a derivative of it, (point, spline); computed once."""
+        if order not in self._designs:
+            self._designs[order] = spline_design(self.points, self.knots, order)
+        return self._designs[order]
+
+    def of(self, spline: BSpline, order: int = 0) -> Array:
+        """A spline on these knots at the points or a derivative, (point,).
+
+        At many points without the matrices, which would take more memory than records do.
+        """
+        if len(self.points) > MOST_KEPT:
+            return np.asarray(spline(self.points, order))
+        return np.asarray(self.design(order) @ spline.c)
+
+
+def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
+    """Values of the `order`-th derivative of every B-spline of `SPLINE_DEGREE` at points, (point, spline)."""
+    # No point is beyond the knots: without extrapolation Python's own min and max look through all of them.
+    lowest = knots[order : len(knots) - order]
+    design = BSpline.design_matrix(tau, lowest, SPLINE_DEGREE - order, extrapolate=True)
+    # d/dx B_{i,p} = p (B_{i,p-1}/(t_{i+p}-t_i) - B_{i+1,p-1}/(t_{i+p+1}-t_{i+1})), from low to high degree.
+    for lift in range(order, 0, -1):
+        degree = SPLINE_DEGREE - lift + 1
+        inner = knots[lift - 1 : len(knots) - lift + 1]
+        count = len(inner) - degree - 1
+        scale = degree / (inner[degree + 1 : degree + count] - inner[1:count])
+        lower = sp.diags_array([-scale, scale], offsets=[0, 1], shape=(count - 1, count))
+        design = design @ lower
+    return design.tocsr()
+
+
+# Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
+KEPT_NOISES = 4
+# Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
+JUMPS = 1.2
+
+
+def swing_frequency(decay: xr.Dataset) -> float:
+    """Frequency of a decay by the median of its half periods, rad/s.
+
+    Parameters
+    ----------
+    decay : Dataset
+        With `angle(time)`.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    DecayError
+        No whole half period.
+    """
+    _, _, halves = with_half_periods(decay, fewest=1)
+    return float(np.pi / np.median(halves.duration))
+
+
+def nominal_frequency(frequency: float) -> float:
+    """A frequency to two digits: the same for records that differ by noise, and so is their spline.
+
+    The digits are those in a unit of time, a power of two of the second, that makes the frequency 5 to 10:
+    results do not depend on the unit.
+    """
+    halvings = math.floor(math.log2(frequency / 5.0))
+    return math.ldexp(float(f"{math.ldexp(frequency, -halvings):.2g}"), halvings)
+
+
+def sensor_noise(decay: xr.Dataset) -> float:
+    """Standard deviation of a sample's noise, whatever the forces (rad).
+
+    Parameters
+    ----------
+    decay : Dataset
+        With `angle(time)`.
+
+    Returns
+    -------
+    float
+        Of what the least-squares spline with twelve knots a period does not follow: no model is needed, so
+        that it is the same for every method. Of coloured noise it is the part above six times the frequency
+        of the swing. Where the samples are too few, or have gaps, it is that of sixth differences, or of the
+        quantisation if that is larger. Of an integrated signal it is that of what was measured,
+        over the frequency of the swing for each integration.
+    """
+    integrations = int(decay.attrs.get("integrations", 0))
+    if integrations and "measured" in decay:
+        measured = decay["measured"].sel(measured_time=slice(*decay.time.values[[0, -1]].tolist()))
+        by_spline = sensor_noise(xr.Dataset({"angle": measured.rename(measured_time="time")}))
+        by_differences = noise_of_record(
+            measured.measured_time.values.astype(float), measured.values.astype(float)
+        )
+        noise = by_spline if by_spline < JUMPS * by_differences else by_differences
+        return float(noise / swing_frequency(decay) ** integrations)
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    try:
+        tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
+        about_spline = _about_spline if len(tau) <= MOST_KEPT else _about_long_spline
+        return about_spline(tau.tobytes(), angle.tobytes())
+    except DecayError:
+        return float(noise_of_record(time, angle))
+
+
+def _noise(tau: bytes, angle: bytes) -> float:
+    return noise_about_spline(np.frombuffer(tau), np.frombuffer(angle))
+
+
+# A long record outlasts the records that are simulated of it.
+_about_spline, _about_long_spline = lru_cache(KEPT_NOISES)(_noise), lru_cache(1)(_noise)

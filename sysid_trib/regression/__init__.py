@@ -1,1 +1,0 @@
-"""Regression of Eq. 1 in weak form."""

@@ -1,0 +1,157 @@
+"""The reference of coefficients: a common one for comparison, and the frequency without contact."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import UsageError
+from sysid_trib.results.schema import force_labels, library_of
+from sysid_trib.results.variables import with_error
+
+ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
+
+
+def in_model(result: xr.Dataset, symbol: str) -> bool:
+    """Whether a coefficient refers to the identification's own reference frequency."""
+    return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
+
+
+def is_constrained(result: xr.Dataset, symbol: str) -> bool:
+    """Whether a coefficient is fixed, tied or at a bound: it adds no difference of its own."""
+    return "constraint" in result.coords and bool(result.constraint.sel(force=symbol).item())
+
+
+def comparable(*results: xr.Dataset) -> list[str]:
+    """Symbols of the forces in which identifications are compared, in the first's order.
+
+    Each has them in its model, and one at least leaves them free.
+    """
+    return [
+        symbol
+        for symbol in results[0].force.values.tolist()
+        if all(symbol in r.force and in_model(r, symbol) for r in results)
+        and not all(is_constrained(r, symbol) for r in results)
+    ]
+
+
+def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
+    """Coefficients at one reference frequency, and the asymptotic frequency.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    kept : sequence of str
+        Symbols of the forces.
+    frequency : float, rad/s
+        The reference frequency.
+    """
+    coefficients = result.coefficient.sel(force=list(kept)).values
+    return np.append(
+        coefficients * reference_factors(result, kept, frequency), result.asymptotic_frequency.item()
+    )
+
+
+def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
+    """Factors of coefficients to a reference frequency (rad/s); 1 for forces that keep their own.
+
+    See `rescaling_factors`.
+    """
+    degrees = result.speed_degree.sel(force=list(kept)).values
+    factors = (result.reference_frequency.item() / frequency) ** (2.0 - degrees)
+    return np.asarray(np.where(np.isnan(degrees), 1.0, factors))
+
+
+def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
+    """Covariance that a method states, of the coefficients and the asymptotic frequency."""
+    symbols, count = list(kept), len(kept)
+    covariance = np.empty((count + 1, count + 1))
+    covariance[:count, :count] = result.covariance.sel(force=symbols, other_force=symbols)
+    covariance[count, :count] = covariance[:count, count] = result.frequency_covariance.sel(force=symbols)
+    covariance[count, count] = result.asymptotic_frequency_standard_error.item() ** 2
+    return covariance
+
+
+def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
+    """Covariance of `comparison_values`: a coefficient that is converted has the frequency's error too."""
+    factors, count = reference_factors(result, kept, frequency), len(kept)
+    jacobian = np.diag(np.append(factors, 1.0))
+    if result.reference_frequency_standard_error.item() > 0.0:
+        power = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
+        converted = factors * result.coefficient.sel(force=list(kept)).values
+        # The reference and the asymptotic frequency change together.
+        jacobian[:count, count] = power * converted / result.asymptotic_frequency.item()
+    return np.asarray(jacobian @ stated_covariance(result, kept) @ jacobian.T)
+
+
+def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error: float = 0.0) -> xr.Dataset:
+    """Add alpha = (w_inf/w0)^2 - 1 to an identification whose frequency was fitted.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    omega0 : float, rad/s
+        Frequency of the oscillator without contact.
+    standard_error : float, rad/s
+        Its standard error.
+
+    Returns
+    -------
+    Dataset
+        The identification with one force more (the library's force of formula `x`), which refers to
+        `omega0`; the others stay referred to the fitted frequency. One that has it already is returned as it
+        is.
+
+    Raises
+    ------
+    UsageError
+        The library has no force of formula `x`.
+
+    Notes
+    -----
+    Le Bot et al. 2019, Sec. 2.3; errors of both frequencies propagated to first order.
+    """
+    library = library_of(result, whole=True)
+    force = library.role("x")
+    if force is None:
+        raise UsageError(
+            f"Library '{library.title}' has no force of formula x, so omega0 has nothing to give."
+        )
+    if force.symbol in result.force:
+        return result
+    limit = result.asymptotic_frequency.item()
+    slope = 2.0 * limit / omega0**2
+    variance = (slope * result.asymptotic_frequency_standard_error.item()) ** 2
+    variance += (slope * limit / omega0 * standard_error) ** 2
+    with_limit = slope * result.asymptotic_frequency_standard_error.item() ** 2
+    numbers = {
+        "coefficient": (limit / omega0) ** 2 - 1.0,
+        "standard_error": np.sqrt(variance),
+        "frequency_covariance": with_limit,
+        "active": True,
+        "refers_to": omega0,
+    }
+    added = xr.Dataset(
+        {name: ("force", [value]) for name, value in numbers.items()},
+        {"force": [force.symbol]} | force_labels([force]),
+    )
+    count = result.sizes["force"]
+    covariance = np.zeros((count + 1, count + 1))
+    covariance[:count, :count] = result.covariance
+    covariance[count, :count] = covariance[:count, count] = slope * result.frequency_covariance
+    covariance[count, count] = variance
+    per_force = [name for name in result.variables if result[name].dims == ("force",) and name != "force"]
+    longer = xr.concat(
+        [result[per_force], added], "force", combine_attrs="override", data_vars="all", coords="all"
+    )
+    order = [s for s in library.symbols if s in longer.force]
+    rest = result.drop_vars([*per_force, "force", "other_force", "covariance"])
+    whole = rest.assign(longer.data_vars).assign_coords(other_force=longer.force.values)
+    whole["covariance"] = (("force", "other_force"), covariance, result.covariance.attrs)
+    whole = whole.assign(
+        with_error("omega0", (), (omega0, standard_error), "frequency without contact", "rad/s")
+    )
+    return whole.sel(force=order, other_force=order)

@@ -1,0 +1,205 @@
+"""The start of a motion fitted to a record, and what a sensor shows of the motion."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.forces.selection import is_free_to_move
+from sysid_trib.records.smoothing import first_of_spline
+from sysid_trib.records.units import STANDARD_GRAVITY
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, STEPS_A_PERIOD
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import SimulatedMotion
+from sysid_trib.simulation.simulate import trajectory
+
+MEASURED, MEASURED_TIME = "measured", "measured_time"
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The quantity that a sensor shows, without its zero.
+
+    Parameters
+    ----------
+    quantity : {"angle", "rate", "acceleration", "accelerometer"}
+        Of a displacement likewise. An accelerometer feels, along its path, gravity too.
+    distance : float, m
+        Of an accelerometer from the axis of the pendulum.
+    """
+
+    quantity: str = "angle"
+    distance: float = 0.0
+
+    def shown(self, motion: SimulatedMotion) -> Array:
+        """What the sensor shows of a motion, (sample,)."""
+        if self.quantity == "accelerometer":
+            return self.distance * motion.acceleration + STANDARD_GRAVITY * np.sin(motion.position)
+        return np.asarray(getattr(motion, self.quantity))
+
+    def derivatives(self, motion: SimulatedMotion) -> Array:
+        """Derivatives of that by the parameters of the motion's, (sample, parameter)."""
+        if self.quantity == "accelerometer":
+            gravity = STANDARD_GRAVITY * np.cos(motion.position)[:, None] * motion.derivatives["position"]
+            return np.asarray(self.distance * motion.derivatives["acceleration"] + gravity)
+        return motion.derivatives[self.quantity]
+
+
+def measured_part(decay: xr.Dataset) -> tuple[Observation, Array, Array]:
+    """What was measured of a decay, its times (s) and values; the angle where nothing else was.
+
+    Parameters
+    ----------
+    decay : Dataset
+        As `free_decay` returns it. Of a part of one, only what was measured within it counts.
+    """
+    time = decay["time"].to_numpy().astype(float)
+    if MEASURED not in decay:
+        return Observation(), time, decay["angle"].to_numpy().astype(float)
+    inside = decay[MEASURED].sel({MEASURED_TIME: slice(time[0], time[-1])})
+    observation = Observation(str(decay.attrs["measured"]), float(decay.attrs.get("distance", 0.0)))
+    return observation, inside[MEASURED_TIME].to_numpy().astype(float), inside.to_numpy().astype(float)
+
+
+MAX_ROUNDS = 8
+# A last step of the start, in parts of the swing.
+SETTLED_START = 1e-5
+# After a step as long as this part of the swing the derivatives are taken anew.
+FAR_START = 1e-2
+# And after one that is not shorter than this part of the one before: with one slope for both sides of a rest
+# with friction the start goes to and fro.
+NOT_SHORTER = 0.5
+BY_START = (BY_ANGLE, BY_RATE)
+# A direction that moves the motion by this part of what another does is not told from rounding.
+SINGULAR = 1e-7
+# A motion that does not come near the record in so many rounds has slipped out of phase.
+NEARBY_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class FittedMotion:
+    """A model's motion fitted to a record by its initial conditions alone.
+
+    Attributes
+    ----------
+    angle : float, rad
+        Angle at the first sample.
+    rate : float, rad/s
+        Rate at the first sample.
+    offset : float, rad
+        Zero of the sensor.
+    x : (sample,) array of float, rad
+        theta at the record's times.
+    v : (sample,) array of float, rad
+        theta'/w at the record's times.
+    stop_time : float, s
+        When the motion stops; nan if it does not within the record.
+    hidden : mapping of str to (sample,) array of float
+        States and memory of forces as `dahl.z`.
+    sensitivity : (sample, 2) array of float, or None
+        Derivative of the angle by that (1) and the rate (s) at the first sample, of a motion nearby; None
+        where none was computed.
+    """
+
+    angle: float
+    rate: float
+    offset: float
+    x: Array
+    v: Array
+    stop_time: float
+    hidden: Mapping[str, Array]
+    sensitivity: Array | None
+
+
+def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
+    """Angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
+    value, slope = first_of_spline(frequency * (time - time[0]), angle)
+    return value, slope * frequency
+
+
+def first_zero(model: Model) -> float | None:
+    """First guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
+
+    Nothing tells it from where such a body begins.
+    """
+    return None if is_free_to_move(model.library, model.coefficients) else 0.0
+
+
+def fit_start(
+    model: Model,
+    time: Array,
+    angle: Array,
+    start: tuple[float, float],
+    *,
+    offset: float | None = 0.0,
+    sensitivity: Array | None = None,
+    near: bool = False,
+    most_steps: int = STEPS_A_PERIOD,
+) -> FittedMotion:
+    """Least squares of a record on the initial conditions of a model's motion.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    time : (sample,) array of float, s
+        Times of the record.
+    angle : (sample,) array of float, rad
+        The record.
+    start : (float, float), rad and rad/s
+        First guess of angle and rate at the first sample.
+    offset : float or None, rad
+        First guess of the sensor's zero; None holds it at zero.
+    sensitivity : (sample, 2) array of float, optional
+        Of a model nearby; its own where left out.
+    near : bool
+        Whether the motion need only be near the record, not the best of all: the last step is then taken by
+        its start alone.
+    most_steps : int
+        Of `trajectory`.
+
+    Returns
+    -------
+    FittedMotion
+
+    Raises
+    ------
+    SimulationError
+        The model's motion cannot be computed.
+
+    Notes
+    -----
+    Gauss-Newton with one set of sensitivities (a chord): the motion is nearly linear in its start.
+    """
+    amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
+    # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
+    units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
+    begin, zero, before = np.array(start, dtype=float), offset or 0.0, np.inf
+    by = BY_START if sensitivity is None else ()
+    motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
+    sensitivity = motion.derivatives.get("angle", sensitivity)
+    for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
+        columns = sensitivity * units
+        columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
+        # Three columns of many rows: their products tell a step as well, and ten times as fast.
+        residual = angle - zero - motion.angle
+        steps, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ residual, rcond=SINGULAR**2)
+        steps[:2] *= units
+        longest = np.max(np.abs(steps[:2]) / amplitude)
+        # A step as long as the swing itself is a phase slip, not a start.
+        begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
+        zero += float(steps[2]) if offset is not None else 0.0
+        if near and longest < SETTLED_START:
+            break
+        by = BY_START if longest > min(FAR_START, NOT_SHORTER * before) else ()
+        before = longest
+        motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
+        sensitivity = motion.derivatives.get("angle", sensitivity)
+        if longest < SETTLED_START:
+            break
+    v = motion.rate / model.reference_frequency
+    return FittedMotion(
+        begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
+    )

@@ -1,0 +1,214 @@
+"""Motions at the times asked for, of one start or of many, and what a sensor shows of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.records.inputs import INPUT
+from sysid_trib.simulation.compiled import INTERVAL_ENDS, Given
+from sysid_trib.simulation.equations import Vector
+from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, NormalisedMotion, begun, run
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.program import program_of
+from sysid_trib.simulation.pushes import bends_of, polynomials_of
+
+
+@dataclass(frozen=True)
+class SimulatedMotion:
+    """A motion at the times asked for.
+
+    Attributes
+    ----------
+    angle : (sample,) array of float, rad
+        As measured, with the sensor terms of the model.
+    position, rate, acceleration : (sample,) array of float, rad, rad/s and rad/s^2
+        The true motion.
+    stop_time : float, s
+        NaN if the motion goes on, or is pushed.
+    reversals : array of float, s
+        Exact times of v = 0, known where a force switches there.
+    hidden : dict of str to (sample,) array of float
+        States and memory of forces, as `dahl.z`.
+    derivatives : dict of str to (sample, parameter) array of float
+        Of `angle`, `position`, `rate` and `acceleration`, where they were asked for.
+    """
+
+    angle: Vector
+    position: Vector
+    rate: Vector
+    acceleration: Vector
+    stop_time: float
+    reversals: Vector
+    hidden: dict[str, Vector]
+    derivatives: dict[str, Vector]
+
+
+def simulated_motion(
+    model: Model, elapsed: Vector, start: float, path: NormalisedMotion, by: Sequence[str], *, pushed: bool
+) -> SimulatedMotion:
+    """A motion in tau as one in time, as the sensor shows it.
+
+    Parameters
+    ----------
+    model : Model
+    elapsed : (sample,) array of float, s
+        Times since the start.
+    start : float, s
+    path : NormalisedMotion
+    by : sequence of str
+        Parameters of its derivatives.
+    pushed : bool
+        Whether it may go on at any time.
+    """
+    w, x, v = model.reference_frequency, path.y[:, 0], path.y[:, 1]
+    of_w = np.array([float(name == FREQUENCY) for name in by])
+    of_x, of_v = path.derivative[:, 0], path.derivative[:, 1]
+    of_bend = path.derivative[:, path.y.shape[1]]
+    error, by_motion, by_names = sensor_error(model, elapsed, x, v, by)
+    of_angle = of_x + by_motion[:, :1] * of_x + by_motion[:, 1:] * of_v + by_names
+    derivatives = {
+        "angle": of_angle,
+        "position": of_x,
+        "rate": w * of_v + v[:, None] * of_w,
+        "acceleration": w * (w * of_bend + path.acceleration[:, None] * of_w),
+    }
+    return SimulatedMotion(
+        x + error,
+        x,
+        w * v,
+        w**2 * path.acceleration,
+        float("nan") if pushed else start + path.stop / w,
+        start + path.reversals / w,
+        path.hidden,
+        derivatives if by else {},
+    )
+
+
+def sensor_error(
+    model: Model, elapsed: Vector, x: Vector, v: Vector, by: Sequence[str]
+) -> tuple[Vector, Vector, Vector]:
+    """What the sensor adds to the angle (sample,), and its derivatives by x and v, and by `by`."""
+    error, by_motion = np.zeros_like(x), np.zeros((len(x), 2))
+    by_names = np.zeros((len(x), len(by)))
+    for sensor in model.sensors:
+        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
+        names = {"x": x, "v": v, "t": elapsed, **shapes}
+        value = sensor.value(x, v, elapsed, shapes=model.shapes)
+        error += coefficient * value
+        for at, name in enumerate("xv"):
+            by_motion[:, at] += coefficient * sensor.formula.derivative(names, name)
+        for at, name in enumerate(by):
+            symbol, _, shape = name.partition(".")
+            if name == sensor.symbol:
+                by_names[:, at] = value
+            elif symbol == sensor.symbol:
+                by_names[:, at] = coefficient * sensor.formula.derivative(names, shape)
+    return error, by_motion, by_names
+
+
+# In an interval, and in each unit of tau of it.
+SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
+NO_IMPULSES = np.empty(0), np.empty(0)
+
+
+class Ends(NamedTuple):
+    """Ends of intervals that begin at given states: x, v (rad), internal states, memory.
+
+    Attributes
+    ----------
+    end : (interval, state) array of float
+    transition : (interval, state, start) array of float
+        Derivative by the beginning.
+    sensitivity : (interval, state, parameter) array of float
+        By parameters of the model.
+    impulses : (interval, state, point) array of float
+        By how strong an impulse is within the interval.
+    """
+
+    end: Array
+    transition: Array
+    sensitivity: Array
+    impulses: Array
+
+
+def ends_of(
+    model: Model,
+    spans: tuple[Array, Array],
+    states: Array,
+    by: tuple[str, ...] = (),
+    impulses: tuple[Array, Array] = NO_IMPULSES,
+    *,
+    by_start: int | None = None,
+) -> Ends:
+    """Follow a motion over intervals, each from a state that is given.
+
+    Parameters
+    ----------
+    model : Model
+        Forces with coefficient zero are followed too.
+    spans : two (interval,) arrays of float
+        Beginning and length of each in tau.
+    states : (interval, state) array of float
+        At the beginnings.
+    by : tuple of str
+        Parameters by which the ends are derived, as in `integrate`.
+    impulses : two (point,) arrays of float
+        Where in an interval, in parts of it, an impulse acts, and how strong it is.
+    by_start : int, optional
+        By so many of the first numbers of the beginnings the ends are derived; by all where left out.
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges within an interval, or switches without end.
+    """
+    (tau, length), (places, strengths) = spans, impulses
+    w = model.reference_frequency
+    motion, program = program_of(model.forces, pushed=INPUT in model.inputs, paced=FREQUENCY in by)
+    size, count = program.states + program.memory, len(tau)
+    starts = size if by_start is None else by_start
+    first = starts + len(by)
+    columns = first + len(places)
+    knots, marks, points = _knots(tau, length, w * bends_of(model), places)
+    of_impulses = np.zeros((len(knots), columns))
+    inside = np.flatnonzero(points >= 0)
+    of_impulses[inside, first + points[inside]] = strengths[points[inside]]
+    polynomials = polynomials_of(model, knots)
+    # Where each interval begins is given, and so are the derivatives there.
+    state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
+    rows = np.empty((count, size + 1))
+    tangents = np.empty((count, size + 1, columns))
+    kicks = np.zeros((len(knots), 2))
+    given = Given(tau, knots, polynomials, kicks, of_impulses, marks, states.astype(float), rows, tangents)
+    budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
+    if count:
+        run(program, given, state, (DIVERGED, *budget), w)
+    kept = np.delete(np.arange(size + 1), program.states)
+    table = tangents[:, kept]
+    return Ends(rows[:, kept], *(part.copy() for part in np.split(table, [starts, first], axis=2)))
+
+
+def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:
+    """Of each knot tau, its mark, and which of the places in an interval it is, or -1.
+
+    A knot begins and ends each interval; between are the places, and where an input bends.
+    """
+    count, many = len(tau), len(places)
+    fractions = np.concatenate([[0.0], places, [1.0]])
+    marks = np.full((count, many + 2), -1)
+    marks[:, 0], marks[:, -1] = np.arange(count), INTERVAL_ENDS
+    points = np.tile([-1, *range(many), -1], (count, 1))
+    at = np.repeat(np.arange(count), many + 2)
+    knots = (tau[:, None] + length[:, None] * fractions).ravel()
+    first, last = np.searchsorted(bends, tau, "right"), np.searchsorted(bends, tau + length, "left")
+    bent = np.maximum(last - first, 0)
+    within = np.arange(bent.sum()) - np.repeat(np.cumsum(bent) - bent, bent)
+    of_bend = np.repeat(np.arange(count), bent)
+    at, none = np.concatenate([at, of_bend]), np.full(len(of_bend), -1)
+    knots = np.concatenate([knots, bends[first[of_bend] + within]])
+    marks, points = np.concatenate([marks.ravel(), none]), np.concatenate([points.ravel(), none])
+    order = np.lexsort((marks == INTERVAL_ENDS, marks < 0, knots, at))
+    return knots[order], marks[order], points[order]

@@ -1,1 +1,0 @@
-"""The motion fitted to the record: problem, sensitivities, least squares, Cramer-Rao bound."""
