@@ -1,7 +1,8 @@
-"""The errors a user can meet. Each carries one clear sentence: what, where, what to do."""
+"""What is said to the user: the errors one can meet, and how far long work is."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Protocol
 
 
 class SysidTribError(ValueError):
@@ -64,3 +65,22 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     by_lower = {text.lower(): text for text in known}
     near = get_close_matches(name.strip().lower(), by_lower, n=1)
     return f" Did you mean '{by_lower[near[0]]}'?" if near else ""
+
+
+class Tell(Protocol):
+    """Takes the name of what begins, and which part of it is done where that is known."""
+
+    def __call__(self, activity: str, done: float | None = None) -> None:
+        """Report.
+
+        Parameters
+        ----------
+        activity : str
+            What begins, or goes on.
+        done : float, optional
+            Part of it that is done, 0 to 1, from which the time left follows.
+        """
+
+
+def silent(activity: str, done: float | None = None) -> None:
+    """Say nothing."""

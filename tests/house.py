@@ -1,6 +1,7 @@
-"""The house in numbers: `python tests/house.py` prints each room's lines of code, and how rooms hang together."""
+"""The house in numbers: `python tests/house.py` prints the lines of code of each room and their arrows."""
 
 import ast
+import re
 import statistics
 from collections import Counter
 from functools import cache
@@ -50,6 +51,50 @@ def circles():
     while free := {name for name, needs in imports.items() if not needs & set(imports)}:
         imports = {name: needs for name, needs in imports.items() if name not in free}
     return imports
+
+
+def words_of(node):
+    """Names that a piece of code uses, also as attributes, arguments, and words of texts."""
+    words = set()
+    for part in ast.walk(node):
+        for field in ("id", "attr", "arg", "name", "module"):
+            words.add(getattr(part, field, None))
+        if isinstance(part, ast.Constant) and isinstance(part.value, str):
+            words.update(re.findall(r"\w+", part.value) if len(part.value) < 200 else ())
+    return words
+
+
+def definitions():
+    """Each module's functions, classes, methods, constants: (module, name), what it needs, what it uses."""
+    for module, (tree, _) in modules().items():
+        for node in tree.body:
+            methods = [n for n in getattr(node, "body", ()) if isinstance(n, ast.FunctionDef)]
+            if isinstance(node, ast.FunctionDef):
+                yield (module, node.name), {node.name}, words_of(node)
+            elif isinstance(node, ast.ClassDef):
+                # Each method stands alone; Python itself calls some as soon as there is the class.
+                for method in methods:
+                    needed = {node.name} if method.name.startswith("__") else {node.name, method.name}
+                    yield (module, f"{node.name}.{method.name}"), needed, words_of(method)
+                rest = ast.Module(
+                    [*node.bases, *node.decorator_list, *(n for n in node.body if n not in methods)]
+                )
+                yield (module, node.name), {node.name}, words_of(rest)
+            elif isinstance(node, ast.Assign | ast.AnnAssign | ast.AugAssign):
+                names = [n for n in ast.walk(node) if isinstance(n, ast.Name)]
+                for name in {n.id for n in names if isinstance(n.ctx, ast.Store)}:
+                    yield (module, name), {name}, words_of(node)
+            elif isinstance(node, ast.For | ast.If):
+                yield (module, "(when imported)"), set(), words_of(node)
+
+
+def unreachable(doors):
+    """Definitions that nothing reaches by name from the doors, a set of words."""
+    reached, rest = set(doors), list(definitions())
+    while found := [definition for definition in rest if definition[1] <= reached]:
+        rest = [definition for definition in rest if definition not in found]
+        reached |= set().union(*(used for *_, used in found))
+    return sorted({f"{module}: {name}" for (module, name), *_ in rest})
 
 
 def code_lines(name):

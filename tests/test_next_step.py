@@ -18,8 +18,8 @@ import sysid_trib as st
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.forces.library import parse_library
-from sysid_trib.physics.fingerprint import speaks_of_slip
-from sysid_trib.plots.motion_data import motion_data
+from sysid_trib.physics.contact import speaks_of_slip
+from sysid_trib.plots.motion_panels import motion_data
 from sysid_trib.printing.comparison_tables import coefficient_table, quality_table
 from sysid_trib.printing.identification import consequences, identification_blocks, identification_table
 from sysid_trib.printing.json_results import identification_json

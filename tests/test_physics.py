@@ -15,9 +15,8 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
 from sysid_trib.physics import with_contactless_frequency
-from sysid_trib.physics.contact import contact_stiffness, sphere_stiffness
+from sysid_trib.physics.contact import SLIP_RATIO, contact_stiffness, slip_fingerprint, sphere_stiffness
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
-from sysid_trib.physics.fingerprint import SLIP_RATIO, slip_fingerprint
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import model_estimate
 from sysid_trib.physics.si_units import inertia_with_mass, physical_units

@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib import load_library, plots
 from sysid_trib.forces import signature
 from sysid_trib.plots import style
-from sysid_trib.plots.motion_data import MOST_POINTS
+from sysid_trib.plots.motion_panels import MOST_POINTS
 
 SIX = load_library()
 

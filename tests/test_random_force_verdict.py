@@ -16,9 +16,8 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.methods.scope import with_random_force
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_about, trial_forces
 from sysid_trib.motion_fit.tracked import FollowedRuns, track
-from sysid_trib.motion_fit.trial_forces import trial_forces
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.json_results import identification_json

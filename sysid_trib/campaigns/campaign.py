@@ -14,8 +14,7 @@ from sysid_trib.campaigns.run import finished_blocks
 from sysid_trib.campaigns.store import Store, as_dataset
 from sysid_trib.campaigns.study import Study
 from sysid_trib.campaigns.task import Task
-from sysid_trib.errors import UsageError
-from sysid_trib.progress import Tell, silent
+from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
 BLOCKS, LARGEST_BLOCK = 1000, 100

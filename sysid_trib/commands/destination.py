@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from sysid_trib.progress import Tell
+    from sysid_trib.errors import Tell
 
     Figures = Callable[[Any], Iterable[tuple[str, Callable[[], Figure]]]]
 

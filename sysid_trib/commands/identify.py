@@ -20,7 +20,7 @@ from sysid_trib.errors import UsageError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sysid_trib.progress import Tell
+    from sysid_trib.errors import Tell
 
 
 @dataclass(frozen=True)

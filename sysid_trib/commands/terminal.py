@@ -9,8 +9,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from sysid_trib.commands.options import default_of, flag_of
-from sysid_trib.errors import DecayError, printable, readable
-from sysid_trib.progress import silent
+from sysid_trib.errors import DecayError, printable, readable, silent
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,9 +17,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.table import Table
 
+    from sysid_trib.errors import Tell
     from sysid_trib.printing.blocks import Block, Layer
     from sysid_trib.printing.next_step import NextStep
-    from sysid_trib.progress import Tell
 
 # Columns of a table that is not cut short.
 WIDEST = 2000

@@ -17,7 +17,7 @@ from sysid_trib.discovery.screen import screen
 from sysid_trib.discovery.search import Begin, Search, may_gain, search, with_steps
 from sysid_trib.discovery.to_xarray import groups_of
 from sysid_trib.discovery.unseen import Prediction, improvements, predicted
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable, without_old_arguments
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
@@ -34,7 +34,6 @@ from sysid_trib.likelihood.start_model import (
     refitted,
 )
 from sysid_trib.likelihood.trials import TrialEffect
-from sysid_trib.progress import Tell, silent
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.results.discoveries import misnamed_effects
 from sysid_trib.results.schema import provenance

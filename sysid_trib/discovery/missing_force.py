@@ -15,6 +15,7 @@ from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.run_products import RunProducts
 from sysid_trib.records.smoothing import smooth
+from sysid_trib.results.discoveries import NAMED
 from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 
 # Cells of the map, each way.
@@ -129,8 +130,8 @@ def collinear_effects(
     return collinear
 
 
-# An effect of this many standard errors is detected; of this many, its name is asked for.
-DETECTED, NAMED = 5.0, 20.0
+# An effect of this many standard errors is detected.
+DETECTED = 5.0
 
 
 def detectability(screening: Screening) -> xr.Dataset:

@@ -27,10 +27,10 @@ from sysid_trib.discovery.final_models import (
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.missing_force import collinear_effects
 from sysid_trib.discovery.screen import Screening, screen
+from sysid_trib.errors import Tell, silent
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.progress import Tell, silent
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,9 @@
 from sysid_trib.cycles.envelope_prediction import predict_envelope as predict_envelope
+from sysid_trib.physics.contact import (
+    contact_stiffness as contact_stiffness,
+    slip_fingerprint as slip_fingerprint,
+    sphere_stiffness as sphere_stiffness,
+)
 from sysid_trib.physics.force_weights import crossovers as crossovers, weights as weights
 from sysid_trib.physics.si_units import (
     inertia_with_mass as inertia_with_mass,
@@ -9,6 +14,4 @@ from sysid_trib.physics.sliding import sliding_coefficients as sliding_coefficie
 from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
 
 from ..results.schema import model_of as model_of
-from .contact import contact_stiffness as contact_stiffness, sphere_stiffness as sphere_stiffness
 from .energy import arrest_time as arrest_time, dissipated_energy as dissipated_energy
-from .fingerprint import slip_fingerprint as slip_fingerprint

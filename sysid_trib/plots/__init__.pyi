@@ -1,12 +1,16 @@
 # The figures and where each lives: the one list, read by type checkers and by the package itself.
 from sysid_trib.plots.compared import comparison as comparison
 from sysid_trib.plots.conditions import against_condition as against_condition, precision as precision
-from sysid_trib.plots.looked import driven as driven, look as look
-from sysid_trib.plots.named_effects import disagreement as disagreement, story as story
+from sysid_trib.plots.looked import backbone as backbone, driven as driven, look as look
+from sysid_trib.plots.motion_panels import half_periods as half_periods
+from sysid_trib.plots.named_effects import (
+    disagreement as disagreement,
+    forecast as forecast,
+    ranking as ranking,
+    story as story,
+)
 
 from .at_a_glance import overview as overview
-from .curves import backbone as backbone
-from .motion_panels import half_periods as half_periods
 from .paper import (
     frequency_shift as frequency_shift,
     half_sines as half_sines,
@@ -15,4 +19,3 @@ from .paper import (
     weights as weights,
 )
 from .random_force_figures import innovations as innovations, prediction_bands as prediction_bands
-from .scored import forecast as forecast, ranking as ranking

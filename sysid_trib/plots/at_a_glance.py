@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
-from sysid_trib.plots.curves import CURVE_LABELS, draw_curve
+from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
 from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.plots.named_effects import draw_cells
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data

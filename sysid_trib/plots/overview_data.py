@@ -10,9 +10,9 @@ import xarray as xr
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.energy import dissipated_energy
 from sysid_trib.physics.force_weights import weights
-from sysid_trib.plots.curves import curves_of
 from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
-from sysid_trib.plots.motion_data import MotionData, motion_data
+from sysid_trib.plots.looked import curves_of
+from sysid_trib.plots.motion_panels import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
 from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import record_groups

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import norm
 
-from sysid_trib.plots.motion_data import drawn_samples
+from sysid_trib.plots.motion_panels import drawn_samples
 from sysid_trib.plots.style import (
     BAR_WIDTH,
     BLUE,

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discovery.missing_force import NAMED
 from sysid_trib.forces.force import Force
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.discovery_tables import RANKING, effects_table, ranking_table, steps_of

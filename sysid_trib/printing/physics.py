@@ -7,8 +7,8 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.errors import LibraryError
+from sysid_trib.physics.contact import SIGNIFICANT_FRICTION, slip_fingerprint, speaks_of_slip
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
-from sysid_trib.physics.fingerprint import SIGNIFICANT_FRICTION, slip_fingerprint, speaks_of_slip
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
 from sysid_trib.physics.si_units import physical_units, translation_units

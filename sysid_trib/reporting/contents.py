@@ -16,7 +16,7 @@ from rich.table import Table as PrintedTable
 from sysid_trib import plots
 from sysid_trib.plots.at_a_glance import drawn_overview
 from sysid_trib.plots.discovery_data import held_out_sentence
-from sysid_trib.plots.motion_data import MOST_POINTS
+from sysid_trib.plots.motion_panels import MOST_POINTS
 from sysid_trib.plots.overview_data import overview_data
 from sysid_trib.plots.style import FULL_WIDTH, new_figure
 from sysid_trib.printing.blocks import Block, Layer

@@ -12,6 +12,8 @@ from sysid_trib.forces.library import library_of_text
 PAIR, PAIRS = " and ", "; "
 # Standard errors by which a coefficient differs from the one that physics knows where it is another force's.
 MISNAMED = 2.58
+# Of an effect of this many standard errors the name is asked for.
+NAMED = 20.0
 # An effect that is more probable by so much than the one that was fitted has the name.
 LIKELIER = 0.5
 

@@ -17,8 +17,14 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, LibraryError, SysidTribError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import force_counted_from
-from sysid_trib.simulation.prescribed import begun_with, history_along
-from sysid_trib.simulation.stepped_states import RADAU_STAGES, is_linear, is_stepped, stepped_states
+from sysid_trib.simulation.stepped_states import (
+    RADAU_STAGES,
+    begun_with,
+    history_along,
+    is_linear,
+    is_stepped,
+    stepped_states,
+)
 
 # Part by which a motion is larger, of which a force changes to this order.
 LARGER = 1e-5

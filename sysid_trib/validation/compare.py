@@ -6,13 +6,12 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods import METHODS
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.progress import Tell, silent
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.schema import library_of

@@ -9,11 +9,10 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import backbone_curves, backbone_dataset
 from sysid_trib.cycles.identifiability import exactly_dependent, indistinguishable, without_signature
-from sysid_trib.errors import DecayError
+from sysid_trib.errors import DecayError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.tracked import FollowedRuns
-from sysid_trib.progress import Tell, silent
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable, comparison_values

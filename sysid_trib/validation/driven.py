@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import DecayError
+from sysid_trib.errors import DecayError, Tell, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
@@ -15,7 +15,6 @@ from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
-from sysid_trib.progress import Tell, silent
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import nominal_frequency

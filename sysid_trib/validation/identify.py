@@ -5,13 +5,12 @@ from typing import overload
 
 import xarray as xr
 
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method, constrained
-from sysid_trib.progress import Tell, silent
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications

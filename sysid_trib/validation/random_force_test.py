@@ -12,9 +12,8 @@ from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, rando
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.linearised import Derivatives, TrialForces, linearised_about, trial_forces
 from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, track
-from sysid_trib.motion_fit.trial_forces import TrialForces, trial_forces
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.validation.likelihood_gain import (

@@ -10,10 +10,9 @@ import xarray as xr
 from scipy.stats import chi2, f as f_distribution
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import SysidTribError, Tell, silent
 from sysid_trib.likelihood.random_force import is_fitted, random_force_of
 from sysid_trib.methods import method_of
-from sysid_trib.progress import Tell, silent
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of

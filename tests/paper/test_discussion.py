@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from known_results import PAPER, W, known
 
-from sysid_trib.physics.contact import contact_stiffness, sphere_stiffness
+from sysid_trib.physics.contact import contact_stiffness, slip_fingerprint, sphere_stiffness
 from sysid_trib.physics.energy import arrest_time
-from sysid_trib.physics.fingerprint import slip_fingerprint
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.si_units import inertia_with_mass
 

@@ -13,7 +13,7 @@ from command_line import run, write_csv
 from helpers import lengthened, sentences_of
 
 import sysid_trib as st
-from sysid_trib.plots.motion_data import MOST_POINTS, drawn_samples
+from sysid_trib.plots.motion_panels import MOST_POINTS, drawn_samples
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.identification import identification_blocks
