@@ -12,7 +12,7 @@ from sysid_trib.reporting.page import report as report
 from sysid_trib.results.files import load as load, save as save
 from sysid_trib.simulation.simulate import simulate as simulate
 from sysid_trib.validation.cross_check import cross_check as cross_check
-from sysid_trib.validation.homogeneity import difference as difference
+from sysid_trib.validation.samples import difference as difference
 
 from . import (
     campaigns as campaigns,

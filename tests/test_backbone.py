@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 import sysid_trib as st
 from sysid_trib.commands.checks import asked_model
-from sysid_trib.commands.discover import start_forces
+from sysid_trib.commands.discovery_inputs import start_forces
 from sysid_trib.commands.options import ConstraintOptions, ModelOptions
 from sysid_trib.cycles.backbone import CURVES
 from sysid_trib.errors import DecayError

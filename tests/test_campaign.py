@@ -23,7 +23,7 @@ from sysid_trib.campaigns.chunks import write_chunk
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method, varying
 from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
-from sysid_trib.commands.campaign import task_of
+from sysid_trib.commands.campaign_task import task_of
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, SearchOptions
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.plots.conditions import places

@@ -48,6 +48,13 @@ def test_importing_changes_nothing_in_the_process():
     assert ended.stdout == "[]\n"
 
 
+def test_help_waits_for_nothing_that_computes():
+    heavy = ("numpy", "xarray", "scipy", "rich")
+    code = f"import sys, sysid_trib.commands.app; print([m for m in {heavy} if m in sys.modules])"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout == "[]\n"
+
+
 def test_no_module_sets_what_is_the_whole_processs():
     touched = [
         (path.relative_to(PACKAGE).as_posix(), node.lineno, node.attr)

@@ -11,8 +11,16 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.campaigns.variables import EFFECT_P_VALUE, TIED
-from sysid_trib.printing.blocks import USUALLY, Block, Source, per_label, same
-from sysid_trib.printing.layout import first_and_more, p_value_text, text_table, values_with_errors
+from sysid_trib.printing.blocks import USUALLY, Block
+from sysid_trib.printing.layout import (
+    Source,
+    first_and_more,
+    p_value_text,
+    per_label,
+    same,
+    text_table,
+    values_with_errors,
+)
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.

@@ -7,17 +7,20 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.printing.blocks import (
+from sysid_trib.printing.layout import (
     COEFFICIENT,
     FREQUENCIES_JSON,
     Source,
+    by_label,
     mapped,
     number,
     per_label,
+    quantity,
     records_json,
     same,
+    text_table,
+    values_with_errors,
 )
-from sysid_trib.printing.layout import by_label, quantity, text_table, values_with_errors
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.comparison_table import applied_methods, column_power
 

@@ -19,6 +19,7 @@ from sysid_trib.printing.residual import (
 )
 from sysid_trib.printing.verdict import step_heterogeneity_sentences
 from sysid_trib.results.discoveries import (
+    NAMED,
     candidates_of,
     credible_set,
     failed_competitors,

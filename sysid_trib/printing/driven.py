@@ -7,9 +7,19 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
-from sysid_trib.printing.blocks import ALWAYS, COEFFICIENT, Block, Layer, mapped, number, same
+from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.exported import equation_text
-from sysid_trib.printing.layout import by_label, coefficient_cell, quantity, text_table, value_with_error
+from sysid_trib.printing.layout import (
+    COEFFICIENT,
+    by_label,
+    coefficient_cell,
+    mapped,
+    number,
+    quantity,
+    same,
+    text_table,
+    value_with_error,
+)
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 

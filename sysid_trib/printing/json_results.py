@@ -7,7 +7,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.physics.si_units import translation_units
-from sysid_trib.printing.blocks import (
+from sysid_trib.printing.discovery_tables import steps_of
+from sysid_trib.printing.identification import consequences
+from sysid_trib.printing.layout import (
     COEFFICIENT,
     FREQUENCIES_JSON,
     Source,
@@ -17,8 +19,6 @@ from sysid_trib.printing.blocks import (
     records_json,
     same,
 )
-from sysid_trib.printing.discovery_tables import steps_of
-from sysid_trib.printing.identification import consequences
 from sysid_trib.printing.physics import physics_json
 from sysid_trib.printing.random_force import random_force_json
 from sysid_trib.printing.verdict import GROUP, TESTED, runs_json

@@ -14,8 +14,8 @@ from rich.table import Table
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.printing.blocks import Block, Source, mapped, same
-from sysid_trib.printing.layout import text_table, value_with_error
+from sysid_trib.printing.blocks import Block
+from sysid_trib.printing.layout import Source, mapped, same, text_table, value_with_error
 
 
 def force_table(library: ForceLibrary) -> Table:

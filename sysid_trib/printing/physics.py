@@ -12,8 +12,7 @@ from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
 from sysid_trib.physics.si_units import physical_units, translation_units
-from sysid_trib.printing.blocks import COEFFICIENT, Source, mapped, per_label, same
-from sysid_trib.printing.layout import by_label, quantity
+from sysid_trib.printing.layout import COEFFICIENT, Source, by_label, mapped, per_label, quantity, same
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.significance import significant
 from sysid_trib.results.variables import signal_units

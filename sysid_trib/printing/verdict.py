@@ -6,11 +6,13 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.printing.blocks import Source, mapped, same
 from sysid_trib.printing.layout import (
+    Source,
     by_label,
     in_small_units,
+    mapped,
     p_value_text,
+    same,
     text_table,
     value_with_error,
     values_with_errors,

@@ -17,7 +17,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.reporting import provenance, provenance as reproducing
+from sysid_trib.reporting import provenance
 from sysid_trib.reporting.contents import Page, contents_of
 from sysid_trib.results.files import kind_of, write_file
 
@@ -198,7 +198,7 @@ def _rendered(tree: xr.DataTree) -> str:
             provenance.method_table(tree),
             provenance.libraries(tree),
             tree.attrs.get("command", ""),
-            reproducing.python_text(tree),
+            provenance.python_text(tree),
         )
     )
 

@@ -1,16 +1,15 @@
-"""Homogeneity of the runs of one experiment, in coefficients and random force; contrast of two results."""
+"""Homogeneity of the runs of one experiment, in their coefficients and in the random force."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import xarray as xr
-from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
 from sysid_trib.methods import method_of
 from sysid_trib.results.references import (
@@ -18,7 +17,6 @@ from sysid_trib.results.references import (
     comparable,
     comparison_covariance,
     comparison_values,
-    in_model,
     stated_covariance,
 )
 from sysid_trib.results.schema import library_of
@@ -100,11 +98,8 @@ def _least_deviance(densities: np.ndarray, errors: np.ndarray) -> float:
 
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01
-# A force without a degree in v is compared only where the frequencies differ by less than this part.
-SAME_FREQUENCY = 0.01
 CHI_SQUARE = "chi-square about the weighted mean"
 MIXED_UNITS = "1; rad/s for the frequency"
-FORCE_UNITS = "see the force's unit"
 
 
 @in_units_of_the_motion
@@ -205,96 +200,3 @@ def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
     deviation = values - mean
     statistic = float(np.einsum("ri,rij,rj->", deviation, weights, deviation))
     return statistic, float((len(values) - 1) * values.shape[1])
-
-
-@in_units_of_the_motion
-def difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Contrast of two identifications: a contact run minus a contactless one, say.
-
-    Parameters
-    ----------
-    first, second : Dataset
-        Identifications of different records. A force that one of them lacks is zero there.
-
-    Returns
-    -------
-    Dataset. Over `force`: `difference` first - second, both at the first's reference frequency,
-    `standard_error`, `z`, `p_value`, `first`, `second`, and `covariance(force, other_force)`; nan for a force
-    without a degree in v where the frequencies differ by more than 1 %. Scalars: `stiffness_difference` =
-    (w_inf/w_inf')^2 - 1, the paper's alpha if the second has no contact, with its standard error;
-    `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`; `reference_frequency` (rad/s).
-
-    Raises
-    ------
-    UsageError
-        One is no identification.
-
-    Notes
-    -----
-    The records share no noise: covariances add, those of the frequencies included.
-    """
-    for result in (first, second):
-        if not isinstance(result, xr.Dataset) or "coefficient" not in result:
-            raise UsageError("difference wants two identifications, as identify returns them.")
-    symbols_of = [[s for s in r.force.values.tolist() if in_model(r, s)] for r in (first, second)]
-    symbols = list(dict.fromkeys([*symbols_of[0], *symbols_of[1]]))
-    pairs = list(zip((first, second), symbols_of, strict=True))
-    values = [result.coefficient.sel(force=kept).values for result, kept in pairs]
-    factor, power = _to_reference(second, symbols_of[1], first.reference_frequency.item())
-    place = [np.eye(len(symbols))[:, [symbols.index(s) for s in kept]] for kept in symbols_of]
-    converted = factor * values[1]
-    # By (coefficients, w_inf) of the first, then of the second; w and w_inf change together.
-    slope = (place[1] @ (converted * power / second.reference_frequency.item()))[:, None]
-    jacobian = np.hstack([place[0], slope, -place[1] * factor, -slope])
-    both = block_diag(*(stated_covariance(result, kept) for result, kept in pairs))
-    sides = place[0] @ values[0], place[1] @ converted
-    return _contrast((first, second), symbols, sides, jacobian @ both @ jacobian.T)
-
-
-def _to_reference(result: xr.Dataset, kept: Sequence[str], frequency: float) -> tuple[Array, Array]:
-    """Factors of coefficients to a reference frequency, powers of the ratio of frequencies."""
-    ratio = result.reference_frequency.item() / frequency
-    degrees = result.speed_degree.sel(force=list(kept)).values
-    # A force without a degree keeps its size, w^2 c; its shape changes with the frequency, if only a little.
-    power = 2.0 - np.nan_to_num(degrees)
-    not_comparable = np.isnan(degrees) & (abs(ratio - 1.0) > SAME_FREQUENCY)
-    return np.where(not_comparable, np.nan, ratio**power), power
-
-
-def _contrast(
-    results: tuple[xr.Dataset, xr.Dataset],
-    symbols: Sequence[str],
-    sides: tuple[Array, Array],
-    covariance: Array,
-) -> xr.Dataset:
-    """The Dataset of `difference`."""
-    contrast, error = sides[0] - sides[1], np.sqrt(np.diag(covariance))
-    known = np.isfinite(contrast)
-    unit = np.where(known & (error > 0.0), error, 1.0)
-    scaled, weights = contrast / unit, covariance / np.outer(unit, unit)
-    statistic = float(scaled[known] @ np.linalg.pinv(weights[np.ix_(known, known)]) @ scaled[known])
-    z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
-    limits = [r.asymptotic_frequency.item() for r in results]
-    parts = [r.asymptotic_frequency_standard_error.item() / w for r, w in zip(results, limits, strict=True)]
-    ratio = (limits[0] / limits[1]) ** 2
-    stiffness = ratio - 1.0, 2.0 * ratio * np.hypot(*parts)
-    reference = results[0].reference_frequency.item()
-    test = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
-    test["p_value_of_all"] = test.pop("p_value")
-    variables: Variables = {
-        "difference": variable("force", contrast, "first minus second", FORCE_UNITS),
-        "standard_error": variable("force", error, "standard error of the difference", FORCE_UNITS),
-        "z": variable("force", z, "difference over its standard error", "1"),
-        "p_value": variable("force", 2.0 * norm.sf(np.abs(z)), "p-value of no difference", "1"),
-        "first": variable("force", sides[0], "first", FORCE_UNITS),
-        "second": variable("force", sides[1], "second, at the first's reference frequency", FORCE_UNITS),
-        "covariance": variable(("force", "other_force"), covariance, "covariance", FORCE_UNITS),
-        **with_error(
-            "stiffness_difference", (), stiffness, "ratio of squared asymptotic frequencies, less 1"
-        ),
-        "reference_frequency": variable((), reference, "reference of the coefficients", "rad/s"),
-        **test,
-    }
-    sources = [result.attrs["record_source"] for result in results]
-    attrs = dict(zip(("first_record", "second_record"), sources, strict=True))
-    return xr.Dataset(variables, {"force": list(symbols), "other_force": list(symbols)}, attrs)

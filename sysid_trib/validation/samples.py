@@ -1,0 +1,294 @@
+"""Two samples held against each other: in which coefficients they differ, by how much, and how surely."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from scipy.stats import t as student
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.cycles.backbone import backbone
+from sysid_trib.errors import DecayError, Tell, UsageError, silent
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method
+from sysid_trib.results.references import (
+    comparison_covariance,
+    comparison_values,
+    in_model,
+    reference_factors,
+)
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import (
+    Variables,
+    chi_square_test,
+    group_names,
+    signal_units,
+    variable,
+    with_error,
+)
+from sysid_trib.validation.findings import main_result
+from sysid_trib.validation.homogeneity import HOMOGENEITY_LEVEL
+from sysid_trib.validation.identify import identify
+from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.random_effects import RandomEffects
+
+Identified = xr.Dataset | xr.DataTree
+# A force without a degree in v is compared only where the frequencies differ by less than this part.
+SAME_FREQUENCY = 0.01
+FORCE_UNITS = "see the force's unit"
+SIDES = ("first", "second")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The mean of the runs of a sample, of the coefficients and last the asymptotic frequency.
+
+    Attributes
+    ----------
+    values : (quantity,) array of float
+    covariance : (quantity, quantity) array of float
+        By the noise, the model, and what scatters between runs.
+    between : (quantity,) array of float
+        Standard deviation between runs beyond their errors; nan of a single run.
+    freedoms : (quantity,) array of float
+        Degrees of freedom by which the errors are known (Satterthwaite 1946); infinite without a scatter.
+    """
+
+    values: Array
+    covariance: Array
+    between: Array
+    freedoms: Array
+
+    @property
+    def errors(self) -> Array:
+        """Standard errors, (quantity,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+@in_units_of_the_motion
+def difference(
+    first: Identified | Sequence[Identified],
+    second: Identified | Sequence[Identified],
+    *,
+    level: float = HOMOGENEITY_LEVEL,
+) -> xr.Dataset:
+    """Contrast of two samples: a contact and none, or two materials, say.
+
+    Parameters
+    ----------
+    first, second : Dataset, DataTree, or a sequence of them
+        Identifications of different records, or answers of `identify`; several are runs of one sample, each
+        identified by itself. A force that a sample lacks is zero there.
+    level : float
+        Significance level, shared by all forces (Holm 1979).
+
+    Returns
+    -------
+    Dataset
+        Over `force`: `first`, `second` with their `first_standard_error`, ..., both at the reference
+        frequency of the first, `first_between_runs`, ... (what scatters beyond the errors; nan of a single
+        run), `difference` first - second, its `standard_error`, `z`, `p_value`, whether it `differs`, and
+        `covariance(force, other_force)`; nan for a force without a degree in v where the frequencies differ
+        by more than 1 %. Scalars: `stiffness_difference` = (w_inf/w_inf')^2 - 1, the paper's alpha if the
+        second has no contact, with its standard error; `chi_square` of all differences,
+        `degrees_of_freedom`, `p_value_of_all`; `reference_frequency` (rad/s). attrs: `verdict`, one of
+        `coefficients differ`, `together they differ`, `no difference`.
+
+    Raises
+    ------
+    UsageError
+        One is no identification, or their records are in different units.
+
+    Notes
+    -----
+    The samples share no noise: covariances add, those of the frequencies included. Runs of a sample have a
+    scatter of their own (random effects, Paule and Mandel 1982); the error of the model is common to them.
+    """
+    sides = [_identifications(side) for side in (first, second)]
+    if len({signal_units(result) for side in sides for result in side}) > 1:
+        raise UsageError("The samples are in different units; read all records in one (--units).")
+    reference = sides[0][0].reference_frequency.item()
+    symbols = list(dict.fromkeys(symbol for side in sides for one in side for symbol in _forces_of(one)))
+    samples = [_sample(side, symbols, reference) for side in sides]
+    variables, differs = _contrast(samples, len(symbols), level)
+    verdict = "coefficients differ" if differs else "no difference"
+    if not differs and float(variables["p_value_of_all"][1]) < level:
+        verdict = "together they differ"
+    attrs: dict[str, object] = {"verdict": verdict, "level": level, "signal_units": signal_units(sides[0][0])}
+    for name, sample, side in zip(SIDES, samples, sides, strict=True):
+        pair = sample.values[:-1], sample.errors[:-1]
+        variables |= with_error(name, "force", pair, f"{name} at the reference frequency", FORCE_UNITS)
+        scatter = "standard deviation between runs beyond their errors"
+        variables[f"{name}_between_runs"] = variable("force", sample.between[:-1], scatter, FORCE_UNITS)
+        attrs[f"{name}_record"] = [source for result in side for source in result.attrs["record_source"]]
+        attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(one.attrs["method"]) for one in side))
+    variables["reference_frequency"] = variable((), reference, "reference of the coefficients", "rad/s")
+    return xr.Dataset(variables, {"force": symbols, "other_force": symbols}, attrs)
+
+
+def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset]:
+    """The identifications of a sample, one a run."""
+    given = [side] if isinstance(side, Identified) else list(side)
+    results = [main_result(one) if isinstance(one, xr.DataTree) else one for one in given]
+    kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
+    if not kept or len(kept) < len(results):
+        raise UsageError("difference wants two identifications, or lists of them, as identify returns them.")
+    return kept
+
+
+def _forces_of(result: xr.Dataset) -> list[str]:
+    """Forces whose coefficient refers to the identification's own frequency."""
+    return [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
+
+
+def _sample(results: Sequence[xr.Dataset], symbols: Sequence[str], reference: float) -> Sample:
+    """Mean and covariance of the runs of a sample."""
+    runs = [_run(result, symbols, reference) for result in results]
+    values, covariances, of_model = (np.array(part) for part in zip(*runs, strict=True))
+    if len(runs) == 1:
+        nothing = np.full(len(symbols) + 1, np.nan)
+        return Sample(
+            values[0], covariances[0] + np.diag(of_model[0]), nothing, np.full(len(nothing), np.inf)
+        )
+    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    design = np.ones((len(runs), 1))
+    between = np.array(
+        [
+            RandomEffects(value, error, design).heterogeneity().value if np.all(error > 0.0) else 0.0
+            for value, error in zip(values.T, errors.T, strict=True)
+        ]
+    )
+    scattered = covariances + np.diag(between**2)
+    # Coefficients differ by orders of magnitude: in units of their errors the matrices are well conditioned.
+    unit = np.sqrt(np.mean(np.diagonal(scattered, axis1=1, axis2=2), axis=0))
+    unit[unit == 0.0] = 1.0
+    weights = np.linalg.pinv(scattered / np.outer(unit, unit), hermitian=True)
+    inverse = np.linalg.pinv(weights.sum(axis=0), hermitian=True)
+    mean = unit * (inverse @ np.einsum("rij,rj->i", weights, values / unit))
+    held = np.all(errors == 0.0, axis=0)
+    mean[held] = values[0][held]
+    covariance = inverse * np.outer(unit, unit)
+    # The part of the variance that the scatter makes is known by the runs alone.
+    part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~held)
+    freedoms = np.divide(len(runs) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
+    return Sample(mean, covariance + np.diag(of_model.mean(axis=0)), between, freedoms)
+
+
+def _run(result: xr.Dataset, symbols: Sequence[str], reference: float) -> tuple[Array, Array, Array]:
+    """Values of a run, their covariance by the noise, and the variance by the model; zero without a force."""
+    kept = _forces_of(result)
+    at = [*map(symbols.index, kept), len(symbols)]
+    values, variances = np.zeros((2, len(symbols) + 1))
+    covariance = np.zeros((len(values), len(values)))
+    values[at] = comparison_values(result, kept, reference)
+    covariance[np.ix_(at, at)] = comparison_covariance(result, kept, reference)
+    factors = reference_factors(result, kept, reference)
+    of_model = error_parts(result)[1][np.isin(result.force.values, kept)]
+    variances[at[:-1]] = (factors * of_model) ** 2
+    covariance -= np.diag(variances)
+    # A force without a degree keeps its size; its shape changes with the frequency, if only a little.
+    apart = abs(result.reference_frequency.item() / reference - 1.0) > SAME_FREQUENCY
+    unknown = [symbols.index(s) for s in kept if apart and np.isnan(result.speed_degree.sel(force=s).item())]
+    values[unknown] = np.nan
+    return values, covariance, variances
+
+
+def _contrast(samples: Sequence[Sample], count: int, level: float) -> tuple[Variables, bool]:
+    """Differences of the forces with their tests, and whether any differs."""
+    contrast = samples[0].values - samples[1].values
+    covariance = samples[0].covariance + samples[1].covariance
+    error = np.sqrt(np.diag(covariance))
+    z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
+    parts = np.sum([sample.errors**4 / sample.freedoms for sample in samples], axis=0)
+    freedoms = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
+    p_value = np.asarray(2.0 * student.sf(np.abs(z), freedoms))
+    differs = _holm(p_value[:count], level)
+    (w, of_w), (other, of_other) = ((sample.values[-1], sample.errors[-1]) for sample in samples)
+    ratio = (w / other) ** 2
+    stiffness = ratio - 1.0, 2.0 * ratio * float(np.hypot(of_w / w, of_other / other))
+    variables: Variables = {
+        "difference": variable("force", contrast[:count], "first minus second", FORCE_UNITS),
+        "standard_error": variable("force", error[:count], "standard error of the difference", FORCE_UNITS),
+        "z": variable("force", z[:count], "difference over its standard error", "1"),
+        "p_value": variable("force", p_value[:count], "p-value of no difference", "1"),
+        "differs": variable("force", differs, "whether it differs, at a level that all forces share"),
+        "covariance": variable(
+            ("force", "other_force"), covariance[:count, :count], "covariance", FORCE_UNITS
+        ),
+        **with_error(
+            "stiffness_difference", (), stiffness, "ratio of squared asymptotic frequencies, less 1"
+        ),
+        **_all_together(contrast[:count], covariance[:count, :count]),
+    }
+    return variables, bool(differs.any())
+
+
+def _holm(p_values: Array, level: float) -> Mask:
+    """Which of several hypotheses are refused, all of them sharing a level (Holm 1979); nan is none."""
+    order = np.argsort(np.nan_to_num(p_values, nan=1.0))
+    count = int(np.isfinite(p_values).sum())
+    refused = np.zeros(len(p_values), dtype=bool)
+    for place, at in enumerate(order[:count]):
+        if p_values[at] > level / (count - place):
+            break
+        refused[at] = True
+    return refused
+
+
+def _all_together(contrast: Array, covariance: Array) -> Variables:
+    """Chi-square of all differences that are known."""
+    error = np.sqrt(np.diag(covariance))
+    known = np.isfinite(contrast) & (error > 0.0)
+    scaled = contrast[known] / error[known]
+    weights = (covariance[known][:, known]) / np.outer(error[known], error[known])
+    statistic = float(scaled @ np.linalg.pinv(weights, hermitian=True) @ scaled)
+    test = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
+    test["p_value_of_all"] = test.pop("p_value")
+    return test
+
+
+def held_against(
+    first: Sequence[xr.Dataset],
+    second: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    method: Method,
+    *,
+    constraints: ConstraintTable = NO_CONSTRAINTS,
+    tell: Tell = silent,
+) -> xr.DataTree:
+    """Identify each run of two samples by one method, and hold the samples against each other.
+
+    Parameters
+    ----------
+    first, second : sequence of Dataset
+        Decays, the runs of each sample.
+    library : ForceLibrary
+    method : Method
+    constraints : mapping
+        See `identify`.
+    tell : callable
+        Called with a few words as the work goes on.
+
+    Returns
+    -------
+    DataTree
+        `difference` at its root; the groups `first`, `second` (or `first_1`, ...) are the identifications,
+        `backbone_first`, ... frequency and damping of each record without a model, where it has enough half
+        periods.
+    """
+    results: dict[str, list[xr.Dataset]] = {name: [] for name in SIDES}
+    groups: dict[str, xr.Dataset] = {}
+    for name, runs in zip(SIDES, (first, second), strict=True):
+        for label, run in zip(group_names(name, len(runs)), runs, strict=True):
+            tell(f"the {label.replace('_', ' ')} record")
+            result = identify(run, library, method, constraints=constraints)
+            results[name].append(result)
+            groups[label] = result
+            # A record of few half periods has none.
+            with suppress(DecayError):
+                groups[f"backbone_{label}"] = backbone(run)
+    groups["/"] = difference(*results.values())
+    return xr.DataTree.from_dict(groups)
