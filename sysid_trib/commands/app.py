@@ -7,6 +7,7 @@ from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
 from sysid_trib.commands.campaign import campaign
+from sysid_trib.commands.difference import difference
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.identify import compare, identify
 from sysid_trib.commands.shown import backbone, forces, look, report
@@ -16,7 +17,7 @@ from sysid_trib.commands.simulate import simulate
 EXAMPLES = {
     "simulate": (
         "sysid-trib simulate --noise 1e-4 -o swing.csv",
-        "sysid-trib simulate --set zeta=0.01 --set nu=-0.2 --duration 30 -o soft.nc",
+        "sysid-trib simulate --set zeta=0.01 --set nu=-0.2 --duration 30 --noise 1e-4 -o soft.csv",
     ),
     "look": ("sysid-trib look swing.csv", "sysid-trib look swing.csv --angle 1 --units rad --plot figures"),
     "backbone": ("sysid-trib backbone", "sysid-trib backbone swing.csv --csv curves.csv --plot figures"),
@@ -31,6 +32,10 @@ EXAMPLES = {
     "compare": (
         "sysid-trib compare swing.csv -o methods.nc",
         "sysid-trib compare swing.csv --forces zeta,delta,nu,epsilon --window 0:15 --csv methods.csv",
+    ),
+    "difference": (
+        "sysid-trib difference swing.csv soft.csv -o difference.nc --plot figures",
+        "sysid-trib difference 'swing.csv' : soft.csv --forces zeta,delta,nu --explain",
     ),
     "campaign": (
         "sysid-trib campaign 'swing*.csv' -o results.zarr",
@@ -87,5 +92,5 @@ def _options(
     """Which forces act in an oscillator, learned from its free decay."""
 
 
-for command in (look, backbone, identify, discover, compare, campaign, simulate, report, forces):
+for command in (look, backbone, identify, discover, compare, difference, campaign, simulate, report, forces):
     app.command(cls=GroupedCommand)(command)

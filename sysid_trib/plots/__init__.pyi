@@ -9,6 +9,7 @@ from sysid_trib.plots.named_effects import (
     ranking as ranking,
     story as story,
 )
+from sysid_trib.plots.samples import difference as difference
 
 from .at_a_glance import overview as overview
 from .paper import (

@@ -78,7 +78,15 @@ def curves_of(tree: xr.DataTree, run: int) -> tuple[xr.Dataset, xr.Dataset | Non
     return of_record, of_models.sel(model=kept) if kept else None
 
 
-def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None = None) -> None:
+def draw_curve(
+    ax: Axes,
+    data: xr.Dataset,
+    name: str,
+    models: xr.Dataset | None = None,
+    *,
+    colour: str = INK,
+    label: str | None = "record, 95 %",
+) -> None:
     """One curve of a backbone with its band, its single periods, and the models' curves.
 
     Parameters
@@ -89,12 +97,15 @@ def draw_curve(ax: Axes, data: xr.Dataset, name: str, models: xr.Dataset | None 
     name : {"frequency", "damping_ratio"}
     models : Dataset, optional
         Of `lack_of_fit`.
+    colour, label : str
+        Of the band and its curve.
     """
     amplitude = data.amplitude.values
     low, high = (data[f"{name}_{end}"].values for end in ("low", "high"))
-    ax.plot(data.period_amplitude, data[f"period_{name}"], **DOTS)
-    ax.fill_between(amplitude, low, high, color=INK, alpha=0.2, linewidth=0, zorder=2, label="record, 95 %")
-    ax.plot(amplitude, data[name], color=INK, linewidth=0.8, zorder=2)
+    dots = DOTS if colour == INK else DOTS | {"color": colour, "alpha": 0.4}
+    ax.plot(data.period_amplitude, data[f"period_{name}"], **dots)
+    ax.fill_between(amplitude, low, high, color=colour, alpha=0.2, linewidth=0, zorder=2, label=label)
+    ax.plot(amplitude, data[name], color=colour, linewidth=0.8, zorder=2)
     if models is not None:
         _draw_models(ax, models, name)
     # All of the curve, and the band where it is narrow: an end of few periods would hide all else.

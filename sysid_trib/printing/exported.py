@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import by_label, error_of, quantity
+from sysid_trib.printing.layout import by_label, error_of, quantity, value_with_error
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups, signal_symbol, signal_units
@@ -173,7 +173,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     windows = [f"{float(r.time.values[0]):.6g} to {float(r.time.values[-1]):.6g} s" for r in records]
     samples = [str(record.sizes["time"]) for record in records]
     details = {"window": ", ".join(windows), "samples": ", ".join(samples)}
-    if kind_of(tree) == "discover":
+    if kind_of(tree) in ("discover", "difference"):
         return {"verdict": str(tree.attrs["verdict"])} | details
     if kind_of(tree) == "compare":
         return {"predicts best": str(tree["comparison"].attrs["best"])} | details
@@ -201,6 +201,11 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
             value, error = (result[key].item() for key in (name, error_of(name)))
             words = {"method": method, "quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
             yield words | {"value": value, "standard_error": error}
+    for symbol, row in (
+        by_label(tree.to_dataset(), "force") if kind_of(tree) == "difference" else {}
+    ).items():
+        words = {"method": "first minus second", "quantity": symbol, "name": f"z = {row.z.item():.4g}"}
+        yield words | {"value": row.difference.item(), "standard_error": row.standard_error.item()}
     for name, text in about_the_record(tree).items():
         yield {"method": "record", "quantity": name, "value": text}
 
@@ -217,15 +222,24 @@ def latex_text(tree: xr.DataTree) -> str:
             cells.setdefault(f"${library[symbol].latex_symbol}$", {})[method] = text
         for name, symbol in FREQUENCIES_LATEX.items():
             cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
-    table = [[head, *(row.get(name, "--") for name in named)] for head, row in cells.items()]
-    table.insert(0, ["", *(name.replace("_", " ") for name in named)])
-    if len(named) > MOST_COLUMNS:
+    if kind_of(tree) == "difference":
+        library = library_of(next(iter(named.values())))
+        for symbol, row in by_label(tree.to_dataset(), "force").items():
+            text = value_with_error(row.difference.item(), row.standard_error.item())
+            head = f"${library[symbol].latex_symbol if symbol in library.symbols else symbol}$"
+            cells.setdefault(head, {})["difference"] = f"{_in_latex(text)}, $z = {row.z.item():.1f}$"
+    heads = [*named, *(["difference"] if kind_of(tree) == "difference" else [])]
+    table = [[head, *(row.get(name, "--") for name in heads)] for head, row in cells.items()]
+    table.insert(0, ["", *(name.replace("_", " ") for name in heads)])
+    if len(heads) > MOST_COLUMNS:
         table = [list(row) for row in zip(*table, strict=True)]
     head, *rows = (f"{' & '.join(row)} \\\\" for row in table)
     begin = rf"\begin{{tabular}}{{l{'c' * (len(table[0]) - 1)}}}"
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     note = rf"\multicolumn{{{len(table[0])}}}{{l}}{{\footnotesize {details}}} \\"
     lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", note, r"\end{tabular}"]
+    if kind_of(tree) == "difference":
+        return "\n".join([*lines, ""])
     main = main_result(tree)
     return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])
 

@@ -24,6 +24,7 @@ from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.driven import driven_blocks
 from sysid_trib.printing.identification import estimate_blocks, identification_blocks
+from sysid_trib.printing.samples import difference_blocks
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
@@ -101,6 +102,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
     "cross_check": (f"{TITLE}, by two methods", identification_blocks),
     "driven": ("Forces of a driven record", driven_blocks),
     "compare": (f"{TITLE}, method by method", comparison_blocks),
+    "difference": ("Two samples held against each other", difference_blocks),
     "discover": ("What a model lacks to explain a free decay", discovery_blocks),
 }
 
@@ -224,6 +226,7 @@ FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "half_periods": _half_periods,
     "random_force": _pushed,
     "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
+    "difference": lambda tree: [Figures(CAPTIONS["difference"], [plots.difference(tree)])],
     "gap": _motions,
     "scores": partial(_of_discovery, "scores", plots.ranking),
     "detectable": partial(_of_discovery, "detectable", plots.forecast),

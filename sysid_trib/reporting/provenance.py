@@ -99,6 +99,7 @@ def python_text(tree: xr.DataTree) -> str:
         "cross_check": _cross_check,
         "driven": _driven,
         "compare": _compare,
+        "difference": _difference,
         "discover": _discover,
     }
     return "\n".join(["import sysid_trib as st", "", *_decay(tree), *made[kind](tree)])
@@ -213,6 +214,17 @@ def _compare(tree: xr.DataTree) -> list[str]:
     lines += [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]
     contactless = f", contactless=({numbers})" if (numbers := _contactless(first)) else ""
     return [*lines, "}", f"tree = st.compare(decay, library, methods{contactless})"]
+
+
+def _difference(tree: xr.DataTree) -> list[str]:
+    named = identifications_of(tree)
+    first = sum(name.startswith("sample_first") for name in named)
+    one = next(iter(named.values()))
+    return [
+        _library(one.attrs),
+        f"results = [st.identify(run, library, {_method(one)}) for run in decay]",
+        f"contrast = st.difference(results[:{first}], results[{first}:])",
+    ]
 
 
 def _discover(tree: xr.DataTree) -> list[str]:

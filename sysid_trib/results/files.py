@@ -60,7 +60,9 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
 
 
 def kind_of(tree: xr.DataTree) -> str:
-    """What made a result: identify, cross_check, driven, compare or discover; empty if none did."""
+    """What made a result: identify, cross_check, driven, compare, difference or discover; empty if none."""
+    if "stiffness_difference" in tree.ds:
+        return "difference"
     if "coefficient" in tree.ds and "method" in tree.attrs:
         return "identify"
     if {"record", "record_1"}.isdisjoint(tree.children):

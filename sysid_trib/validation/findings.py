@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.significance import significant, sufficient_forces
 from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation.comparison_table import applied_methods
@@ -81,7 +81,7 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     if kind_of(tree) == "compare":
         labels = applied_methods(tree["comparison"].to_dataset()).method.values.tolist()
         return {label: tree[label].to_dataset() for label in labels}
-    return kept_results(tree)
+    return identifications_of(tree) if kind_of(tree) == "difference" else kept_results(tree)
 
 
 def main_result(tree: xr.DataTree) -> xr.Dataset | None:

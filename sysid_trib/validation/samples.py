@@ -275,9 +275,9 @@ def held_against(
     Returns
     -------
     DataTree
-        `difference` at its root; the groups `first`, `second` (or `first_1`, ...) are the identifications,
-        `backbone_first`, ... frequency and damping of each record without a model, where it has enough half
-        periods.
+        `difference` at its root; the groups `sample_first`, ... (of several runs `sample_first_1`, ...) are
+        the identifications, `backbone_first`, ... frequency and damping of each record without a model, where
+        it has enough half periods; `record_1`, ... the records of both.
     """
     results: dict[str, list[xr.Dataset]] = {name: [] for name in SIDES}
     groups: dict[str, xr.Dataset] = {}
@@ -286,9 +286,11 @@ def held_against(
             tell(f"the {label.replace('_', ' ')} record")
             result = identify(run, library, method, constraints=constraints)
             results[name].append(result)
-            groups[label] = result
+            groups[f"sample_{label}"] = result
             # A record of few half periods has none.
             with suppress(DecayError):
                 groups[f"backbone_{label}"] = backbone(run)
     groups["/"] = difference(*results.values())
+    runs = [*first, *second]
+    groups |= dict(zip(group_names("record", len(runs)), runs, strict=True))
     return xr.DataTree.from_dict(groups)
