@@ -18,6 +18,8 @@ import sysid_trib as st
 from sysid_trib.printing.comparison_tables import comparison_json
 from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.json_results import discovery_json, identification_json
+from sysid_trib.printing.samples import difference_json
+from sysid_trib.validation.samples import held_against
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -140,6 +142,8 @@ def test_json_keys_are_those_documented(generated):
         "compare": comparison_json(results["compare"]),
         "discover": discovery_json(results["discover"]),
     }
+    record, library = [results["identify"]["record"].to_dataset()], st.load_library().select(["zeta"])
+    printed["difference"] = difference_json(held_against(record, record, library, st.methods.Direct()))
     driven = results[generated.DRIVEN]
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
@@ -172,6 +176,7 @@ def _general(path, documented):
     """The path with names for what is the user's, cut at a key that is documented as a whole."""
     for pattern, name in (
         (r"(?<=^methods\.)[^.]+", "METHOD"),
+        (r"(?<=^coefficients\.)[^.]+", "FORCE"),
         (r"(?<=^cross_check\.models\.)[^.]+", "METHOD"),
         (r"(?<=^cross_check\.differences\.)[^.]+", "QUANTITY"),
         (r"(?<=^per_input\.)[^.]+", "QUANTITY"),

@@ -131,7 +131,7 @@ def difference(
 
 def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset]:
     """The identifications of a sample, one a run."""
-    given = [side] if isinstance(side, Identified) else list(side)
+    given = list(side) if isinstance(side, list | tuple) else [side]
     results = [main_result(one) if isinstance(one, xr.DataTree) else one for one in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
     if not kept or len(kept) < len(results):

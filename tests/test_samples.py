@@ -1,0 +1,104 @@
+"""Two samples held against each other: which coefficients differ, with errors between runs, and what is said."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import run as command
+from helpers import FIVE, paper_run
+
+from sysid_trib import difference, identify, load, plots
+from sysid_trib.errors import UsageError
+from sysid_trib.methods import Direct
+
+RUN = paper_run(FIVE, duration=15.0)
+LIBRARY = RUN.model.library
+MORE_FRICTION = replace(RUN, model=RUN.model.with_coefficients(FIVE | {"zeta": 0.0101}))
+
+
+def identified(run, *seeds):
+    return [identify(run.decay(seed), LIBRARY, Direct()) for seed in seeds]
+
+
+@pytest.fixture(scope="module")
+def samples():
+    """Two runs of one material, and one of another with more viscous friction."""
+    return identified(RUN, 1, 2), identified(MORE_FRICTION, 3)
+
+
+def test_the_mean_of_equal_runs_is_known_better_than_each(samples):
+    both, (other,) = samples
+    single, pooled = difference(both[0], other), difference(both, other)
+    of_zeta = [found.first_standard_error.sel(force="zeta").item() for found in (pooled, single)]
+    assert of_zeta[0] == pytest.approx(of_zeta[1] / np.sqrt(2.0), rel=0.02)
+    assert np.isnan(single.first_between_runs.values).all()
+    assert pooled.attrs["verdict"] != "no difference"
+    assert pooled.attrs["first_record"] == [r.attrs["record_source"][0] for r in both]
+    # Exchanged, the differences change their sign, to the change of reference.
+    turned = difference([other], both)
+    assert turned.z.values == pytest.approx(-pooled.z.values, abs=0.02)
+
+
+def test_runs_that_scatter_widen_the_error_of_their_mean():
+    runs = [
+        replace(RUN, model=RUN.model.with_coefficients(FIVE | {"zeta": z})) for z in (0.0095, 0.0097, 0.0099)
+    ]
+    results = [one for at, run in enumerate(runs) for one in identified(run, at)]
+    found = difference(results, results[:1])
+    zeta = found.sel(force="zeta")
+    assert zeta.first_between_runs.item() == pytest.approx(2e-4, rel=0.5)
+    assert zeta.first_standard_error.item() == pytest.approx(2e-4 / np.sqrt(3.0), rel=0.5)
+    assert not zeta.differs.item()
+
+
+def test_answers_of_identify_and_what_is_none(samples):
+    (first, _), (other,) = samples
+    for wrong in ([], [first, RUN.decay(1)], "a.csv", None):
+        with pytest.raises(UsageError, match="two identifications"):
+            difference(first, wrong)
+    assert difference(first, other).attrs["first_method"] == "direct"
+
+
+def test_equal_samples_differ_as_often_as_the_level_says():
+    first, second = (identified(RUN, *range(at, at + 12)) for at in (100, 200))
+    p_values = [difference(a, b).p_value_of_all.item() for a, b in zip(first, second, strict=True)]
+    # Of twelve uniform ones: 1 in 10,000 sets of them has one below.
+    assert min(p_values) > 1e-5
+    assert np.mean(np.array(p_values) < 0.5) < 0.95
+
+
+def test_the_command_says_it_first_and_writes_it_all(tmp_path):
+    for name, run, seed in (("a.csv", RUN, 1), ("b.csv", MORE_FRICTION, 2), ("c.csv", MORE_FRICTION, 3)):
+        run.decay(seed).to_dataframe().to_csv(tmp_path / name)
+    a, b, c = (str(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv"))
+    out, table, tex, page = (str(tmp_path / name) for name in ("d.nc", "d.csv", "d.tex", "d.html"))
+    ending = command("difference", a, b, "--csv", table, "--latex", tex, "-o", out, "--plot", str(tmp_path))
+    assert ending.status == 0, ending.err
+    first = ending.out.splitlines()[0]
+    assert "where all others are equal it is zeta by (-4." in first or first.startswith("zeta differs:")
+    assert (tmp_path / "difference.pdf").exists()
+    assert "first minus second,zeta" in (tmp_path / "d.csv").read_text()
+    assert "difference" in (tmp_path / "d.tex").read_text()
+    kept = load(out)
+    assert plots.difference(kept).axes[2].get_xlabel() == "first minus second, over its standard error"
+    assert command("report", out, "-o", page).status == 0
+    assert "st.difference(results[:1], results[1:])" in (tmp_path / "d.html").read_text()
+    several = command("difference", a, ":", b, c, "--json")
+    data = json.loads(several.out)
+    assert data["verdict"] != "no difference"
+    assert data["coefficients"]["zeta"]["second_between_runs"] is not None
+
+
+@pytest.mark.parametrize("given", [["a.csv"], ["a.csv", "b.csv", "c.csv"], [":", "a.csv"], ["a.csv", ":"]])
+def test_a_command_without_two_samples_says_how_they_are_given(given):
+    ending = command("difference", *given)
+    assert ending.status == 2
+    assert "two samples: A.csv B.csv" in ending.err
+
+
+def test_a_record_in_both_samples_is_refused(tmp_path):
+    RUN.decay(1).to_dataframe().to_csv(tmp_path / "a.csv")
+    ending = command("difference", str(tmp_path / "a.csv"), ":", str(tmp_path / "a.csv"))
+    assert ending.status == 2
+    assert "in both samples" in ending.err
