@@ -1,4 +1,4 @@
-"""Two samples held against each other: which coefficients differ, with errors between runs, and what is said."""
+"""Two samples held against each other: coefficients that differ, errors between runs, and what is said."""
 
 import json
 from dataclasses import replace

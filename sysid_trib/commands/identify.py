@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
 from sysid_trib.commands.options import (
@@ -18,7 +18,10 @@ from sysid_trib.commands.terminal import keep_next
 from sysid_trib.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import xarray as xr
+    from matplotlib.figure import Figure
 
     from sysid_trib.errors import Tell
 
@@ -55,6 +58,23 @@ class TestOptions:
     warm_up: float | None = option("S", "Its start is fitted to so much of it; default: to all.")
 
 
+@dataclass(frozen=True)
+class SurenessOptions:
+    """How sure the answer is."""
+
+    title: ClassVar[str] = "How sure"
+
+    profile: str | None = option(
+        "A,B,...", "Coefficients and shapes (dahl.s) whose intervals come from the profile likelihood."
+    )
+    sensitivity: bool = option(
+        None,
+        "Fit the same forces over windows, starts, sampling, noise models and methods.",
+        False,
+        flags=("--sensitivity",),
+    )
+
+
 @with_options
 def identify(
     *,
@@ -62,6 +82,7 @@ def identify(
     model: ModelOptions,
     scale: ScaleOptions,
     constraint: ConstraintOptions,
+    sure: SurenessOptions,
     tried: TestOptions,
     destination: Destination,
 ) -> None:
@@ -78,6 +99,7 @@ def identify(
         from sysid_trib.printing.driven import prediction_json, prediction_sentences
         from sysid_trib.printing.identification import identification_blocks
         from sysid_trib.printing.json_results import identification_json
+        from sysid_trib.printing.sureness import sureness_json
         from sysid_trib.records.signal import unit_of_signal
         from sysid_trib.validation.driven import is_driven
         from sysid_trib.validation.identify import identify, usual_methods
@@ -103,6 +125,7 @@ def identify(
         )
         predicted = _predicted(tree, tried, given, tell)
         driven = is_driven(decays)
+        _add_sureness(tree, decays, sure, tell)
         if not driven:
             keep_next(tree, given, model, constraint)
     if driven:
@@ -116,15 +139,44 @@ def identify(
             ),
             Block(prediction_sentences(predicted)),
         ],
-        lambda: identification_json(tree, scale.inertia, scale.mass, scale.load) | prediction_json(predicted),
+        lambda: (
+            identification_json(tree, scale.inertia, scale.mass, scale.load)
+            | prediction_json(predicted)
+            | sureness_json(tree)
+        ),
         lambda plots: [
             # A run with few half periods has none.
             *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
             *figures_of_runs(tree, "overview", plots.overview),
             *figures_of_runs(tree, "half_periods", plots.half_periods),
             *random_force_figures(tree, plots),
+            *_sureness_figures(tree, plots),
         ],
     )
+
+
+def _add_sureness(
+    tree: "xr.DataTree", decays: "list[xr.Dataset]", sure: SurenessOptions, tell: "Tell"
+) -> None:
+    """Add what is asked of how sure the answer is, as groups of the result."""
+    from sysid_trib.validation.findings import answer_of
+    from sysid_trib.validation.profile import profile
+    from sysid_trib.validation.sensitivity import sensitivity
+
+    names = [name.strip() for name in (sure.profile or "").split(",") if name.strip()]
+    answer = tree[answer_of(tree)].to_dataset()
+    if names:
+        tree["profile"] = profile(decays, answer, names, tell=tell)
+    if sure.sensitivity:
+        tree["sensitivity"] = sensitivity(decays, answer, tell=tell)
+
+
+def _sureness_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
+    return [
+        (name, partial(getattr(plots, name), tree[name].to_dataset()))
+        for name in ("profile", "sensitivity")
+        if name in tree.children
+    ]
 
 
 def _predicted(

@@ -10,6 +10,7 @@ from sysid_trib.plots.named_effects import (
     story as story,
 )
 from sysid_trib.plots.samples import difference as difference
+from sysid_trib.plots.sureness import profile as profile, sensitivity as sensitivity
 
 from .at_a_glance import overview as overview
 from .paper import (

@@ -7,7 +7,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.printing import verdict, verdict as runs
+from sysid_trib.printing import verdict
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import (
@@ -20,6 +20,7 @@ from sysid_trib.printing.layout import (
 )
 from sysid_trib.printing.physics import physics_sentences, translation_sentences, weight_sentences
 from sysid_trib.printing.random_force import random_force_sentences
+from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import (
@@ -87,12 +88,13 @@ def identification_blocks(
         Block(title="Amplitude and frequency", figures="half_periods"),
         Block(verdict.separation_sentences(tree), ALWAYS),
         Block([*agree[:1], *pushed, *remarks, *_weight(tree)], Layer.DEFAULT),
+        *sureness_blocks(tree),
         Block([*verdict.test_sentences(tree), *agree, *remarks, *_stiffness(tree)], details),
     ]
     if "runs" in tree:
         data = tree["runs"].to_dataset()
-        blocks.append(Block((), details, BETWEEN_RUNS, runs.runs_table(data), "Each run alone"))
-        blocks.append(Block(runs.runs_sentences(data), title=BETWEEN_RUNS))
+        blocks.append(Block((), details, BETWEEN_RUNS, verdict.runs_table(data), "Each run alone"))
+        blocks.append(Block(verdict.runs_sentences(data), title=BETWEEN_RUNS))
     return [
         *blocks,
         Block(pushed, details, "Random force", figures="random_force"),

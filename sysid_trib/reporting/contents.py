@@ -213,6 +213,11 @@ def _of_discovery(caption: str, draw: Callable[[xr.DataTree], Figure], tree: xr.
     return [Figures(CAPTIONS[caption] + _held_out(tree, of_search=True), [draw(tree)])]
 
 
+def _of_group(tree: xr.DataTree, name: str, draw: Callable[[xr.Dataset], Figure]) -> Figures:
+    """The figure of one group of a result."""
+    return Figures(CAPTIONS[name], [draw(tree[name].to_dataset())])
+
+
 def _driven(tree: xr.DataTree) -> list[Figures]:
     """Inputs, motion and residuals of each run."""
     runs = range(len(record_groups(tree)))
@@ -227,6 +232,8 @@ FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "random_force": _pushed,
     "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
     "difference": lambda tree: [Figures(CAPTIONS["difference"], [plots.difference(tree)])],
+    "profile": lambda tree: [_of_group(tree, "profile", plots.profile)],
+    "sensitivity": lambda tree: [_of_group(tree, "sensitivity", plots.sensitivity)],
     "gap": _motions,
     "scores": partial(_of_discovery, "scores", plots.ranking),
     "detectable": partial(_of_discovery, "detectable", plots.forecast),

@@ -108,7 +108,7 @@ def _part_fit(
     result: xr.Dataset,
 ) -> xr.Dataset | None:
     """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
-    parts = [run.isel(time=_between(run, low, high)) for run in runs]
+    parts = [run.isel(time=between(run, low, high)) for run in runs]
     later = float(parts[0].time.values[0] - runs[0].time.values[0])
     return _identified(method, parts, counted_from(library, later), result)
 
@@ -125,7 +125,7 @@ def _identified(
     return part if same and np.all(np.isfinite(_values(part))) else None
 
 
-def _between(run: xr.Dataset, low: float, high: float) -> slice:
+def between(run: xr.Dataset, low: float, high: float) -> slice:
     """Samples between two parts of the time of a run."""
     time = run.time.values.astype(float)
     ends = time[0] + np.array([low, high]) * (time[-1] - time[0])
@@ -136,7 +136,7 @@ def _held_out(
     part: xr.Dataset | None, run: xr.Dataset, library: ForceLibrary, low: float, high: float
 ) -> Iterator[float]:
     """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
-    kept, size = _between(run, low, high), run.sizes["time"]
+    kept, size = between(run, low, high), run.sizes["time"]
     for held_out in (slice(0, kept.start), slice(kept.stop, size)):
         if held_out.stop - held_out.start < FEWEST_HELD_OUT:
             continue

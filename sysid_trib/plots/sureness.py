@@ -1,0 +1,87 @@
+"""How sure coefficients are: profile likelihoods, and the same fit in every other defensible way."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator
+
+from sysid_trib.arrays import Array
+from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, grid, letter, new_figure
+
+PANEL_HEIGHT, FIT_HEIGHT = 2.2, 0.2
+# Colours of the kinds of fit.
+KINDS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a9d6f", "method": INK}
+
+
+def profile(data: xr.Dataset) -> Figure:
+    """Deviance of each parameter against its value; dashed, the parabola of the standard error.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of `validation.profile`.
+    """
+    count = data.sizes["parameter"]
+    figure, panels = grid(count, min(3, count), FULL_WIDTH, PANEL_HEIGHT)
+    for ax, name in zip(panels, data.parameter.values.tolist(), strict=False):
+        row = data.sel(parameter=name)
+        known = np.isfinite(row.value.values)
+        values, deviance = row.value.values[known], row.deviance.values[known]
+        unit, label = _power_of_ten(values, name)
+        fine = np.linspace(values[0], values[-1], 200)
+        parabola = ((fine - row.estimate.item()) / row.standard_error.item()) ** 2
+        roots = np.copysign(np.sqrt(deviance), values - row.estimate.item())
+        ax.plot(fine / unit, parabola, color=GREY, linewidth=0.8, linestyle="--")
+        ax.plot(fine / unit, PchipInterpolator(values, roots)(fine) ** 2, color=INK, linewidth=1.0)
+        ax.plot(values / unit, deviance, color=INK, marker="o", markersize=3, linestyle="")
+        ax.axhline(data.attrs["threshold"], color=ORANGE, linewidth=0.8)
+        for end in ("low", "high"):
+            if np.isfinite(row[end]):
+                ax.axvline(row[end].item() / unit, color=ORANGE, linewidth=0.6)
+        ax.set(xlabel=label, ylim=(0.0, 1.6 * data.attrs["threshold"]))
+        ax.locator_params(axis="x", nbins=4)
+    panels[0].set_ylabel("deviance")
+    letter(panels[:count])
+    return figure
+
+
+def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
+    """What values are drawn in, and the label of their axis: an offset at its end would hide the label."""
+    power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))
+    if -2 <= power <= 3:
+        return 1.0, name
+    return 10.0**power, f"{name} / $10^{{{power}}}$"
+
+
+def sensitivity(data: xr.Dataset) -> Figure:
+    """Each coefficient by every fit with its error; the band is the stated value with twice its error.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of `validation.sensitivity`.
+    """
+    count, fits = data.sizes["force"], data.fit.values.tolist()
+    figure = new_figure(FULL_WIDTH, FIT_HEIGHT * len(fits) + 0.8)
+    panels = np.atleast_1d(figure.subplots(1, count, sharey=True)).tolist()
+    colours = [KINDS.get(kind, INK) for kind in data.kind.values.tolist()]
+    for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
+        row = data.sel(force=symbol)
+        unit, label = _power_of_ten(row.coefficient.values, symbol)
+        estimate, error = row.estimate.item() / unit, row.stated_error.item() / unit
+        ax.axvspan(estimate - 2.0 * error, estimate + 2.0 * error, color=INK, alpha=0.12, linewidth=0)
+        ax.axvline(estimate, color=INK, linewidth=0.6)
+        for at, (value, of_it, colour) in enumerate(
+            zip(row.coefficient.values, row.standard_error.values, colours, strict=True)
+        ):
+            if np.isfinite(value):
+                ax.errorbar(
+                    value / unit, at, xerr=of_it / unit, fmt="o", color=colour, markersize=3, linewidth=0.8
+                )
+        ax.set_xlabel(label)
+        ax.locator_params(axis="x", nbins=2)
+    labels = [f"{kind}: {fit}" for kind, fit in zip(data.kind.values.tolist(), fits, strict=True)]
+    panels[0].set_yticks(range(len(fits)), labels)
+    panels[0].set_ylim(len(fits) - 0.4, -0.6)
+    letter(panels)
+    return figure

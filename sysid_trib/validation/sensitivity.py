@@ -1,0 +1,143 @@
+"""Sensitivity: the same fit over windows, starts, sampling, noise models and methods."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import SysidTribError, Tell, silent
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
+from sysid_trib.forces.library import counted_from
+from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
+from sysid_trib.methods.scope import Method, constrained, with_random_force
+from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs, one_or_all
+from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
+from sysid_trib.results.schema import library_of
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import Variables, variable
+from sysid_trib.validation.model_error import between
+
+# Starts: so many periods of the record are left out before it.
+LATER_STARTS = (1.0, 3.0)
+# The noise that a fit of the motion may allow for.
+NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
+# One fit: what it is, the method, the runs, and since when they last (s).
+Fit = tuple[str, Method, list[xr.Dataset], float]
+
+
+@in_units_of_the_motion
+def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr.Dataset:
+    """The coefficients of an identification by the same forces, fitted in every other defensible way.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        The record, or the runs.
+    result : Dataset
+        The identification that is asked about: its forces, constraints and method.
+    tell : callable
+        Called with the name of each fit.
+
+    Returns
+    -------
+    Dataset
+        Over `fit` and `force` the `coefficient` at the reference frequency of the result, with its
+        `standard_error` (nan where a fit fails, `reason(fit)` says why), and its `change` from the result
+        over the fit's own error; over `fit` its `kind`: window, start, sampling, noise or method. Over
+        `force` the result's own `estimate` and `stated_error`, the least and the largest of all fits, `low`
+        and `high`.
+
+    Notes
+    -----
+    Windows are the first, the middle and the last part of each run that errors of the model are from; starts
+    leave out one and three periods; sampling takes every second sample, with either first; noises are the
+    sensor's alone and a random force beside it.
+    """
+    runs, library = as_runs(decay, driven=True), library_of(result)
+    method = method_of(result)
+    symbols = [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
+    reference = result.reference_frequency.item()
+    fits = list(_fits(method, runs, reference))
+    rows, reasons = [], []
+    for at, (label, other, parts, later) in enumerate(fits):
+        tell(label, at / len(fits))
+        values = np.full((2, len(symbols)), np.nan)
+        reason = ""
+        try:
+            found = other.identify(one_or_all(parts), counted_from(library, later))
+            shared = [symbol for symbol in symbols if symbol in found.force and in_model(found, symbol)]
+            at_shared = [symbols.index(symbol) for symbol in shared]
+            values[0, at_shared] = comparison_values(found, shared, reference)[:-1]
+            covariance = comparison_covariance(found, shared, reference)
+            values[1, at_shared] = np.sqrt(np.diag(covariance))[:-1]
+        except (SysidTribError, np.linalg.LinAlgError) as error:
+            reason = str(error)
+        rows.append(values)
+        reasons.append(reason)
+    coefficients, errors = np.array(rows).transpose(1, 0, 2)
+    return _dataset(result.sel(force=symbols), fits, coefficients, errors, reasons)
+
+
+def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Fit]:
+    """Every fit: what it is, and how it is made."""
+    whole = list(runs)
+    for name, (low, high) in RECORD_PARTS.items():
+        parts = [run.isel(time=between(run, low, high)) for run in runs]
+        yield f"window: {name}", method, parts, _later(runs, parts)
+    for periods in LATER_STARTS:
+        parts = [_from(run, 2.0 * np.pi * periods / reference) for run in runs]
+        yield f"start: {periods:g} periods later", method, parts, _later(runs, parts)
+    for first, label in enumerate(("first", "second")):
+        parts = [run.isel(time=slice(first, None, 2)) for run in runs]
+        yield f"sampling: every other, {label} on", method, parts, _later(runs, parts)
+    for noise in NOISES:
+        other = with_random_force(method, noise)
+        if hasattr(method, "random_force"):
+            yield f"noise: random force {noise}", other, whole, 0.0
+    yield from ((f"method: {type(m).__name__.lower()}", m, whole, 0.0) for m in _methods(method))
+
+
+def _methods(method: Method) -> Iterator[Method]:
+    """The other methods of all forces, with the options that the method has."""
+    shared = ("reference_frequency", "shapes", "random_force")
+    options = {name: getattr(method, name) for name in shared if hasattr(method, name)}
+    table: ConstraintTable = getattr(method, "constraints", {})
+    kinds: tuple[Callable[..., Method], ...] = (Averaging, Direct, Trajectory)
+    for kind in kinds:
+        if kind is not type(method):
+            yield constrained(kind(**options), Constraints(table))
+
+
+def _from(run: xr.Dataset, later: float) -> xr.Dataset:
+    """A run without so much of its start, s."""
+    return run.isel(time=run.time.values >= run.time.values[0] + later)
+
+
+def _later(runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]) -> float:
+    """By how much the parts begin later than the runs, s."""
+    return float(parts[0].time.values[0] - runs[0].time.values[0])
+
+
+def _dataset(
+    result: xr.Dataset, fits: Sequence[Fit], values: np.ndarray, errors: np.ndarray, reasons: Sequence[str]
+) -> xr.Dataset:
+    """The Dataset of `sensitivity`."""
+    estimate, stated = result.coefficient.values, result.standard_error.values
+    everything = np.vstack([estimate, values])
+    low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
+    change = np.divide(values - estimate, errors, out=np.full_like(values, np.nan), where=errors > 0.0)
+    unit = "see the force's unit"
+    variables: Variables = {
+        "coefficient": variable(("fit", "force"), values, "coefficient of the fit", unit),
+        "standard_error": variable(("fit", "force"), errors, "standard error of the fit", unit),
+        "change": variable(("fit", "force"), change, "change over the error of the fit", "1"),
+        "reason": variable("fit", list(reasons), "why a fit failed"),
+        "kind": variable("fit", [label.partition(":")[0] for label, *_ in fits], "what was changed"),
+        "estimate": variable("force", estimate, "coefficient of the result", unit),
+        "stated_error": variable("force", stated, "standard error of the result", unit),
+        "low": variable("force", low, "least of all fits", unit),
+        "high": variable("force", high, "largest of all fits", unit),
+    }
+    labels = [label.partition(": ")[2] for label, *_ in fits]
+    return xr.Dataset(variables, {"fit": labels, "force": result.force.values, "unit": result.unit})
