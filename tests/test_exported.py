@@ -23,6 +23,7 @@ from sysid_trib.printing.exported import (
     rounded,
     unit_in_latex,
 )
+from sysid_trib.printing.methods_text import cited, methods_text
 from sysid_trib.printing.physics import translation_sentences
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
@@ -207,3 +208,17 @@ def test_texts_of_files_are_neither_commands_of_latex_nor_formulas_of_spreadshee
     rows = [row for row in csv.DictReader(io.StringIO(csv_text(hostile))) if row["method"] == "direct"]
     assert {row["unit"] for row in rows} == {"'=1+1", "rad/s"}
     assert all(float(row["value"]) == float(row["value"]) for row in rows)
+
+
+def test_a_paragraph_for_the_methods_has_its_numbers_and_what_it_cites(tmp_path, tree):
+    text = methods_text(tree)
+    assert text.count("{") == text.count("}")
+    keys = set(re.findall(r"\\cite\{(\w+)\}", text))
+    bibliography = cited(text)
+    assert keys == set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
+    assert f"{tree['record'].sizes['time']:,} samples" in text
+    assert "of its error" in text
+    ending = run("identify", "--methods", str(tmp_path / "methods.tex"), "--quiet")
+    assert ending.status == 0, ending.err
+    assert (tmp_path / "methods.bib").read_text().count("@") >= 2
+    assert run("identify", "--methods", str(tmp_path / "methods.txt")).status == 2

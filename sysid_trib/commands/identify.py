@@ -5,16 +5,22 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from sysid_trib.commands.destination import Destination, figures_of_runs, random_force_figures
+from sysid_trib.commands.destination import (
+    Destination,
+    check_output,
+    figures_of_runs,
+    random_force_figures,
+)
 from sysid_trib.commands.options import (
     MODEL,
+    OUTPUT,
     ConstraintOptions,
     DecayOptions,
     ModelOptions,
     option,
     with_options,
 )
-from sysid_trib.commands.terminal import keep_next
+from sysid_trib.commands.terminal import keep_next, print_written
 from sysid_trib.errors import UsageError
 
 if TYPE_CHECKING:
@@ -75,6 +81,39 @@ class SurenessOptions:
     )
 
 
+@dataclass(frozen=True)
+class PaperOptions:
+    """What a paper says of the identification."""
+
+    title: ClassVar[str] = OUTPUT
+
+    methods: Path | None = option(
+        "FILE.tex", "Where to write a paragraph on the methods, and FILE.bib with what it cites."
+    )
+
+    def check(self, records: "list[Path]") -> None:
+        """Refuse, before the work is done, places that cannot be written."""
+        for place, ending in self.places.items():
+            check_output(place, ending, reads=records, flag="--methods")
+
+    @property
+    def places(self) -> "dict[Path, str]":
+        """Both files, and their endings."""
+        if self.methods is None:
+            return {}
+        return {self.methods: ".tex", self.methods.with_suffix(".bib"): ".bib"}
+
+    def write(self, tree: "xr.DataTree") -> None:
+        """Write the paragraph and its bibliography, if they are asked for."""
+        from sysid_trib.printing.methods_text import cited, methods_text
+        from sysid_trib.results.files import write_file
+
+        if self.places:
+            text = methods_text(tree)
+            for place, content in zip(self.places, (text, cited(text)), strict=True):
+                write_file(place, content.encode())
+
+
 @with_options
 def identify(
     *,
@@ -85,6 +124,7 @@ def identify(
     sure: SurenessOptions,
     tried: TestOptions,
     destination: Destination,
+    paper: PaperOptions,
 ) -> None:
     """Identify the forces of a decay in two ways, and cross-check them."""
     from sysid_trib.commands.terminal import working
@@ -107,12 +147,15 @@ def identify(
         scale.check()
         asked = checks.asked_model(model, constraint, given.system)
         destination.check(given.records)
+        paper.check(given.records)
         tell("reading")
         decays, sources = read_decays(
             given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces), driven=True
         )
         if scale.mass is not None:
             check_length_unit(unit_of_signal(decays[0]))
+        if paper.methods is not None and is_driven(decays):
+            raise UsageError("--methods is of free decays; describe a driven record by --latex.")
         own = tuple(name.strip() for name in (constraint.own or "").split(",") if name.strip())
         usual = usual_methods(decays, asked.library, asked.reference_frequency, asked.shapes, own)
         tree = identify(
@@ -153,6 +196,9 @@ def identify(
             *_sureness_figures(tree, plots),
         ],
     )
+    paper.write(tree)
+    if not destination.as_json:
+        print_written(*paper.places)
 
 
 def _add_sureness(
@@ -204,15 +250,17 @@ def _deliver_driven(
     from sysid_trib.commands.terminal import record_sentences
     from sysid_trib.printing.blocks import Block
     from sysid_trib.printing.driven import driven_blocks, driven_json, prediction_json, prediction_sentences
+    from sysid_trib.printing.sureness import sureness_blocks, sureness_json
 
     destination.deliver(
         tree,
         lambda: [
             *driven_blocks(tree, record_sentences(tree, sources)),
+            *sureness_blocks(tree),
             Block(prediction_sentences(predicted)),
         ],
-        lambda: driven_json(tree) | prediction_json(predicted),
-        lambda plots: figures_of_runs(tree, "driven", plots.driven),
+        lambda: driven_json(tree) | prediction_json(predicted) | sureness_json(tree),
+        lambda plots: [*figures_of_runs(tree, "driven", plots.driven), *_sureness_figures(tree, plots)],
     )
 
 
