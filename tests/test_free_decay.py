@@ -3,8 +3,10 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
+from helpers import FIVE, paper_run
 from hypothesis import given, settings, strategies as st
 from scipy.integrate import solve_ivp
 
@@ -382,3 +384,33 @@ def test_a_sample_of_noise_in_the_rest_is_no_motion():
         {"angle": ("time", angle, {"units": "rad"})}, {"time": ("time", time, {"units": "s"})}
     )
     assert free_decay(record).stop_time.item() == pytest.approx(motion.stop_time.item(), abs=0.1)
+
+
+@pytest.mark.parametrize("kind", ["frame", "column", "series", "dates", "array", "data_array", "old"])
+def test_what_is_in_memory_is_a_record(kind):
+    """pandas, NumPy, and times that are dates: the same decay as from a Dataset."""
+    decay = paper_run(FIVE, duration=10.0).decay(1)
+    time, angle = decay.time.values, decay.angle.values
+    dates = pd.Timestamp("2026-11-27 09:00") + pd.to_timedelta(time, "s")
+    made = {
+        "frame": pd.DataFrame({"time": time, "angle": angle, "load": 1.0}),
+        "column": pd.DataFrame({"phi": angle}, index=time),
+        "series": pd.Series(angle, index=pd.to_timedelta(time, "s")),
+        "dates": pd.Series(angle, index=dates),
+        "array": np.column_stack([time, angle]),
+        "data_array": xr.DataArray(angle, {"t": time}, "t"),
+        "old": decay.assign_coords(time=dates.to_numpy()),
+    }[kind]
+    expected, found = free_decay(decay), free_decay(made)
+    assert found.angle.values == pytest.approx(expected.angle.values)
+    assert np.diff(found.time.values) == pytest.approx(np.diff(expected.time.values))
+
+
+@pytest.mark.parametrize(
+    "unclear",
+    [np.zeros((5, 3)), pd.DataFrame({"a": [1.0], "b": [2.0]}), xr.DataArray(np.zeros((2, 2))), [1.0, 2.0]],
+    ids=str,
+)
+def test_what_has_no_clear_signal_is_refused(unclear):
+    with pytest.raises(UsageError):
+        free_decay(unclear)

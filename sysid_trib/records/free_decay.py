@@ -11,7 +11,7 @@ from sysid_trib.records.decay import CutDecay, decay_dataset, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.parts import free_part
-from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
+from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-150
@@ -37,8 +37,8 @@ def free_decay(
 
     Parameters
     ----------
-    record
-        With ``angle(time)``.
+    record : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
+        With ``angle(time)``; times in s, or dates.
     window : s
         Times between which to look; None for the record's end.
     equilibrium : in the unit of the angle, or "auto"
@@ -82,8 +82,8 @@ def free_decays(
 
     Parameters
     ----------
-    record : Dataset
-        With ``angle(time)``.
+    record : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
+        With ``angle(time)`` (see `as_record`).
     window : (float, float), s
         Times between which to look; None for the record's end.
     equilibrium : float, or "auto"
@@ -104,6 +104,7 @@ def free_decays(
     UsageError, DecayError
         As `free_decay`.
     """
+    record = as_record(record)
     checked_signal(
         record, *([str(record.attrs["measured"])] if "measured" in getattr(record, "attrs", {}) else [])
     )

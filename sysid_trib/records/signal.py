@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
@@ -35,6 +36,50 @@ OTHER_ANGLES = (
 def unit_of_signal(record: xr.Dataset) -> str:
     """Unit of the `angle` of a record or decay; rad where none is stated."""
     return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
+
+
+def as_record(given: Any) -> Any:
+    """What a user has in memory as a Dataset with `angle(time)`; of dates times in s from the first on.
+
+    Parameters
+    ----------
+    given : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
+        Over time, or with a column `time`; of a DataFrame the column `angle`, or the only one; of an array
+        times and angles. Anything else comes back as it is.
+
+    Raises
+    ------
+    UsageError
+        It is not clear what the signal is.
+    """
+    record = given
+    if isinstance(given, np.ndarray):
+        if given.ndim != 2 or given.shape[1] != 2:
+            raise UsageError(
+                f"An array is a record as (sample, 2), times and angles; this one is {given.shape}."
+            )
+        record = xr.Dataset({"angle": ("time", given[:, 1])}, {"time": given[:, 0]})
+    elif isinstance(given, xr.DataArray):
+        if given.ndim != 1:
+            raise UsageError(f"A DataArray is a record over time alone; this one is over {given.dims}.")
+        record = given.rename({given.dims[0]: "time"}).rename("angle").to_dataset()
+    elif isinstance(given, pd.Series | pd.DataFrame):
+        record = _of_table(given)
+    if isinstance(record, xr.Dataset) and "time" in record and record["time"].dtype.kind in "mM":
+        elapsed = (record["time"] - record["time"][0]) / np.timedelta64(1, "s")
+        record = record.assign_coords(time=elapsed.values)
+    return record
+
+
+def _of_table(table: Any) -> xr.Dataset:
+    """A Series or a DataFrame of pandas as a record."""
+    frame = table.to_frame("angle") if isinstance(table, pd.Series) else table
+    frame = frame.set_index("time") if "time" in frame.columns else frame
+    names = [str(name) for name in frame.columns]
+    if "angle" not in names and len(names) != 1:
+        raise UsageError(f"Which column is the signal? Name it angle; there are {', '.join(names)}.")
+    column = frame["angle"] if "angle" in names else frame.iloc[:, 0]
+    return xr.Dataset({"angle": ("time", column.to_numpy())}, {"time": frame.index.to_numpy()})
 
 
 def checked_signal(record: Any, *names: str) -> None:
