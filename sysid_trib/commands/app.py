@@ -10,6 +10,7 @@ from sysid_trib.commands.campaign import campaign
 from sysid_trib.commands.difference import difference
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.identify import compare, identify
+from sysid_trib.commands.plan import plan
 from sysid_trib.commands.shown import backbone, forces, look, report
 from sysid_trib.commands.simulate import simulate
 
@@ -36,6 +37,10 @@ EXAMPLES = {
     "difference": (
         "sysid-trib difference swing.csv soft.csv -o difference.nc --plot figures",
         "sysid-trib difference 'swing.csv' : soft.csv --forces zeta,delta,nu --explain",
+    ),
+    "plan": (
+        "sysid-trib plan missing.nc --amplitude 0.05:0.6 --duration :60",
+        "sysid-trib plan swing.csv --want delta=0.0002 --repeats 2 --plot figures",
     ),
     "campaign": (
         "sysid-trib campaign 'swing*.csv' -o results.zarr",
@@ -92,5 +97,17 @@ def _options(
     """Which forces act in an oscillator, learned from its free decay."""
 
 
-for command in (look, backbone, identify, discover, compare, difference, campaign, simulate, report, forces):
+for command in (
+    look,
+    backbone,
+    identify,
+    discover,
+    compare,
+    difference,
+    plan,
+    campaign,
+    simulate,
+    report,
+    forces,
+):
     app.command(cls=GroupedCommand)(command)

@@ -112,11 +112,13 @@ def asked_model(model: ModelOptions, given: ConstraintOptions, system: str | Non
     return AskedModel(offered, shapes, constraints, contactless, held, random_force)
 
 
-def parse_window(text: str, option: str) -> tuple[float | None, float | None]:
-    """`15:75` in s; either side may be empty."""
+def parse_window(
+    text: str, option: str, form: str = "START:STOP in seconds, such as 15:75, 25: or :60"
+) -> tuple[float | None, float | None]:
+    """`15:75`; either side may be empty. `form` says how it is written."""
     sides = text.split(":")
     if len(sides) != 2:
-        raise UsageError(f"{option} '{text}' must be START:STOP in seconds, such as 15:75, 25: or :60.")
+        raise UsageError(f"{option} '{text}' must be {form}.")
     low, high = (parse_number(side, option) if side.strip() else None for side in sides)
     return low, high
 
@@ -143,7 +145,7 @@ def settings(
     from sysid_trib.simulation.model import check_shapes
     from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS
 
-    values = _assigned(texts, "--set '{}' must be SYMBOL=VALUE, such as lambda=1e-3.")
+    values = assigned(texts, "--set '{}' must be SYMBOL=VALUE, such as lambda=1e-3.")
     for name, value in values.items():
         if abs(value) > MOST:
             raise UsageError(f"--set {name}: {value:g} is larger than {MOST:g}.")
@@ -159,14 +161,14 @@ def held_shapes(texts: list[str], library: "ForceLibrary") -> dict[str, float]:
     """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
     known = list(library.shape_values())
     refusal = f"--set '{{}}': give SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}."
-    shapes = _assigned(texts, refusal)
+    shapes = assigned(texts, refusal)
     for name in shapes:
         if name not in known:
             raise UsageError(refusal.format(name))
     return shapes
 
 
-def _assigned(texts: list[str], refusal: str) -> dict[str, float]:
+def assigned(texts: list[str], refusal: str) -> dict[str, float]:
     """Values by name of `NAME=VALUE,...`; the refusal takes what is no such pair."""
     values: dict[str, float] = {}
     for setting in (part for text in texts for part in text.split(",")):

@@ -206,8 +206,8 @@ def _add_sureness(
 ) -> None:
     """Add what is asked of how sure the answer is, as groups of the result."""
     from sysid_trib.validation.findings import answer_of
-    from sysid_trib.validation.profile import profile
-    from sysid_trib.validation.sensitivity import sensitivity
+    from sysid_trib.validation.profiles import profile
+    from sysid_trib.validation.refits import sensitivity
 
     names = [name.strip() for name in (sure.profile or "").split(",") if name.strip()]
     answer = tree[answer_of(tree)].to_dataset()

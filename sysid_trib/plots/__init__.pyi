@@ -9,6 +9,7 @@ from sysid_trib.plots.named_effects import (
     ranking as ranking,
     story as story,
 )
+from sysid_trib.plots.planned import plan as plan
 from sysid_trib.plots.samples import difference as difference
 from sysid_trib.plots.sureness import profile as profile, sensitivity as sensitivity
 
