@@ -1,4 +1,4 @@
-"""Loops of discover, plan, run, discover again: runs until one right name, and how often what is stated holds.
+"""Loops of discover, plan, run, discover again: runs until one right name, and if what is stated holds.
 
 usage: python benchmarks/plan.py [--loops 20]
 """
@@ -69,9 +69,8 @@ def main() -> None:
     if said:
         stated, came = np.array(said).T
         low, high = beta.ppf([0.025, 0.975], came.sum() + 0.5, len(came) - came.sum() + 0.5)
-        print(
-            f"stated {stated.mean():.2f}, came true {came.mean():.2f} ({low:.2f} to {high:.2f}) of {len(came)}"
-        )
+        true = f"{came.mean():.2f} ({low:.2f} to {high:.2f}) of {len(came)}"
+        print(f"stated {stated.mean():.2f}, came true {true}")
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ def with_error_of_model(
     whole, stated = _values(result), _errors(result)
     changes, errors, missed = [], [], []
     for low, high in RECORD_PARTS.values():
-        part = _part_fit(method, runs, library, low, high, result)
+        part = part_fit(method, runs, library, low, high, result)
         missed += [rms for run in runs for rms in _held_out(part, run, library, low, high)]
         if part is not None:
             changes.append(_values(part) - whole)
@@ -76,6 +76,22 @@ def with_error_of_model(
     if not changes:
         excess = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
         return _widened(result, np.diag((excess * stated) ** 2), float("nan"))
+    held_out = (
+        float(np.exp(np.mean(np.log(missed)))) if missed and np.all(np.isfinite(missed)) else float("nan")
+    )
+    return _widened(result, covariance_by_parts(changes, errors, stated), held_out)
+
+
+def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
+    """Covariance of the error of a model: what numbers move between parts beyond what fewer data explain.
+
+    Parameters
+    ----------
+    changes, errors : sequence of (number,) array of float
+        Of each part: its numbers less those of the whole, and their standard errors by the noise.
+    stated : (number,) array of float
+        Standard errors of the whole by the noise.
+    """
     # Each part counts by what it knows of a coefficient; one that a bound holds there has no error.
     largest = np.max(errors, axis=0)
     known = np.where(np.array(errors) > 0.0, errors, np.where(largest > 0.0, largest, 1.0))
@@ -86,10 +102,7 @@ def with_error_of_model(
     size = np.diag(movement)
     excess = np.maximum(size - np.maximum(expected, 0.0), 0.0)
     factor = np.sqrt(np.divide(excess, size, out=np.zeros_like(size), where=size > 0.0))
-    held_out = (
-        float(np.exp(np.mean(np.log(missed)))) if missed and np.all(np.isfinite(missed)) else float("nan")
-    )
-    return _widened(result, movement * np.outer(factor, factor), held_out)
+    return np.asarray(movement * np.outer(factor, factor))
 
 
 def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
@@ -99,7 +112,7 @@ def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
     return result.error_of_noise.values, result.error_of_model.values
 
 
-def _part_fit(
+def part_fit(
     method: Method,
     runs: Sequence[xr.Dataset],
     library: ForceLibrary,

@@ -1,6 +1,6 @@
 """Two samples held against each other: in which coefficients they differ, by how much, and how surely."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -13,12 +13,13 @@ from sysid_trib.cycles.backbone import backbone
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method
+from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.references import (
     comparison_covariance,
     comparison_values,
     in_model,
-    reference_factors,
 )
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import (
@@ -32,7 +33,7 @@ from sysid_trib.results.variables import (
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.homogeneity import HOMOGENEITY_LEVEL
 from sysid_trib.validation.identify import identify
-from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.model_error import covariance_by_parts, error_parts, part_fit
 from sysid_trib.validation.random_effects import RandomEffects
 
 Identified = xr.Dataset | xr.DataTree
@@ -50,7 +51,9 @@ class Sample:
     ----------
     values : (quantity,) array of float
     covariance : (quantity, quantity) array of float
-        By the noise, the model, and what scatters between runs.
+        By the noise, and what scatters between runs.
+    of_model : (quantity, quantity) array of float
+        By the model.
     between : (quantity,) array of float
         Standard deviation between runs beyond their errors; nan of a single run.
     freedoms : (quantity,) array of float
@@ -59,13 +62,14 @@ class Sample:
 
     values: Array
     covariance: Array
+    of_model: Array
     between: Array
     freedoms: Array
 
     @property
     def errors(self) -> Array:
         """Standard errors, (quantity,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.asarray(np.sqrt(np.diag(self.covariance + self.of_model)))
 
 
 @in_units_of_the_motion
@@ -107,13 +111,19 @@ def difference(
     The samples share no noise: covariances add, those of the frequencies included. Runs of a sample have a
     scatter of their own (random effects, Paule and Mandel 1982); the error of the model is common to them.
     """
-    sides = [_identifications(side) for side in (first, second)]
+    return _difference([_identifications(side) for side in (first, second)], level)
+
+
+def _difference(
+    sides: Sequence[Sequence[xr.Dataset]], level: float, of_model: Array | None = None
+) -> xr.Dataset:
+    """`difference`; `of_model` : covariance of the differences by what both models lack alike."""
     if len({signal_units(result) for side in sides for result in side}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     reference = sides[0][0].reference_frequency.item()
     symbols = list(dict.fromkeys(symbol for side in sides for one in side for symbol in _forces_of(one)))
     samples = [_sample(side, symbols, reference) for side in sides]
-    variables, differs = _contrast(samples, len(symbols), level)
+    variables, differs = _contrast(samples, len(symbols), level, of_model)
     verdict = "coefficients differ" if differs else "no difference"
     if not differs and float(variables["p_value_of_all"][1]) < level:
         verdict = "together they differ"
@@ -150,9 +160,8 @@ def _sample(results: Sequence[xr.Dataset], symbols: Sequence[str], reference: fl
     values, covariances, of_model = (np.array(part) for part in zip(*runs, strict=True))
     if len(runs) == 1:
         nothing = np.full(len(symbols) + 1, np.nan)
-        return Sample(
-            values[0], covariances[0] + np.diag(of_model[0]), nothing, np.full(len(nothing), np.inf)
-        )
+        known = np.full_like(nothing, np.inf)
+        return Sample(values[0], covariances[0], of_model[0], nothing, known)
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     design = np.ones((len(runs), 1))
     between = np.array(
@@ -174,35 +183,39 @@ def _sample(results: Sequence[xr.Dataset], symbols: Sequence[str], reference: fl
     # The part of the variance that the scatter makes is known by the runs alone.
     part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~held)
     freedoms = np.divide(len(runs) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
-    return Sample(mean, covariance + np.diag(of_model.mean(axis=0)), between, freedoms)
+    return Sample(mean, covariance, of_model.mean(axis=0), between, freedoms)
 
 
 def _run(result: xr.Dataset, symbols: Sequence[str], reference: float) -> tuple[Array, Array, Array]:
-    """Values of a run, their covariance by the noise, and the variance by the model; zero without a force."""
+    """Values of a run, their covariance by the noise, and that by the model; zero without a force."""
     kept = _forces_of(result)
     at = [*map(symbols.index, kept), len(symbols)]
-    values, variances = np.zeros((2, len(symbols) + 1))
+    values, part = np.zeros(len(symbols) + 1), np.ones(len(symbols) + 1)
     covariance = np.zeros((len(values), len(values)))
     values[at] = comparison_values(result, kept, reference)
     covariance[np.ix_(at, at)] = comparison_covariance(result, kept, reference)
-    factors = reference_factors(result, kept, reference)
-    of_model = error_parts(result)[1][np.isin(result.force.values, kept)]
-    variances[at[:-1]] = (factors * of_model) ** 2
-    covariance -= np.diag(variances)
+    # A result has both parts of its errors, but their correlations together alone.
+    of_noise, of_model = (error[np.isin(result.force.values, kept)] for error in error_parts(result))
+    total = np.hypot(of_noise, of_model)
+    part[at[:-1]] = np.divide(of_noise, total, out=np.ones_like(total), where=total > 0.0)
+    by_noise = covariance * np.outer(part, part)
     # A force without a degree keeps its size; its shape changes with the frequency, if only a little.
     apart = abs(result.reference_frequency.item() / reference - 1.0) > SAME_FREQUENCY
     unknown = [symbols.index(s) for s in kept if apart and np.isnan(result.speed_degree.sel(force=s).item())]
     values[unknown] = np.nan
-    return values, covariance, variances
+    return values, by_noise, covariance - by_noise
 
 
-def _contrast(samples: Sequence[Sample], count: int, level: float) -> tuple[Variables, bool]:
+def _contrast(
+    samples: Sequence[Sample], count: int, level: float, of_model: Array | None
+) -> tuple[Variables, bool]:
     """Differences of the forces with their tests, and whether any differs."""
     contrast = samples[0].values - samples[1].values
     covariance = samples[0].covariance + samples[1].covariance
+    covariance += samples[0].of_model + samples[1].of_model if of_model is None else of_model
     error = np.sqrt(np.diag(covariance))
     z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
-    parts = np.sum([sample.errors**4 / sample.freedoms for sample in samples], axis=0)
+    parts = np.sum([np.diag(s.covariance) ** 2 / s.freedoms for s in samples], axis=0)
     freedoms = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
     p_value = np.asarray(2.0 * student.sf(np.abs(z), freedoms))
     differs = _holm(p_value[:count], level)
@@ -250,6 +263,57 @@ def _all_together(contrast: Array, covariance: Array) -> Variables:
     return test
 
 
+@in_units_of_the_motion
+def _held_apart(
+    results: Mapping[str, Sequence[xr.Dataset]],
+    runs: tuple[Sequence[xr.Dataset], Sequence[xr.Dataset]],
+    library: ForceLibrary,
+) -> xr.Dataset:
+    """`difference`, where the error of the model is what the differences themselves move between parts.
+
+    What both samples lack alike moves both alike, and no difference.
+    """
+    sides = list(results.values())
+    return _difference(sides, HOMOGENEITY_LEVEL, _moved_between_parts(sides, runs, library))
+
+
+def _moved_between_parts(
+    sides: Sequence[Sequence[xr.Dataset]], runs: Sequence[Sequence[xr.Dataset]], library: ForceLibrary
+) -> Array | None:
+    """Covariance by the model of the differences; None where all explain, or parts cannot be fitted."""
+    if not any("error_of_model" in result for side in sides for result in side):
+        return None
+    reference, symbols = sides[0][0].reference_frequency.item(), _forces_of(sides[0][0])
+    if any(_forces_of(result) != symbols for side in sides for result in side):
+        return None
+
+    def contrast(of: Sequence[Sequence[xr.Dataset]]) -> tuple[Array, Array]:
+        """First minus second, means over the runs, and its errors by the noise."""
+        means, variances = [], []
+        for side in of:
+            values, covariances, _ = zip(*(_run(one, symbols, reference) for one in side), strict=True)
+            means.append(np.mean(values, axis=0))
+            variances.append(np.diag(np.mean(covariances, axis=0)) / len(side))
+        return means[0] - means[1], np.sqrt(variances[0] + variances[1])
+
+    whole, stated = contrast(sides)
+    changes, errors = [], []
+    for low, high in RECORD_PARTS.values():
+        parts = [
+            [
+                part_fit(method_of(one), [run], library, low, high, one)
+                for one, run in zip(side, of, strict=True)
+            ]
+            for side, of in zip(sides, runs, strict=True)
+        ]
+        if any(part is None for side in parts for part in side):
+            continue
+        change, error = contrast([[part for part in side if part is not None] for side in parts])
+        changes.append(change - whole)
+        errors.append(error)
+    return covariance_by_parts(changes, errors, stated) if changes else None
+
+
 def held_against(
     first: Sequence[xr.Dataset],
     second: Sequence[xr.Dataset],
@@ -290,7 +354,7 @@ def held_against(
             # A record of few half periods has none.
             with suppress(DecayError):
                 groups[f"backbone_{label}"] = backbone(run)
-    groups["/"] = difference(*results.values())
+    groups["/"] = _held_apart(results, (first, second), library)
     runs = [*first, *second]
     groups |= dict(zip(group_names("record", len(runs)), runs, strict=True))
     return xr.DataTree.from_dict(groups)
