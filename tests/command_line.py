@@ -4,7 +4,6 @@ import io
 import signal
 import sys
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,6 @@ import pytest
 from sysid_trib import cli
 
 TIME = np.arange(0.0, 20.0, 0.01)
-# Scatter of both methods over simulated records, by what it is of: many tests ask for that of one record.
-SCATTERS = {}
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,6 @@ def run(*arguments: object, encoding: str = "utf-8") -> Ending:
     """Run `sysid-trib ARGUMENTS` in this process, on terminals of this encoding."""
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding=encoding, write_through=True) for _ in range(2))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sysid_trib.validation.cross_check.scatter", scatter_once)
         patch.setattr(sys, "argv", ["sysid-trib", *map(str, arguments)])
         patch.setattr(sys, "stdout", out)
         patch.setattr(sys, "stderr", err)
@@ -51,21 +47,6 @@ def run(*arguments: object, encoding: str = "utf-8") -> Ending:
         signal.signal(signal.SIGINT, before)
     texts = [stream.buffer.getvalue().decode(encoding) for stream in (out, err)]  # type: ignore[attr-defined]
     return Ending(int(ending.value.code or 0), *texts)
-
-
-def scatter_once(runs, results, truth, kept, **options):
-    """`scatter`, computed once for the same runs, results and options."""
-    from sysid_trib.validation.simulated_pairs import scatter
-
-    numbers = sha256(repr((kept, options["draws"], options["seed"])).encode())
-    for data in (*runs, *results, truth[0]):
-        numbers.update(repr(sorted(data.attrs.items())).encode())
-        for values in data.variables.values():
-            numbers.update(repr(values.values.tolist()).encode())
-    key = numbers.hexdigest()
-    if key not in SCATTERS:
-        SCATTERS[key] = scatter(runs, results, truth, kept, **options)
-    return SCATTERS[key]
 
 
 def linear(time=TIME, zeta=0.01, omega=9.9, amplitude=0.3):

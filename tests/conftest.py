@@ -2,6 +2,7 @@ import os
 from pathlib import Path
 
 import pytest
+import quick_pairs
 from hypothesis import HealthCheck, settings
 
 # The same examples on every run, and no verdict that depends on how busy the machine is.
@@ -9,10 +10,17 @@ settings.register_profile(
     "deterministic",
     derandomize=True,
     database=None,
+    max_examples=40,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("deterministic")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    quick_pairs.choose(item)
+    return (yield)
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,7 @@ from blind.wide_draws import Experiment, draw_experiment
 VERDICTS = ("nothing missing", "explained", "unknown effect")
 # Samples of all runs together, so that a search takes seconds.
 FEW = 900
-QUICK, MANY = 5, 30
+QUICK, MANY = 4, 16
 
 
 def random_record(seed: int) -> tuple[Experiment, list[np.ndarray]]:

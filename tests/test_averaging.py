@@ -25,7 +25,7 @@ from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
 from sysid_trib.results.references import with_contactless_frequency
 
 FORCES = load_library()
-SEEDS = 40
+SEEDS = 20
 
 
 @cache

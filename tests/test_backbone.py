@@ -9,13 +9,9 @@ from command_line import run
 from scipy.interpolate import PchipInterpolator
 
 import sysid_trib as st
-from sysid_trib.commands.checks import asked_model
-from sysid_trib.commands.discovery_inputs import start_forces
-from sysid_trib.commands.options import ConstraintOptions, ModelOptions
 from sysid_trib.cycles.backbone import CURVES
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.library import parse_library
-from sysid_trib.forces.systems import load_system
 from sysid_trib.validation.lack_of_fit import departure_sentence, departures, lack_of_fit
 
 W, PER_PERIOD = 2.0 * np.pi, 40
@@ -192,23 +188,6 @@ def test_the_command_prints_and_writes(tmp_path, viscous):
     assert len(data["runs"][0]["frequency_low"]) == len(rows) - 1
 
 
-def test_the_figure_has_both_curves_and_the_models(curves):
-    figure = st.plots.backbone(curves)
-    assert [ax.get_ylabel() for ax in figure.axes] == ["frequency (rad/s)", "damping ratio"]
-
-
-def test_a_record_of_few_half_periods_is_drawn_without_a_backbone(tmp_path):
-    time = np.arange(0.0, 3.9, 0.01)
-    angle = 0.3 * np.exp(-0.05 * time) * np.cos(4.0 * time)
-    angle = angle + 1e-5 * np.random.default_rng(0).standard_normal(time.size)
-    np.savetxt(
-        tmp_path / "a.csv", np.c_[time, angle], delimiter=",", header="time (s),angle (rad)", comments=""
-    )
-    drawn = run("identify", tmp_path / "a.csv", "--forces", "zeta", "--plot", tmp_path / "figures")
-    assert (drawn.status, drawn.err) == (0, "")
-    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"half_periods", "overview"}
-
-
 LOOKED = {
     "dry friction": ([("sign(v)", 1e-3), ("2*v", 2e-3)], 0.4, "--forces lambda,zeta"),
     "drag on a pendulum": (
@@ -234,12 +213,3 @@ def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path
     # What swings is what the user says.
     if "--system" in options:
         assert run("look", record, "--system", "ship").out.splitlines()[-1].endswith("--system ship")
-
-
-def test_what_a_system_always_has_is_there_beside_other_forces():
-    model = ModelOptions(forces="lambda,zeta")
-    asked = asked_model(model, ConstraintOptions(), "pendulum")
-    assert asked.library.symbols == ("lambda", "zeta", "gravity")
-    assert asked.constraints.fixed == {"gravity": 1.0}
-    start = start_forces("contact_forces", "lambda,zeta", None, load_system("pendulum"))
-    assert start.symbols == ("lambda", "zeta", "gravity")

@@ -6,18 +6,11 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-import scipy.io
 import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 from sysid_trib.commands import record_inputs
-from sysid_trib.commands.options import DecayOptions
-
-NOISE = np.random.default_rng(7).standard_normal(TIME.size)
-GAPPED = (TIME < 3.0) | (TIME > 4.0)
-JITTERED = np.cumsum(np.random.default_rng(8).uniform(0.005, 0.02, TIME.size))
 
 
 @pytest.fixture(autouse=True)
@@ -43,27 +36,12 @@ def refused(folder):
 # Content of the file (text, bytes, or a signal), and what is said of it.
 RECORDS = {
     "empty": (b"", "bad.csv: the file is empty"),
-    "header only": ("time,angle\n", "no rows of numbers"),
     "prose": ("it swung\nfor a while\n", "no rows of numbers"),
     "binary": (bytes(range(256)) * 8, "binary content"),
-    "missing value": ("time,angle\n0,1\n0.1,nan\n0.2,1\n", "only 2 samples"),
-    "infinite value": ("time,angle\n0,1\n0.1,inf\n0.2,1\n", "row 2 of column angle is infinite"),
-    "text in a column": ("time,angle\n0,1\n0.1,bad\n0.2,1\n", "row 2 of column angle holds 'bad'"),
     "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle holds"),
     "time alone": ("time\n0\n1\n2\n", "no column for the angle"),
-    "reversed": ((TIME[::-1], linear()), "time must rise"),
-    "repeated": ((np.round(TIME, 0), linear()), "most time stamps are repeated"),
-    "two periods": ((TIME[:130], linear(TIME[:130])), "at least five are needed"),
     "flat": ((TIME, 0.1 + 0.0 * TIME), "flat at 0.1"),
-    "all but flat": ((TIME, 1e-250 * linear()), "flat at"),
-    "only noise": ((TIME, 1e-3 * NOISE), "no oscillation stands out"),
     "growing": ((TIME, linear(zeta=-0.005, amplitude=0.01)), "grows by 3"),
-    "clipped": ((TIME, np.clip(linear(), -0.02, 0.02)), "clipped at"),
-    "stuck at once": (
-        (TIME, np.where(TIME < 0.5, linear(), 0.07)),
-        "1 whole half period of steady oscillation",
-    ),
-    "degrees as radians": ((TIME, linear(amplitude=30.0)), "if it is in degrees say so"),
     "huge": ((TIME, linear(amplitude=1e300)), "too much for an oscillation"),
 }
 
@@ -80,28 +58,6 @@ def test_record(refused, folder, name):
     assert reason in complaint
     assert "bad.csv" in complaint
     assert "\x1b" not in complaint
-
-
-@pytest.mark.parametrize("kind", ["mat", "xlsx", "nc", "csv"])
-def test_truncated(refused, folder, kind):
-    path, angle = folder / f"cut.{kind}", linear()
-    if kind == "mat":
-        scipy.io.savemat(path, {"time": TIME, "angle": angle})
-    elif kind == "nc":
-        xr.Dataset({"angle": ("time", angle)}, {"time": TIME}).to_netcdf(path, engine="h5netcdf")
-    elif kind == "xlsx":
-        frame = xr.Dataset({"angle": ("time", angle[:500])}, {"time": TIME[:500]}).to_dataframe()
-        frame.reset_index().to_excel(path, index=False)
-    else:
-        write_csv(path, TIME, angle)
-    os.truncate(path, int(0.6 * path.stat().st_size))
-    if kind == "csv":
-        # A line cut within its number is still a number: text cannot know.
-        assert record_inputs.read_decays(DecayOptions(records=[path]))[0][0].sizes["time"] > 1000
-        return
-    status, complaint = refused("identify", path.name)
-    assert status == 1
-    assert f"cut.{kind}: cannot be read, it seems damaged or cut off" in complaint
 
 
 GOOD = ("identify", "good.csv")
@@ -218,17 +174,9 @@ def test_command(refused, arguments, status, reason):
 
 LIBRARIES = {
     "__import__('os').system('touch X')": "holds something other than",
-    "x.__class__": "holds something other than",
-    "(lambda: x)()": "holds something other than",
-    "[x for x in x]": "holds something other than",
-    "f'{x}'": "holds something other than",
-    "(y := x)": "holds something other than",
     "-v^2": "(write ** for a power, sign for sgn)",
-    "sgn(v)": "(write ** for a power, sign for sgn)",
     "9**9**9": "an exponent must be a number",
-    "x**x": "an exponent must be a number",
     "exp(800*x)": "is not a finite number",
-    "x*1e99*1e99*1e99*1e99": "is not a finite number",
     "y": "unknown name 'y'",
     "x**2": "Force g has no signature in envelope or frequency",
     "v": "cannot tell apart z and g",
@@ -298,31 +246,10 @@ def test_interrupt_and_faults(refused, monkeypatch, error, status, said):
     assert (found, said in complaint) == (status, True)
 
 
-def subprocess_run(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "sysid_trib", *arguments]
-    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=60, **options)
-
-
 def test_a_true_process():
-    for arguments, status in ((["identify", "missing.csv"], 2), (["identify", "."], 1)):
-        ended = subprocess_run(*arguments, stdout=subprocess.PIPE)
-        assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (status, "", 1)
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_output_that_cannot_be_printed():
-    with open("/dev/full", "w") as full:
-        ended = subprocess_run("forces", stdout=full)
-    assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
-    assert "No space left on device" in ended.stderr
-
-
-def test_reader_that_leaves():
-    reading, writing = os.pipe()
-    os.close(reading)
-    ended = subprocess_run("forces", stdout=writing)
-    os.close(writing)
-    assert ended.stderr == ""
+    command = [sys.executable, "-m", "sysid_trib", "identify", "missing.csv"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
 
 
 def test_refusals_come_before_the_work(refused):

@@ -260,6 +260,7 @@ def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
 
 
 @pytest.mark.slow
+@pytest.mark.simulated_pairs
 def test_a_forgotten_library_shows(tmp_path):
     """The six forces imitate friction falling with speed, but for a gap that hides in the noise."""
     library = tmp_path / "mine.toml"

@@ -16,6 +16,8 @@ from sysid_trib.results.files import load, save
 from sysid_trib.validation.cross_check import cross_check
 from sysid_trib.validation.identify import identify
 
+pytestmark = pytest.mark.simulated_pairs
+
 FORCES = load_library()
 GROUPS = {"record", "envelope", "averaging", "direct", "comparison", "backbone", "lack_of_fit"}
 
@@ -96,8 +98,8 @@ def test_first_order_bias_is_stated_where_it_is_not_removed():
 
 def test_same_seed_same_result():
     record = paper_run(FIVE).decay(7)
-    again, other = checked(record, draws=4, seed=1), checked(record, draws=4, seed=2)
-    first = checked(record, draws=4, seed=1)
+    again, other = checked(record, draws=3, seed=1), checked(record, draws=3, seed=2)
+    first = checked(record, draws=3, seed=1)
     xr.testing.assert_identical(first["comparison"].to_dataset(), again["comparison"].to_dataset())
     assert first["comparison"].p_value.item() != other["comparison"].p_value.item()
 
@@ -113,7 +115,7 @@ def test_saved_and_read_back_the_same(tmp_path):
 def test_two_of_one_method_keep_apart():
     record = paper_run(FIVE).decay(7)
     pair = [m.identify(record, FORCES) for m in (Direct(refine=False), Direct())]
-    tree = cross_check(record, *pair, draws=12)
+    tree = cross_check(record, *pair, draws=3)
     assert set(tree.children) == GROUPS - {"averaging", "direct"} | {"direct_1", "direct_2"}
 
 
@@ -131,7 +133,7 @@ def test_a_dropped_force_is_compared_by_the_others():
         Averaging(reference_frequency=9.91).identify(record, FORCES),
         Direct(9.91, significance=0.01).identify(record, FORCES),
     ]
-    compared = cross_check(record, *pair, draws=12)["comparison"]
+    compared = cross_check(record, *pair, draws=3)["comparison"]
     assert np.all(np.isfinite(compared.standard_error.values))
 
 
@@ -141,7 +143,7 @@ def test_what_cannot_be_told_apart_is_said():
     record = run.decay(0)
     direct = Direct().identify(record, library)
     averaging = Averaging().identify(record, library.select(["zeta", "delta"]))
-    attrs = cross_check(record, averaging, direct, draws=12)["comparison"].attrs
+    attrs = cross_check(record, averaging, direct, draws=3)["comparison"].attrs
     assert attrs["averaging_cannot_tell_apart"] == "delta = positional"
     assert attrs["averaging_cannot_see"] == attrs["no_method_can_tell_apart"] == ""
 
@@ -160,6 +162,6 @@ def test_methods_with_options_that_are_no_text_are_held_against_each_other():
     second = identify(record, FORCES, Direct(optimizer=STLSQ(threshold=1e-9, alpha=0.0)))
     assert method_of(first) == Trajectory(constraints={"zeta": [0.0, 1.0]}, random_force="off")
     assert method_of(second) == Direct(random_force="off")
-    compared = cross_check(record, first, second, draws=12)["comparison"]
+    compared = cross_check(record, first, second, draws=3)["comparison"]
     assert compared.attrs["verdict"] == "agree"
     assert compared.attrs["explained"] == "yes"

@@ -11,9 +11,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.printing.identification import identification_blocks
-from sysid_trib.printing.random_force import NOT_FOUND, allowed_for
 from sysid_trib.printing.verdict import runs_json, runs_sentences
-from sysid_trib.results.references import comparison_values
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.holdout import PERIODS_PER_STRETCH, ComparedPart, compared_part, fitted_motions
 from sysid_trib.validation.homogeneity import density_agreement
@@ -60,6 +58,7 @@ def test_wander_is_that_of_kicked_motions():
     assert np.all(drawn[:, 0] == 0.0)
 
 
+@pytest.mark.simulated_pairs
 def test_records_of_a_result_with_a_random_force_are_pushed(record, pair):
     free, known = pair
     compared = st.cross_check(record, free, known, draws=16)["comparison"]
@@ -76,21 +75,6 @@ def test_records_of_a_result_with_a_random_force_are_pushed(record, pair):
     drawn, rest = (c.standard_error.sel(quantity="delta").item() for c in (compared, quiet))
     assert compared.attrs["errors"] == "simulated"
     assert drawn > 2.0 * rest
-
-
-def test_a_wrong_frequency_is_a_difference_like_that_of_the_records(record, pair):
-    # Averaging leaves the frequency of a motion that hardly decays open: all are compared at one frequency.
-    free, known = pair
-    off = free.assign(
-        reference_frequency=1.1 * free.reference_frequency,
-        asymptotic_frequency=1.1 * free.asymptotic_frequency,
-        refers_to=1.1 * free.refers_to,
-    )
-    compared = st.cross_check(record, off, known, draws=8)["comparison"]
-    at_one = [
-        comparison_values(of, ["zeta", "delta"], known.reference_frequency.item()) for of in (off, known)
-    ]
-    assert compared.difference.values == pytest.approx(at_one[0] - at_one[1])
 
 
 def test_the_random_force_is_held_in_the_simulated_records(pair):
@@ -115,6 +99,7 @@ class Failing:
         return self.method.identify(decay, library)
 
 
+@pytest.mark.simulated_pairs
 @pytest.mark.parametrize(("most", "verdict"), [(7, "unknown"), (8, "agree")])
 def test_records_that_were_identified_are_counted(record, pair, most, verdict, monkeypatch):
     held = with_held_random_force(AUTO, pair[1])
@@ -226,24 +211,6 @@ def test_deviance_of_densities():
     assert none["density_p_value"][1] < 1e-3 < 0.1 < small["density_p_value"][1]
     for forces in ([RandomForce(1.0)] * 2, [RandomForce(0.0, 1.0)] * 2, [RandomForce(1.0, 0.1)]):
         assert np.isnan(density_agreement(forces)["density_p_value"][1])
-
-
-@pytest.mark.parametrize(
-    ("force", "said"),
-    [
-        (
-            RandomForce(0.0, 3.1e-7),
-            "allow for a density of up to 3.1e-07 (mm/s^2)^2/Hz (one standard error).",
-        ),
-        (
-            RandomForce(1.2e-7, 2.9e-7, 0.32),
-            "allow for a density of (1.2 ± 2.9)e-07 (mm/s^2)^2/Hz.",
-        ),
-        (RandomForce(0.0), "No random force is found; the errors allow for none."),
-    ],
-)
-def test_what_errors_allow_for_where_no_random_force_is_found(force, said):
-    assert NOT_FOUND.format(allowed_for(force, "mm")).endswith(said)
 
 
 @pytest.mark.parametrize(("periods", "per_period", "said"), [(4, 15, True), (20, 60, False)])

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import FIVE, SIX, Run, W, decay, library_of_formulas, paper_run, rms, rms_range
+from helpers import FIVE, Run, W, decay, library_of_formulas, paper_run, rms, rms_range
 from hypothesis import given, settings, strategies as st
 
-from sysid_trib import Model, load, load_library, save
+from sysid_trib import Model, load_library
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import (
     Direct,
@@ -23,11 +23,10 @@ from sysid_trib.methods import (
     WuDecrement,
     feeny_liang_decrement,
 )
-from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
-SEEDS = 60
+SEEDS = 30
 DAMPED = {"zeta": 0.0097, "delta": 0.037}
 
 
@@ -178,12 +177,6 @@ def test_a_larger_swing_scales_what_is_an_angle(factor, later):
         np.testing.assert_allclose(other.coefficient.values, expected, rtol=1e-6, atol=1e-9)
 
 
-def test_both_frequencies_are_reported():
-    found = LogarithmicDecrement().identify(paper_run({"zeta": 0.05}, duration=5.0).decay(), FORCES)
-    assert found.reference_frequency.item() == pytest.approx(W, rel=1e-9)
-    assert found.asymptotic_frequency.item() == pytest.approx(W * np.sqrt(1.0 - 0.05**2), rel=1e-9)
-
-
 def test_frequency_shift_knows_both_frequencies():
     truth = {"zeta": 0.05, "nu": -0.4, "alpha": 0.1}
     library = FORCES.select(("zeta", "alpha", "nu"))
@@ -226,13 +219,6 @@ def test_the_birge_ratio_of_an_equation_scales_its_own_errors():
     assert found.standard_error.item() < 0.2 * found.frequency_birge_ratio.item() * own.standard_error.item()
 
 
-def test_the_shift_of_the_frequency_stands_what_damps():
-    run = paper_run(SIX)
-    found = FrequencyShift().identify(run.decay(5), FORCES)
-    gap, told = errors_of(found, run.model.coefficients)
-    assert np.all(np.abs(gap) < 4.0 * told)
-
-
 @cache
 def envelope_only() -> Any:
     return FeenyLiang().identify(paper_run(FIVE).decay(1), FORCES)
@@ -244,15 +230,6 @@ def test_what_is_neglected_shows():
     assert found.envelope_birge_ratio.item() > 5.0
     assert found.coefficient.sel(force="lambda").item() < -1e-4
     assert found.coefficient.sel(force="zeta").item() > 0.013
-
-
-def test_results_save_and_make_models(tmp_path):
-    found = envelope_only()
-    save(found, tmp_path / "found.nc")
-    again = load(tmp_path / "found.nc")
-    assert again.attrs == found.attrs
-    np.testing.assert_array_equal(again.coefficient.values, found.coefficient.values)
-    assert set(model_of(found).coefficients) == {"lambda", "zeta"}
 
 
 def test_slow_and_uneven_sampling_do_no_harm():

@@ -27,8 +27,8 @@ from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
 from sysid_trib.simulation.simulate import trajectory
 
-SEEDS = 50
-# By the issue: RMS error over its Cramér-Rao bound in 400 seeds, here widened by the chance of 50 seeds.
+SEEDS = 25
+# By the issue: RMS error over its Cramér-Rao bound in 400 seeds, here widened by the chance of fewer seeds.
 PAPER_BAR, STRONG_BAR = 1.2, 1.5
 STRONG = SIX | {"lambda": 1e-3}
 
@@ -59,8 +59,8 @@ def test_errors_reach_the_bound_and_intervals_cover(case):
     assert np.all(rms(errors / reported) > low)
 
 
-@pytest.mark.parametrize("sampling_rate", [60.0, 100.0, 333.0, 1000.0])
-@pytest.mark.parametrize("phase", [0.0, 0.7, 2.5])
+@pytest.mark.parametrize("sampling_rate", [60.0, 1000.0])
+@pytest.mark.parametrize("phase", [0.0, 2.5])
 def test_exact_without_noise(sampling_rate, phase):
     run = paper_run(sampling_rate=sampling_rate)
     angle = trajectory(run.model, run.time, 0.3 * np.cos(phase), -0.3 * W * np.sin(phase)).angle
@@ -176,7 +176,7 @@ def test_forces_with_a_shape_or_a_past_are_exact_without_noise(symbol):
 @pytest.mark.parametrize("symbol", ["stribeck", "jenkins", "masing"])
 def test_errors_of_forces_with_a_shape_or_a_past_tell_the_scatter(symbol):
     run, method = run_with(symbol)
-    seeds = 25
+    seeds = 12
     errors, reported = over_seeds(run, lambda d: method.identify(d, run.model.library), seeds)
     low, high = rms_range(seeds)
     assert np.all((rms(errors / reported) > low) & (rms(errors / reported) < high))

@@ -48,7 +48,7 @@ def test_a_fixed_value_comes_back_exactly_and_others_are_as_if_it_were_known(fre
     np.testing.assert_allclose(fixed.standard_error.sel(force=other), errors, rtol=0.02)
 
 
-@pytest.mark.parametrize("frequency", [W, None], ids=["given", "fitted"])
+@pytest.mark.parametrize("frequency", [None], ids=["fitted"])
 def test_a_tie_is_a_library_with_both_forces_in_one(frequency):
     record = RUN.decay(3)
     tied = Direct(frequency, constraints={"nu": f"{PAIR!r}*delta"}).identify(record, LIBRARY)
@@ -79,7 +79,7 @@ def test_a_bound_that_is_not_reached_changes_nothing():
     assert set(bounded.constraint.values) == {""}
 
 
-@pytest.mark.parametrize("frequency", [W, None], ids=["given", "fitted"])
+@pytest.mark.parametrize("frequency", [None], ids=["fitted"])
 def test_a_coefficient_at_its_bound_is_held_there(frequency):
     record, low = RUN.decay(1), 1.05 * SIX["zeta"]
     bounded = Direct(frequency, constraints={"zeta": (low, np.inf)}).identify(record, LIBRARY)

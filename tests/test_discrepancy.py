@@ -25,26 +25,20 @@ from discovery import (
 )
 from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run, rms, rms_range, share_range
 from kicked_motion import kicked_motion, smooth_forces
-from scipy.stats import chi2
 
 from sysid_trib import discover
-from sysid_trib.discovery import fits as fits_of_search
-from sysid_trib.discovery.columns_beside import each_beside
 from sysid_trib.discovery.discover import verdict_of
-from sysid_trib.discovery.exchange import decisive_p_values, exchange_effects, rivals_of
+from sysid_trib.discovery.exchange import exchange_effects, rivals_of
 from sysid_trib.discovery.fits import Fits
 from sysid_trib.discovery.omnibus_test import corrected
 from sysid_trib.discovery.screen import independent_tests, screen
-from sysid_trib.discovery.search import search, with_steps
-from sysid_trib.discovery.unseen import _scores_of_periods, better_by, predicted
-from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.discovery.unseen import better_by, predicted
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import parse
 from sysid_trib.forces.library import parse_library
-from sysid_trib.likelihood.likelihood import likelihood, of_many_rows
 from sysid_trib.likelihood.run_rows import decimated
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
-from sysid_trib.likelihood.start_model import refitted
 from sysid_trib.likelihood.trials import (
     TrialEffect,
     has_frequency_parameter,
@@ -55,7 +49,6 @@ from sysid_trib.likelihood.trials import (
 from sysid_trib.printing.discovery_tables import formula_text
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.results.discoveries import shapes_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -136,8 +129,6 @@ def test_gains_of_noise_are_noise():
     ("symbol", "coefficient"),
     [
         ("inertia", 0.5),
-        ("van_der_pol", 0.2),
-        ("even_spring", 5e-3),
         ("sensor_curve", 0.01),
         ("stiffness_drift", -1e-4),
         pytest.param("partial_slip", 0.12, marks=pytest.mark.slow),
@@ -248,14 +239,6 @@ def test_two_wrong_effects_are_exchanged_for_the_right_pair():
     assert step is None
 
 
-def test_an_effect_that_explains_nothing_is_dropped():
-    model, fits = wrong_model(with_effect({}, seed=9), "even_spring")
-    current = screen(model, [force for force in FEW if force.symbol != "even_spring"])
-    step = exchange_effects(current, ("even_spring",), fits)
-    assert step.effects == ()
-    assert step.model.deviance == pytest.approx(fits.start.deviance, abs=0.5)
-
-
 def test_a_resonance_beside_the_line_of_the_swing_is_looked_for():
     """It makes no line of its own, and an ambient vibration gains a third of what it does."""
     run = with_effect(
@@ -265,29 +248,6 @@ def test_a_resonance_beside_the_line_of_the_swing_is_looked_for():
     first, second = screened.best()[:2]
     assert screened.trials[first].force.symbol == "resonator"
     assert screened.gains[first] > 2.0 * screened.gains[second]
-
-
-def test_p_values_are_by_the_deviance_without_each_effect():
-    """Corrected; where chance would do as well along the path, by an exact fit."""
-    record = with_effect({"cubic_damping": 3e-2}, seed=3)
-    found = with_steps(search(start_model([record]), FEW.forces), FEW.forces)
-    assert found.effects == ("cubic_damping",)
-    start, final = found.models
-    expected = found.screenings[-1].tests * chi2.sf(start.deviance - final.deviance, 1)
-    assert DEFAULTS.level > expected > 1e-12
-    assert np.log(found.p_values[0]) == pytest.approx(np.log(expected), rel=0.05)
-    model, fits = wrong_model(with_effect({}, seed=10), "even_spring")
-    current = screen(model, [EVERY["bias"]])
-    along = decisive_p_values(current, ("even_spring",), fits)
-    fits.kept[frozenset()] = fits.start
-    exact = decisive_p_values(current, ("even_spring",), fits)
-    without = fits.start.deviance - model.deviance
-    kept, column = model.columns_without(["even_spring"]), 1 + model.columns_of("even_spring")[0]
-    rows = each_beside(current.products, kept, [column], likelihood(current.products, kept)).effective_rows
-    by_chance = chi2.sf(without * of_many_rows(rows, 1 + model.columns), 1)
-    assert exact[0] == pytest.approx(min(1.0, current.tests * float(by_chance[0])))
-    assert along[0] == pytest.approx(exact[0], rel=0.05)
-    assert along[0] != exact[0]
 
 
 def test_chance_is_in_the_place_of_a_weak_effect_and_not_of_a_strong_one():
@@ -301,17 +261,6 @@ def test_chance_is_in_the_place_of_a_weak_effect_and_not_of_a_strong_one():
         # Far from every credible set it is not fitted at all.
         costs.append(rivals.get("", np.inf))
     assert costs[0] < costs[1]
-
-
-def test_a_search_that_is_cut_short_says_so():
-    start = start_model([with_two()], settings=Settings(most_fits=1))
-    found = search(start, FEW.forces)
-    assert not found.converged
-    assert len(found.effects) == 1
-    assert found.outstanding
-    assert not found.out_of_time
-    # The screenings are one before each move, and that of the final model.
-    assert len(found.known) == 2
 
 
 def test_names_that_were_not_compared_explain_nothing():
@@ -390,20 +339,6 @@ def test_a_force_that_only_takes_energy_never_drives():
     assert coefficients_of(taking.models[-1])["structural_damping"] > 0.0
 
 
-def test_a_candidate_without_a_fit_is_reported(monkeypatch):
-    def refuse(paths, trials, **options):
-        if any(trial.force.symbol == "quintic" for trial in trials):
-            raise SimulationError("The motion diverges.")
-        return unfailing(paths, trials, **options)
-
-    unfailing = fits_of_search.fit_model
-    monkeypatch.setattr(fits_of_search, "fit_model", refuse)
-    few = EFFECTS.select(["quintic", "cubic_damping"])
-    found = searched([with_effect({"quintic": 1.5}, seed=3)], few)
-    assert found.failed == ("quintic",)
-    assert verdict(found) == "unknown effect"
-
-
 def test_a_candidate_that_cannot_be_followed_has_a_reason():
     wild, tame = library_of_formulas(wild="sqrt(2.25 - x**2)*x", tame="x**7")
     run = with_effect({}, seed=1, base={"zeta": 0.01}, start=2.0)
@@ -420,13 +355,6 @@ def test_a_candidate_whose_squares_overflow_has_a_reason():
     screening = screen(start_model([with_effect({}, seed=1)], library("zeta")), [wild, tame])
     assert "not finite" in screening.reasons[0]
     assert (screening.reasons[1], screening.gains[0]) == ("", 0.0)
-
-
-def test_a_model_without_a_frequency_of_its_own_keeps_the_reference():
-    """What lacks a strong force may be held up by those of the motion alone: the square of w is negative."""
-    start = start_model([with_effect({}, seed=1)])
-    again = refitted(replace(start, stiffness=-1.4))
-    assert again.rows[0].path.frequency == start.rows[0].path.frequency
 
 
 def learned(run, *symbols):
@@ -475,16 +403,6 @@ def test_what_rings_on_is_predicted_from_what_came_before():
     assert better_by(whole, without) > 2.0
     assert better_by(whole, anew) > 2.0
     assert whole.rms < 1.2 * NOISE < anew.rms
-
-
-def test_parameters_that_are_not_known_at_all_predict_badly_and_no_worse():
-    """Their variance drowns that of the noise in rounding."""
-    columns = np.random.default_rng(0).standard_normal((2 * KNOTS_PER_PERIOD, 3))
-    columns[:, 2] = columns[:, 0] * (1.0 + 1e-9)
-    innovation = np.random.default_rng(1).standard_normal(len(columns))
-    scores = [_scores_of_periods(innovation, columns, size * np.eye(3)) for size in (1.0, 1e82)]
-    assert np.all(np.isfinite(scores))
-    assert scores[1][0] < scores[0][0]
 
 
 def test_discover_is_blind_to_the_last_third_unless_asked():

@@ -61,6 +61,7 @@ def _outputs():
             yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
 
 
+@pytest.mark.simulated_pairs
 @pytest.mark.parametrize(("page", "command"), list(_outputs()))
 def test_what_a_page_says_is_printed_is_printed(page, command, generated):
     text = page.read_text(encoding="utf-8")
@@ -97,7 +98,7 @@ def test_code_of_a_page_runs(page, tmp_path, monkeypatch):
 def test_code_of_the_readme_runs_and_finds_the_missing_force(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     model = st.Model(st.load_library(), {"zeta": 0.0097, "epsilon": 0.3}, 9.91)
-    motion = st.simulate(model, np.arange(0.0, 10.0, 0.005), 0.3)
+    motion = st.simulate(model, np.arange(0.0, 10.0, 0.02), 0.3)
     write_csv(Path("swing.csv"), motion.time.values, motion.angle.values, "time,theta")
     names: dict[str, object] = {}
     for kind, code in BLOCK.findall(README):

@@ -84,7 +84,7 @@ def test_the_papers_run_by_the_papers_rule_and_with_fitted_frequency(paper_run):
     assert dissipative(result, fitted[2]) == pytest.approx([-2.37e-5, 0.00976, 0.0377], rel=0.01)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     phase=st.floats(-np.pi, np.pi),
     zeta=st.floats(0.001, 0.05),
@@ -116,7 +116,7 @@ def test_scaling_time_shift_and_parity(scale, shift, flip):
     np.testing.assert_array_equal(second["sign"], flip * first["sign"])
 
 
-@pytest.mark.parametrize(("rate", "noise"), [(100.0, 1e-4), (100.0, 2e-3), (1000.0, 1e-3)])
+@pytest.mark.parametrize(("rate", "noise"), [(100.0, 1e-4), (1000.0, 1e-3)])
 def test_standard_errors_are_true(rate, noise):
     time = np.arange(0.0, 18.0, 1 / rate)
     clean = damped(time, 0.012, phase=1.0)
@@ -124,7 +124,7 @@ def test_standard_errors_are_true(rate, noise):
     generator = np.random.default_rng(11)
     squares = {name: [] for name in ("extremum", "extremum_time", "amplitude", "amplitude_rate", "frequency")}
     levels = []
-    for _ in range(200 if rate < 500 else 60):
+    for _ in range(60):
         result = envelope(decay_of(time, clean + noise * generator.standard_normal(time.size)))
         levels.append(result["white_noise"].item())
         for name, into in squares.items():
@@ -146,7 +146,7 @@ def test_errors_grow_where_the_extrema_scatter():
     assert 0.4 < np.sqrt(np.mean(error**2)) < 2.0
 
 
-@pytest.mark.parametrize("count", [15, 16, 20, 30, 50, 77, 200])
+@pytest.mark.parametrize("count", [15, 77])
 def test_white_noise_is_no_scatter(count):
     """Errors are raised by chance in under 0.15 % of the records, for extrema as for their times."""
     generator, trials = np.random.default_rng(count), 20_000
@@ -158,7 +158,7 @@ def test_white_noise_is_no_scatter(count):
         assert raised <= binom.ppf(1.0 - 1e-4, trials // 3, 0.0015)
 
 
-@pytest.mark.parametrize("count", [15, 25, 77])
+@pytest.mark.parametrize("count", [15, 77])
 def test_scatter_is_seen(count):
     values = 6.0 * np.random.default_rng(count).standard_normal((500, count))
     ratios = np.array([_scatter_ratio(value, np.ones(count), 0.95) for value in values])
@@ -171,7 +171,7 @@ def test_scatter_is_seen(count):
 def test_clean_records_keep_their_errors(zeta, periods):
     time = np.arange(0.0, periods * 2 * np.pi / OMEGA, 0.01)
     generator = np.random.default_rng(periods)
-    for _ in range(100):
+    for _ in range(40):
         found = envelope(decay_of(time, damped(time, zeta) + 1e-4 * generator.standard_normal(time.size)))
         assert (found.attrs["scatter_of_extrema"], found.attrs["scatter_of_times"]) == (1.0, 1.0)
 

@@ -12,7 +12,7 @@ from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
 LINEAR = {"zeta": 0.0097}
-SEEDS = 60
+SEEDS = 25
 
 
 def local_truth(run: Run, time):

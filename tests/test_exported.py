@@ -89,7 +89,7 @@ def test_the_equation_for_latex_is_balanced_and_has_no_e():
 
 @pytest.fixture(scope="module")
 def tree():
-    record = paper_run(FIVE).decay(7)
+    record = paper_run(FIVE, sampling_rate=50.0).decay(7)
     pair = [method.identify(record, FORCES) for method in (st.methods.Averaging(), st.methods.Direct())]
     return st.cross_check(record, *pair, draws=16)
 

@@ -5,7 +5,6 @@ import numpy as np
 import pysindy
 import pytest
 from candidates import CANDIDATES, candidate
-from sklearn.base import clone
 
 from sysid_trib import load_library
 from sysid_trib.errors import DecayError, LibraryError
@@ -83,29 +82,12 @@ def test_readable_names(symbol, text):
     assert readable(candidate(symbol)) == text
 
 
-def test_it_clones():
-    features = ForceFeatures(load_library(), sampling_time=0.01, shapes={})
-    copy = clone(features)
-    assert copy is not features
-    assert copy.get_params()["sampling_time"] == 0.01
-    assert copy.library == features.library
-    x = states()
-    assert sindy(copy).fit(x, t=0.01, x_dot=target(x)).score(x, t=0.01, x_dot=target(x)) == pytest.approx(1.0)
-
-
 def test_several_trajectories():
     runs = [states(), states(cycles=20.0, phase=1.0)]
     model = sindy().fit(runs, t=0.01, x_dot=[target(x) for x in runs])
     np.testing.assert_allclose(model.coefficients()[0], [-c for c in PAPER.values()], rtol=0, atol=1e-10)
     found = ForceFeatures(load_library()).fit_transform(runs)
     assert [f.shape for f in found] == [(len(x), 6) for x in runs]
-
-
-def test_single_precision_in_and_out():
-    x = states()
-    found = ForceFeatures(load_library()).fit_transform(x.astype(np.float32))
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, ForceFeatures(load_library()).fit_transform(x), atol=1e-6)
 
 
 @pytest.mark.parametrize(

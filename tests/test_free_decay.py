@@ -54,7 +54,7 @@ def whole(decay, original, tolerance):
     assert "cut nothing" in decay.attrs["free_decay"]
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(
     phase=st.floats(-np.pi, np.pi),
     zeta=st.floats(0.002, 0.08),
@@ -67,7 +67,7 @@ def test_clean_record_loses_no_sample(phase, zeta, rate, periods):
     whole(free_decay(original), original, 1e-3)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(phase=st.floats(-np.pi, np.pi), seed=st.integers(0, 1000), offset=st.floats(-3, 3))
 def test_noise_at_1_khz_makes_no_half_periods(phase, seed, offset):
     time = np.arange(0.0, 25.0, 1e-3)
@@ -126,8 +126,8 @@ def test_only_missing_samples_are_filled(start):
     np.testing.assert_allclose(decay.angle.values[there[kept]], angle[kept][there[kept]], rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("hold", [0.2, 1.0, 30.0])
-@pytest.mark.parametrize("rest", [0.0, 3.0, 40.0])
+@pytest.mark.parametrize("hold", [0.2, 30.0])
+@pytest.mark.parametrize("rest", [0.0, 40.0])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_hand_release_and_stop_are_found(hold, rest, noise):
     time = np.arange(0.0, rest + 0.8 + hold + 40.0, 1e-3)
@@ -177,8 +177,8 @@ def stopped_by_hand(pendulum, instant, took, rest):
     return np.where(instant > PENDULUM, pendulum[0], moved)
 
 
-@pytest.mark.parametrize("instant", CAUGHT + np.array([0.0, 0.3, 0.6]))
-@pytest.mark.parametrize(("took", "rest"), [(0.2, 0.1), (0.2, -0.2), (0.5, 0.1), (1.0, 0.1), (1.0, -0.1)])
+@pytest.mark.parametrize("instant", CAUGHT + np.array([0.0, 0.6]))
+@pytest.mark.parametrize(("took", "rest"), [(0.2, 0.1), (0.5, -0.2), (1.0, -0.1)])
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_a_hand_that_stops_the_swing_is_cut_off(pendulum, instant, took, rest, noise):
     angle = stopped_by_hand(pendulum, instant, took, rest)
@@ -189,7 +189,7 @@ def test_a_hand_that_stops_the_swing_is_cut_off(pendulum, instant, took, rest, n
     assert "stop_time" not in decay
 
 
-@pytest.mark.parametrize("took", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize("took", [0.5, 3.0])
 def test_a_finger_that_brakes_the_swing_is_cut_off(pendulum, took):
     first = int(np.searchsorted(PENDULUM, CAUGHT))
     later = swung(

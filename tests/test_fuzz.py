@@ -311,7 +311,7 @@ def test_data_that_are_no_record(change):
             asked(data)
 
 
-@pytest.mark.parametrize("exponent", [-20, -40, -133])
+@pytest.mark.parametrize("exponent", [-20, -133])
 @pytest.mark.parametrize("method", [st.methods.Direct(), st.methods.Averaging(), st.methods.Trajectory()])
 def test_a_tiny_angle_has_the_coefficients_of_its_size(method, exponent):
     size, noise = 2.0**exponent, 1e-4 * np.random.default_rng(0).standard_normal(ANGLE.size)
@@ -331,31 +331,16 @@ def test_a_tiny_angle_has_the_coefficients_of_its_size(method, exponent):
     assert tiny.unit.values.tolist() == usual.unit.values.tolist()
 
 
-@pytest.mark.parametrize("attrs", [{}, {"units": ""}], ids=["none", "empty"])
-@pytest.mark.parametrize("size", [2.0**-40, 2.0**170])
-def test_an_angle_without_a_unit_is_in_rad_whatever_its_size(attrs, size):
-    noise = 1e-4 * np.random.default_rng(0).standard_normal(ANGLE.size)
-    library, found = st.load_library().select(["zeta", "delta"]), []
-    for stated in ({"units": "rad"}, attrs):
-        data = xr.Dataset({"angle": ("time", size * (ANGLE + noise), stated)}, {"time": TIME})
-        found.append(st.identify(st.free_decay(data), library, st.methods.Direct(random_force="estimated")))
-    assert not np.array_equal(found[0].coefficient, [0.0, 0.0])
-    for name in ("coefficient", "standard_error", "noise", "unit"):
-        np.testing.assert_array_equal(found[1][name], found[0][name])
-    assert found[1].noise.attrs["units"] == "rad"
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of another kind")
 @pytest.mark.parametrize(
     ("shell", "status", "said"),
     [
-        ("{} | head -1; exit ${{PIPESTATUS[0]}}", 0, ""),
         ("{} | true; exit ${{PIPESTATUS[0]}}", 0, ""),
         ("{} >&-", 1, "standard output is closed"),
         ("{} >/dev/full", 1, "standard output cannot be written"),
         ("ulimit -v 700000; {}", 1, "Out of memory"),
     ],
-    ids=["head", "true", "closed", "full", "memory"],
+    ids=["true", "closed", "full", "memory"],
 )
 def test_terminals_and_limits(shell, status, said):
     asked = " ".join(f"'{word}'" for word in [*COMMAND, "identify" if "ulimit" in shell else "forces"])

@@ -13,7 +13,7 @@ GROUPS = {
     "discover": ["Records", "Model", "Search", "Output", "Other", "Examples"],
     "campaign": ["Records", "Model", "Constraints", "Search", "Campaign", "Output", "Other", "Examples"],
 }
-SLOW = {"discover", "compare", "campaign"}
+SLOW = {"identify", "discover", "compare", "campaign"}
 
 
 @pytest.mark.parametrize("command", GROUPS)

@@ -8,7 +8,6 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.likelihood.sensor_noise import colour_variables, fractional_difference
-from sysid_trib.motion_fit.bands import _expected_density
 from sysid_trib.motion_fit.innovations import widening
 from sysid_trib.motion_fit.tracked import track
 from sysid_trib.simulation.initial_conditions import fit_start
@@ -201,14 +200,6 @@ def test_a_prediction_uses_no_sample_after_its_origin(pushed):
     assert abs((first.predicted - second.predicted).item()) < 0.02 * NOISE
 
 
-def test_beyond_the_record_nothing_is_measured(pushed):
-    _, decay, result = pushed
-    bands = st.validation.prediction_bands(decay, result, [1.0, 10.0], origins=[float(TIME[-50])])
-    assert np.isfinite(bands.measured.values[0, 0])
-    assert np.isnan(bands.measured.values[0, 1])
-    assert bands.time_ahead.values[0, 1] > TIME[-1]
-
-
 def test_requests_that_no_record_supports(pushed):
     _, decay, result = pushed
     with pytest.raises(UsageError, match="positive"):
@@ -227,15 +218,6 @@ def test_a_model_that_lacks_nothing_seldom_has_wider_bands():
     assert 0.003 < np.mean(factors > 1.0) < 0.017
 
 
-def test_bands_are_widened_by_predictions_that_came_due_and_no_others():
-    due = np.arange(1.0, 41.0)
-    scores = np.where(due <= 20.0, 1.0, 3.0)
-    scores[25] = np.nan
-    factors = widening(scores, due, np.array([0.5, 20.5, 30.5, 40.5]))
-    # The missing one is passed over: the last ten are nine of 3 and one of 1.
-    assert factors == pytest.approx([1.0, 1.0, np.sqrt(8.2), 3.0])
-
-
 def test_bands_of_a_model_that_lacks_a_force_are_widened_to_hold(pushed):
     decay, result = pushed[1], pushed[2]
     wrong = result.assign(coefficient=result.coefficient * xr.where(result.force == "delta", 3.0, 1.0))
@@ -247,9 +229,3 @@ def test_bands_of_a_model_that_lacks_a_force_are_widened_to_hold(pushed):
     assert (known.widening > 1.5).all()
     assert (scores < 1.96).mean() > 0.85
     assert (scores * known.widening < 1.96).mean() < 0.7
-
-
-def test_the_expected_density_is_not_zero_where_the_likely_one_is():
-    assert _expected_density(RandomForce(0.0, 1.0)) == pytest.approx(np.sqrt(2.0 / np.pi))
-    assert _expected_density(RandomForce(10.0, 1.0)) == pytest.approx(10.0)
-    assert _expected_density(RandomForce(3.0)) == 3.0

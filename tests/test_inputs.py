@@ -165,7 +165,7 @@ def test_a_driven_record_gives_its_coefficients_with_their_units(method: object)
 
 def test_stated_errors_tell_the_scatter() -> None:
     z = []
-    for seed in range(12):
+    for seed in range(6):
         result = st.identify(driven_record(seed), DRIVEN, st.methods.Trajectory(random_force="off"))
         z.append((result.coefficient - list(TRUTH.values())) / result.standard_error)
     assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.35

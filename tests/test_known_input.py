@@ -64,17 +64,6 @@ def test_driven_motion_is_that_of_scipy() -> None:
     assert np.array_equal(motion.input.values, push)
 
 
-def test_linear_motions_add() -> None:
-    time = times()
-    linear = st.Model(st.load_library("contact_forces").select(["zeta"]), {"zeta": 0.01}, W)
-    both = st.simulate(linear, time, 0.1, 0.3, known_input=drive(time))
-    free, pushed = (
-        st.simulate(linear, time, 0.1, 0.3),
-        st.simulate(linear, time, 0.0, known_input=drive(time)),
-    )
-    assert np.max(np.abs(both.angle - free.angle - pushed.angle)) < 1e-12
-
-
 def test_constant_input_shifts_the_equilibrium() -> None:
     time = times(30)
     damped = st.Model(st.load_library("contact_forces").select(["zeta"]), {"zeta": 0.1}, W)
@@ -141,20 +130,6 @@ def test_innovations_and_bands_know_the_input() -> None:
     assert np.nanmax(np.abs(z)) < 4.0
 
 
-def test_a_displacement_is_identified_as_the_angle_that_it_shows() -> None:
-    record = driven_record(1)
-    scale = 1024.0
-    attrs = {"angle": {"units": "mm"}, "input": {"units": "mm/s^2"}}
-    shown = record[["angle", "input"]] * scale
-    for name, of_name in attrs.items():
-        shown[name].attrs = of_name
-    angle, displacement = (st.identify(r, LIBRARY, METHODS["direct"]) for r in (record, shown))
-    z = (displacement.coefficient * scale ** np.array([-1.0, 0.0, 2.0]) - angle.coefficient) / (
-        angle.standard_error
-    )
-    assert np.max(np.abs(z)) < 1e-6
-
-
 def test_steps_know_the_derivative_by_the_frequency() -> None:
     time = times(2)
     known = KnownInput(time, drive(time))
@@ -196,11 +171,6 @@ def test_what_is_between_samples_is_what_acts(between: str) -> None:
     steps = expected_steps(replace(model, inputs={"input": known}), time, states, 0.0)
     np.testing.assert_allclose(steps.end, states[1:], atol=1e-9)
     assert run.input.attrs["between"] == between
-
-
-def test_another_word_for_what_is_between_samples_is_refused() -> None:
-    with pytest.raises(UsageError, match="linear, held, cubic, smooth, not 'steps'"):
-        KnownInput(times(), drive(times()), "steps")
 
 
 @pytest.mark.parametrize("units", [None, "V", "N m"])

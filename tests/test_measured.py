@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from command_line import run
 
+pytestmark = pytest.mark.simulated_pairs
+
 
 def identified(*arguments: object) -> dict:
     ending = run("identify", *arguments, "--json")

@@ -44,7 +44,7 @@ def test_errors_are_widened_by_the_scores_where_the_test_rejects(z, p_value, fac
 def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
     """By the noise alone some half of 95 % intervals do."""
     library, inside = BASE.select(KNOWN), []
-    for seed, (symbol, coefficient) in enumerate([*MISSING.items(), *MISSING.items()]):
+    for seed, (symbol, coefficient) in enumerate(MISSING.items()):
         model = start_model([with_effect({symbol: coefficient}, seed=seed, base=KNOWN)], library)
         factor = screen(model, [EVERY["bias"]]).omnibus.widening(LEVEL)
         errors = np.sqrt(np.diag(model.covariance_with_frequency()))[:-1]
@@ -55,6 +55,7 @@ def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
     assert widened > 0.8
 
 
+@pytest.mark.slow
 def test_all_errors_of_a_discovery_are_widened(monkeypatch):
     """Of coefficients, shapes and the frequency, in the steps and in the identification."""
     run = with_effect({"even_spring": 0.02, "dahl": 0.01}, seed=1, base=KNOWN, shapes={"dahl.s": 0.02})

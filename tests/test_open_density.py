@@ -10,35 +10,11 @@ from scipy.special import erf
 import sysid_trib as st
 from sysid_trib.likelihood.pysindy_features import ForceFeatures
 from sysid_trib.likelihood.random_force import RandomForce
-from sysid_trib.likelihood.ratio_posterior import average_over_ratios, probability_of_none, ratio_posterior
+from sysid_trib.likelihood.ratio_posterior import average_over_ratios, probability_of_none
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, smoothed_rate_error, variance_ratio
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces")
-
-
-def test_ratios_that_are_open_have_the_law_of_few_kicks():
-    kicks, quiet = 9, 4000
-    by_kick = np.r_[np.ones(kicks), np.zeros(quiet)]
-    signs = np.resize([1.0, -1.0], kicks + quiet)
-
-    def rows(ratio):
-        root = np.sqrt(1.0 + ratio * by_kick)
-        # Ten thousand times the sensor's noise: of the kicks all is known but their number.
-        return WhiteRows(
-            signs * np.where(by_kick, 1e4, 1.0) / root, np.empty((len(root), 0)), 2.0 * np.log(root).sum()
-        )
-
-    ratios = ratio_posterior(rows, variance_ratio(rows, 1e-2, 1e12))
-    variance = sum(node.weight * node.ratio * node.variance for node in ratios)
-    assert sum(node.weight for node in ratios) == pytest.approx(1.0, abs=1e-12)
-    # That of an inverse chi-square.
-    assert variance == pytest.approx(1e8 * kicks / (kicks - 2), rel=0.02)
-
-
-def test_a_ratio_without_an_upper_end_leaves_errors_as_they_are():
-    none = VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0, 0.0)
-    assert ratio_posterior(lambda ratio: WhiteRows(np.ones(9), np.ones((9, 1)), 0.0), none) == []
 
 
 SAMPLES = 100
@@ -111,10 +87,6 @@ def test_error_of_the_smoothed_speed_is_that_of_the_smoother(ratio):
     smoothed = np.linalg.inv(sum(np.linalg.inv(covariance) for covariance in covariances) + seen)
     estimate = VarianceRatio(ratio, NOISE**2, np.nan, np.nan, 0.0)
     assert smoothed_rate_error(estimate, step) == pytest.approx(np.sqrt(smoothed[1, 1]), rel=0.05)
-
-
-def test_no_random_force_leaves_no_error_of_the_speed():
-    assert smoothed_rate_error(VarianceRatio(0.0, 1.0, np.nan, np.nan, 0.0), 0.1) == 0.0
 
 
 def test_sign_of_a_speed_that_is_not_known_exactly_is_its_mean():

@@ -80,7 +80,7 @@ def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
 def test_errors_of_what_was_measured_cover_the_truth(tmp_path, quantity):
     z = [
         excess(st.methods.Trajectory().identify(decay_of(tmp_path / "a.csv", quantity, seed), FORCES))
-        for seed in range(40)
+        for seed in range(20)
     ]
     assert np.mean(np.abs(z) < 1.96) > 0.88
     assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx(1.0, abs=0.35)

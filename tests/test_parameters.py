@@ -2,53 +2,19 @@
 
 import numpy as np
 import pytest
-from helpers import FIVE, NOISE, SIX, W, paper_run, rms
+from helpers import FIVE, NOISE, SIX, W, paper_run
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.motion_fit.parameters import FREQUENCY, Parameters
-from sysid_trib.motion_fit.problem import OUT_OF_PROPORTION, FitProblem, WhitenedRecord
+from sysid_trib.motion_fit.parameters import Parameters
+from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.validation.homogeneity import run_agreement
 
 FORCES = load_library()
 EFFECTS = load_library("candidate_effects")
-BASE = FORCES.select(["lambda", "zeta"])
 TIE = {"nu": "-2.356*delta"}
-
-
-def test_a_vector_is_packed_and_read_by_names():
-    parameters = Parameters(BASE, fit_shapes=(), runs=2)
-    own = np.array([[0.3, 0.0, 1e-3], [0.2, 0.1, 2e-3]])
-    values = parameters.pack({"zeta": 5e-3, "lambda": 1e-3, FREQUENCY: W}, own)
-    assert len(values) == len(parameters) == len(parameters.names) == 9
-    assert parameters.model(values).coefficients == {"lambda": 1e-3, "zeta": 5e-3}
-    assert parameters.model(values).reference_frequency == W
-    np.testing.assert_array_equal(parameters.per_run(values), own)
-    np.testing.assert_array_equal(values[parameters.of_run(1)], own[1])
-
-
-def test_part_of_a_covariance_is_zero_for_what_is_no_parameter():
-    parameters = Parameters(BASE, reference_frequency=W)
-    part = parameters.covariance_of(np.diag([1.0, 2.0, 3.0, 4.0, 5.0]), ("zeta", FREQUENCY, "lambda"))
-    np.testing.assert_array_equal(part, np.diag([2.0, 0.0, 1.0]))
-
-
-def test_free_and_full_vector_and_the_chain_rule():
-    constraints = Constraints({"lambda": 1e-3, "zeta": "2*delta**2", "delta": "3*nu + lambda"})
-    library = FORCES.select(["lambda", "zeta", "nu", "delta"])
-    parameters = Parameters(library, W, constraints=constraints)
-    assert [parameters.names[i] for i in parameters.free][:1] == ["nu"]
-    free = np.array([0.5, 0.3, 0.0, 0.0])
-    values = parameters.expand(free)
-    delta = 3 * 0.5 + 1e-3
-    np.testing.assert_allclose(values[:4], [1e-3, 2.0 * delta**2, 0.5, delta])
-    step, shift = 1e-7, np.array([1e-7, 0.0, 0.0, 0.0])
-    slope = (parameters.expand(free + shift) - parameters.expand(free - shift)) / 2 / step
-    table = np.eye(len(values))
-    np.testing.assert_allclose(parameters.by_free(table, values)[:, 0], slope, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -169,22 +135,6 @@ def test_a_motion_that_diverges_leads_back(record):
     slope = problem.white_sensitivity(values, residuals)[:, 0] @ problem.white(residuals)
     assert slope < 0.0
     assert np.isfinite(slope)
-
-
-def test_a_motion_that_cannot_be_computed_at_all_leads_to_smaller_forces(record, monkeypatch):
-    from sysid_trib.errors import SimulationError
-
-    def refuse(*_, **__):
-        raise SimulationError("It diverges.")
-
-    monkeypatch.setattr("sysid_trib.motion_fit.problem.trajectory", refuse)
-    whole = WhitenedRecord(record.time.values, record.angle.values)
-    far, nearer = (
-        whole.residual(Model(BASE, {"lambda": 0.0, "zeta": c}, W), np.array([0.3, 0.0, 0.0]))
-        for c in (-2.0, -1.0)
-    )
-    assert rms(nearer) < rms(far)
-    assert rms(nearer) > OUT_OF_PROPORTION * np.max(np.abs(record.angle.values))
 
 
 @pytest.mark.slow

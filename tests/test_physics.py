@@ -27,7 +27,6 @@ from sysid_trib.simulation.simulate import simulate, trajectory
 
 INERTIA = 1.33e-6
 # Dry friction, so that the motion stops, and every pair of forces far from its limits.
-PENDULUM = {"lambda": "sign(v)", "zeta": "2*v", "gravity": "sin(x) - x"}
 DRY = {"lambda": 1e-3, "zeta": 0.01, "delta": 0.04, "nu": -0.4, "epsilon": 0.3}
 
 
@@ -219,16 +218,6 @@ def test_units_follow_from_the_formulas():
         assert found["multiplies"].sel(force=symbol).item() == term
 
 
-def test_torques_do_not_depend_on_the_reference_frequency():
-    library = load_library()
-    other = 8.0
-    forces = library.select(DRY).forces
-    converted = dict(zip(DRY, rescaling_factors(forces, W, other) * list(DRY.values()), strict=True))
-    first = physical_units(known(DRY), INERTIA)
-    second = physical_units(known(converted, w=other), INERTIA)
-    np.testing.assert_allclose(second.coefficient, first.coefficient, rtol=1e-12)
-
-
 def test_a_contactless_frequency_gives_the_contact_stiffness_with_its_error():
     spread = correlated(np.array([*DRY.values(), W]), 0.002)
     result = with_contactless_frequency(known(DRY, spread), 8.87, 0.03)
@@ -307,13 +296,6 @@ def test_weights_of_any_force_are_its_signature():
     np.testing.assert_allclose(np.abs(found.decay_share).sum("force"), 1.0)
 
 
-def test_a_drifting_force_is_weighed_at_a_time():
-    result = known({"zeta": 0.01, "drift": 0.002}, library=every_force())
-    assert weights(result, 0.3).decay.sel(force="drift").item() == 0.0
-    later = weights(result, 0.3, time=5.0).decay
-    assert later.sel(force="drift").item() == pytest.approx(later.sel(force="zeta").item() * 0.5, rel=1e-9)
-
-
 def test_crossovers_of_forces_that_are_no_powers():
     library = every_force()
     result = known({"zeta": 0.01, "jenkins": 0.1, "stribeck": 1e-3}, library=library)
@@ -327,14 +309,6 @@ def test_crossovers_of_forces_that_are_no_powers():
             assert first == pytest.approx(second, rel=1e-6)
     # Jenkins' friction is weak where it sticks and where it slips far: it leads in between only.
     assert found.crossings.sel(pair="zeta jenkins envelope", rule="averaged").item() == 2
-
-
-def test_arrest_with_a_force_that_cancels_at_small_amplitude():
-    library = parse_library({"force": [{"symbol": s, "formula": f} for s, f in PENDULUM.items()]}, "test")
-    found = arrest_time(known({"lambda": 1e-3, "zeta": 0.01, "gravity": 1.0}, library=library), 0.3)
-    alone = arrest_time(known({"lambda": 1e-3, "zeta": 0.01}), 0.3)
-    # Gravity restores and does not damp.
-    assert found.arrest_time.item() == pytest.approx(alone.arrest_time.item(), rel=1e-9)
 
 
 def test_where_there_is_no_crossover_there_is_none():
@@ -356,15 +330,14 @@ def test_arrest_is_near_the_stop_of_the_exact_motion():
 # Fingerprint.
 
 
-@pytest.mark.parametrize("noise", [1e-5, 1e-3])
-@pytest.mark.parametrize("kappa", [0.02, 0.2])
+@pytest.mark.parametrize(("kappa", "noise"), [(0.02, 1e-5), (0.2, 1e-3)])
 def test_a_slipping_contact_has_the_fingerprint(kappa, noise):
     # Records of Masing's hysteresis (m = 2), identified with the six forces. Of one the ratio has an error of
     # up to a tenth.
     model = Model(every_force(), {"zeta": 0.01, "masing": kappa}, W)
     time, ratios = np.arange(0.0, 25.0, 0.01), []
     motion = trajectory(model, time, 0.3).position
-    for seed in range(8):
+    for seed in range(4):
         angle = motion + noise * np.random.default_rng(seed).standard_normal(time.size)
         result = Direct().identify(xr.Dataset({"angle": ("time", angle)}, {"time": time}), load_library())
         found = slip_fingerprint(result)
@@ -464,27 +437,6 @@ def test_constant_coefficients_pass_and_a_drift_is_found():
         assert abs(found.trend.item() - drift) < 4 * found.trend_standard_error.item() + 0.05 * drift
 
 
-def test_a_held_frequency_shows_a_change_of_stiffness_as_alpha():
-    time = np.arange(0.0, 25.0, 0.01)
-    stiffer = parse_library(
-        {
-            "force": [
-                *({"symbol": f.symbol, "formula": f.formula.text} for f in load_library()),
-                {"symbol": "s", "formula": "t*x"},
-            ]
-        },
-        "test",
-    )
-    angle = trajectory(Model(stiffer, {"zeta": 0.006, "s": 1e-3}, W), time, 0.3).position
-    angle = angle + 1e-4 * np.random.default_rng(5).standard_normal(time.size)
-    decay = xr.Dataset({"angle": ("time", angle)}, {"time": time})
-    library = load_library().select(["zeta", "alpha"])
-    found = sliding_coefficients(decay, library, Direct(reference_frequency=W))
-    assert found.trend.sel(force="alpha").item() == pytest.approx(1e-3, rel=0.05)
-    assert found.trend_p_value.sel(force="alpha").item() < 1e-10
-    assert found.common_frequency.item() == pytest.approx(W)
-
-
 # Printing and wrong requests.
 
 
@@ -506,14 +458,6 @@ def test_sentences_and_data():
     assert data["slip_fingerprint"]["verdict"] == "not compatible"
 
 
-def test_a_model_without_the_two_forces_has_no_fingerprint():
-    result = known({"zeta": 0.01})
-    assert not any("slip" in sentence for sentence in physics_sentences(result, 0.3))
-    assert "slip_fingerprint" not in physics_json(result, 0.3)
-    with pytest.raises(UsageError, match="fingerprint"):
-        slip_fingerprint(result)
-
-
 def test_a_force_that_is_not_finite_is_named():
     formulas = {"limited": "log(5 - x)*v", "zeta": "2*v"}
     library = parse_library({"force": [{"symbol": k, "formula": f} for k, f in formulas.items()]}, "test")
@@ -522,26 +466,6 @@ def test_a_force_that_is_not_finite_is_named():
     assert "limited" in physics_json(result, 6.0)["refused"]
     assert "limited" in physics_sentences(result, 0.3)[0]
     assert "refused" not in physics_json(result, 0.3)
-
-
-def test_a_limit_of_a_formula_leaves_the_crossovers_below_it():
-    formulas = {"limited": "x/(2 - x)", "epsilon": "x**3"}
-    library = parse_library({"force": [{"symbol": k, "formula": f} for k, f in formulas.items()]}, "test")
-    found = crossovers(known({"limited": 0.2, "epsilon": 0.3}, library=library))
-    a = found.amplitude.sel(rule="averaged").item()
-    assert 0.5 < a < 2.0
-
-
-def test_results_keep_the_library_have_labels_and_are_saved(tmp_path):
-    result = with_errors(DRY)
-    of_amplitude = (weights(result, 0.1), dissipated_energy(result, [0.1]), arrest_time(result, 0.1))
-    no_pair = crossovers(known({"zeta": 0.01}))
-    for found in (*of_amplitude, crossovers(result), physical_units(result, 1.0), no_pair):
-        assert "[[force]]" in found.attrs["library"]
-        assert all("long_name" in variable.attrs for variable in found.data_vars.values())
-        found.to_netcdf(tmp_path / "found.nc", engine="h5netcdf")
-        with xr.open_dataset(tmp_path / "found.nc", engine="h5netcdf") as back:
-            assert back.load().equals(found)
 
 
 @pytest.mark.parametrize(
@@ -566,18 +490,3 @@ def test_wrong_requests_are_usage_errors(call, message):
 def test_a_short_decay_has_no_windows():
     with pytest.raises(DecayError, match="Two windows"):
         sliding_coefficients(paper_run(duration=5.0).decay(0), load_library(), Direct())
-
-
-def test_shares_of_a_force_that_grows_are_those_at_the_time_of_an_amplitude():
-    library = parse_library(
-        {"force": [{"symbol": "grows", "formula": "t*sign(v)"}, {"symbol": "zeta", "formula": "2*v"}]}, "test"
-    )
-    result = known({"grows": 1e-4, "zeta": 0.01}, library=library)
-    data = physics_json(result, [0.3, 0.1], time=[0.0, 20.0])
-    shares = [at["forces"]["grows"]["decay_share"]["value"] for at in data["weights"]]
-    # <sign(v) sin phi> = -2/pi, <2 v sin phi> = -a.
-    friction = 1e-4 * 20.0 * 2.0 / np.pi
-    assert shares == pytest.approx([0.0, friction / (friction + 0.01 * 0.1)], rel=1e-6)
-    assert data["energy"][0]["forces"]["grows"]["value"] == 0.0
-    assert data["energy"][1]["forces"]["grows"]["value"] > 0.0
-    assert "grows" in physics_sentences(result, [0.3, 0.1], time=[0.0, 20.0])[1]

@@ -9,7 +9,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 import sysid_trib as st
-from sysid_trib.likelihood.colour import lines_above, most_likely_colour, sensor_colour
+from sysid_trib.likelihood.colour import sensor_colour
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.row_noise import covariance_band, covariance_of_local_rows
 from sysid_trib.likelihood.weak_form import build_weak_form, coloured, noise_operator
@@ -33,19 +33,9 @@ def record(truth, per_period, *, wander=0.0, filter_=(1.0,), seed=0):
     return xr.Dataset({"angle": angle + autoregressive(len(time), filter_, 100 + seed)}), library, density
 
 
-@pytest.mark.parametrize("filter_", [[1.0, -0.8], [1.0, -0.5, 0.3]])
-def test_a_coloured_operator_is_the_dense_product(filter_):
-    form = build_weak_form(np.arange(400) * 2.0 * np.pi / 20)
-    inverse = toeplitz(lfilter([1.0], filter_, np.eye(1, 400)[0]), np.zeros(400))
-    product = form.curvature @ inverse
-    assert coloured(form.curvature, np.array(filter_)).toarray() == pytest.approx(
-        product, abs=3e-3 * np.max(np.abs(product))
-    )
-
-
-@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -0.99]], ids=["white", "short", "long"])
-@pytest.mark.parametrize("samples", [60, 3000])
-@pytest.mark.parametrize("clock", ["even", "two rates", "jittered"])
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.99]], ids=["white", "long"])
+@pytest.mark.parametrize("samples", [60, 600])
+@pytest.mark.parametrize("clock", ["two rates", "jittered"])
 def test_the_covariance_of_local_rows_is_the_sparse_product(samples, filter_, clock):
     steps = np.full(samples, 0.1)
     if clock == "two rates":
@@ -62,7 +52,7 @@ def test_the_covariance_of_local_rows_is_the_sparse_product(samples, filter_, cl
         assert not product[bands:].any()
 
 
-@pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8], [1.0, -1.2, 0.5]], ids=str)
+@pytest.mark.parametrize("filter_", [[1.0], [1.0, -1.2, 0.5]], ids=str)
 @pytest.mark.parametrize("per_period", [20, 100])
 @pytest.mark.parametrize("pushed", [True, False])
 def test_colour_of_noise_beside_a_random_force(filter_, per_period, pushed):
@@ -81,19 +71,12 @@ def test_colour_of_noise_beside_a_random_force(filter_, per_period, pushed):
     assert response(found.filter_) == pytest.approx(response(filter_), rel=0.35)
 
 
-def test_samples_that_are_no_series_have_no_colour():
-    tau = np.sort(np.random.default_rng(0).uniform(0.0, 300.0, 1000))
-    assert (
-        len(sensor_colour(np.random.default_rng(1).standard_normal(1000), tau, random_force=True).filter_)
-        == 1
-    )
-
-
-@pytest.mark.parametrize("truth", [TRUTH, {s: c for s, c in TRUTH.items() if s != "lambda"}], ids=len)
-@pytest.mark.parametrize("per_period", [20, 60])
+@pytest.mark.parametrize(
+    ("truth", "per_period"), [(TRUTH, 20), ({s: c for s, c in TRUTH.items() if s != "lambda"}, 60)]
+)
 def test_coefficients_beside_a_random_force(truth, per_period):
     scores, ratios = [], []
-    for seed in range(6):
+    for seed in range(4):
         decay, library, density = record(truth, per_period, wander=5.0, seed=seed)
         result = st.identify(decay, library, Direct(random_force="estimated"))
         scores.append((result.coefficient - list(truth.values())) / result.standard_error)
@@ -107,7 +90,7 @@ def test_coefficients_beside_a_random_force(truth, per_period):
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8]], ids=["white", "coloured"])
 def test_no_random_force_is_found_where_there_is_none(filter_):
     scores, told = [], 0
-    for seed in range(6):
+    for seed in range(4):
         decay, library, _ = record(TRUTH, 60, filter_=filter_, seed=seed)
         result = st.identify(decay, library, Direct(random_force="estimated"))
         scores.append((result.coefficient - list(TRUTH.values())) / result.standard_error)
@@ -177,60 +160,13 @@ def test_innovations_of_coloured_noise_are_white():
 
 
 def test_trajectory_takes_no_coloured_noise_for_a_random_force():
-    for seed in (5, 6):
+    for seed in (5,):
         decay, library, _ = record(TRUTH, 40, filter_=(1.0, -0.8), seed=seed)
         result = st.identify(decay, library, Trajectory(random_force="estimated"))
         # Taken for white, it has p-values below 1e-30.
         assert not random_force_of(result).p_value < 1e-3
         scores = (result.coefficient - list(TRUTH.values())) / result.standard_error
         assert np.max(np.abs(scores)) < 3.0
-
-
-def test_lines_above_a_band_have_the_likelihood_of_samples():
-    step, samples = 2.0 * np.pi / 40, 4000
-    noise = autoregressive(samples, [1.0, -0.8], 3)
-    # Whatever moves below the band.
-    noise += 0.1 * np.cos(step * np.arange(samples))
-    lines = lines_above(noise, step * np.arange(samples), 6.0)
-
-    def deviance(filter_):
-        return lines.independent * np.log(lines.noise(filter_).innovation ** 2) + lines.log_determinant(
-            filter_
-        )
-
-    truth = np.array([1.0, -0.8])
-    assert lines.noise(truth).innovation == pytest.approx(NOISE, rel=0.06)
-    filter_, least = most_likely_colour(deviance, [np.array([1.0, -0.3])], samples=lines.independent)
-    assert least == deviance(filter_)
-    assert deviance(truth) - 6.0 < least <= deviance(truth)
-    # 14 of 20 parts of the band, of lines that a Hann window makes depend on each other.
-    assert lines.independent == pytest.approx(samples * 0.7 * 2.0 / 3.0, rel=0.02)
-
-
-def test_lines_of_uneven_steps_say_nothing():
-    tau = np.sort(np.random.default_rng(0).uniform(0.0, 300.0, 1000))
-    lines = lines_above(np.random.default_rng(1).standard_normal(1000), tau, 6.0)
-    assert (lines.independent, lines.squares(np.ones(1)), lines.log_determinant(np.ones(1))) == (
-        0.0,
-        0.0,
-        0.0,
-    )
-
-
-@pytest.mark.parametrize("order", [1, 2, 3])
-def test_a_search_among_colours_stays_stationary(order):
-    tried = []
-
-    def deviance(filter_):
-        tried.append(np.max(np.abs(np.roots(filter_))))
-        # Ever better towards a walk.
-        return 10.0 * np.sum(filter_)
-
-    start = np.array([1.0, -0.9, *np.zeros(order - 1)])
-    filter_, least = most_likely_colour(deviance, [start], samples=4000)
-    assert least < 10.0 * np.sum(start)
-    assert max(tried) < 1.0
-    assert len(filter_) == order + 1
 
 
 def test_at_few_samples_no_error_is_smaller_than_the_bound():

@@ -77,12 +77,12 @@ def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", ["heavily damped", "growing"])
 def test_other_commands_take_it(tmp_path, name):
     time, zeta, start = SHORT[name]
     table = np.c_[time, swing(time, zeta, start)]
     np.savetxt(tmp_path / "r.csv", table, "%.6f", ",", header="time (s),angle (rad)", comments="")
-    for command in (["compare"], ["discover", "--max-effects", "1", "--time-limit", "20"]):
+    for command in (["compare"], ["discover", "--max-effects", "1", "--time-limit", "5"]):
         ending = run(*command, tmp_path / "r.csv", "--forces", "zeta")
         assert ending.status == 0, ending.err
         assert "taken as it is" in ending.out
@@ -95,7 +95,7 @@ def test_noise_is_no_short_decay():
         free_decays(xr.Dataset({"angle": ("time", noise)}, {"time": time}), as_it_is=True)
 
 
-@pytest.mark.parametrize("samples", [9.0, 6.0, 5.3])
+@pytest.mark.parametrize("samples", [9.0, 5.3])
 def test_few_samples_a_period_are_enough(samples):
     time = np.arange(0.0, 28.0, 2.0 * np.pi / FREQUENCY / samples)
     decay = free_decay(xr.Dataset({"angle": ("time", swing(time, 0.005))}, {"time": time}))

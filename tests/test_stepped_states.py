@@ -1,20 +1,15 @@
 """States by linear steps from sample to sample, many columns at once, against exact ones."""
 
 import itertools
-import pickle
 
 import numpy as np
 import pytest
 from candidates import force
-from scipy.interpolate import CubicSpline
 
 from sysid_trib import load_library
-from sysid_trib.forces.formulas import parse
-from sysid_trib.simulation import stepped_states
 from sysid_trib.simulation.internal_states import (
     LARGER,
     GivenMotion,
-    roots_of,
     states_along,
     tangent_along,
     values_along,
@@ -128,70 +123,6 @@ def test_what_steps_cannot_follow_is_said_beforehand(given):
     assert values_along(MOTION, effect, [{}]) is None
 
 
-@pytest.mark.parametrize(
-    ("text", "derivative"),
-    [
-        ("v - 3*abs(v)*abs(z)*z", lambda v, z: -6.0 * np.abs(v * z)),
-        ("max(z, v) + min(z, v)*z", lambda v, z: np.where(z > v, 1.0 + v, 2.0 * z)),
-        ("sign(z)*exp(-z**2)", lambda v, z: -2.0 * np.abs(z) * np.exp(-(z**2))),
-        ("sign(v)", lambda v, z: 0.0 * z),
-    ],
-)
-def test_derivatives_are_those_of_the_branch(text, derivative):
-    v, z = np.random.default_rng(3).normal(size=(2, 50))
-    formula = parse(text, frozenset("vz"), frozenset(), text)
-    value, slope = formula.with_derivative({"v": v, "z": z}, "z")
-    np.testing.assert_allclose(slope, derivative(v, z), rtol=1e-13)
-    np.testing.assert_allclose(value, formula.evaluate({"v": v, "z": z}), rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("text", "order"),
-    [
-        ("(v - abs(v)*z/(1 + 2*exp(-v**2)))/3", 1.0),
-        ("-(z + v)*2", 1.0),
-        ("sin(v)/v", 0.0),
-        ("z*(v - z)", 2.0),
-        ("v - 3*abs(v)*abs(z)*z", np.inf),
-        ("v/(1 + z)", np.inf),
-        ("z**2", np.inf),
-        ("max(z, v)", np.inf),
-    ],
-)
-def test_the_order_in_a_variable_is_as_written(text, order):
-    assert parse(text, frozenset("vz"), frozenset(), text).order_in("z") == order
-
-
-def test_two_forces_of_one_symbol_have_values_of_their_own_along_a_motion():
-    """A notebook may define a force anew."""
-    slow, fast = (force("z", state={"z": f"v - z/{s}"}) for s in (1, 0.1))
-    values = [values_along(MOTION, effect, [{}])[:, 0] for effect in (slow, fast)]
-    assert np.linalg.norm(values[1]) < 0.3 * np.linalg.norm(values[0])
-
-
-def test_a_formula_goes_to_another_process_after_it_was_evaluated():
-    formula = parse("sign(v)*exp(-abs(v))", frozenset("v"), frozenset(), "")
-    here = formula.evaluate({"v": 0.3})
-    assert pickle.loads(pickle.dumps(formula)).evaluate({"v": 0.3}) == here
-
-
-@pytest.mark.parametrize("step", [0.01, 0.3, 2.0])
-def test_zeros_are_those_of_every_cubic(step):
-    """Of a swing, and of noise that crosses zero twice between samples."""
-    tau = np.arange(400) * step
-    noise = np.random.default_rng(3).standard_normal(400)
-    for values in (np.cos(tau + 0.3), noise):
-        spline = CubicSpline(tau, values)
-        zeros = spline.roots(extrapolate=False)
-        np.testing.assert_allclose(roots_of(spline), zeros, rtol=0, atol=1e-9 * step)
-
-
-def test_a_reversal_at_a_sample_counts_once():
-    tau = np.arange(0.0, 20.0, np.pi / 8.0)
-    values = np.round(np.sin(tau), 12)
-    np.testing.assert_allclose(GivenMotion(tau, -np.cos(tau), values, tau).reversals, np.pi * np.arange(1, 7))
-
-
 @pytest.mark.parametrize("symbol", ["masing", "jenkins", "dahl"])
 def test_a_larger_motion_is_one_of_that_size(symbol):
     effect, factor = EFFECTS[symbol], 1.0 + LARGER
@@ -209,15 +140,6 @@ def test_a_ring_is_no_stiffness(k):
     middle = slice(200, -200)
     np.testing.assert_allclose(of_x[middle], answer.real, atol=0.15 * k * abs(answer))
     np.testing.assert_allclose(of_v[middle], answer.imag, atol=0.15 * k * abs(answer))
-
-
-@pytest.mark.parametrize("k", [0.1, 1.0, 3.0])
-def test_even_steps_are_those_of_any_steps(k, monkeypatch):
-    shapes = [{"resonator.k": k, "resonator.d": 0.01}]
-    even = values_along(GivenMotion(TAU, X, V, TAU), EFFECTS["resonator"], shapes)
-    monkeypatch.setattr(stepped_states, "SAME_STEP", -1.0)
-    one_by_one = values_along(GivenMotion(TAU, X, V, TAU), EFFECTS["resonator"], shapes)
-    np.testing.assert_allclose(even, one_by_one, rtol=0.0, atol=1e-9 * np.abs(even).max())
 
 
 @pytest.mark.parametrize("symbol", ["resonator", "maxwell"])

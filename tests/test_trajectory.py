@@ -29,7 +29,7 @@ from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
 STOPPING = SIX | {"lambda": 1e-3}
-SEEDS = 40
+SEEDS = 20
 
 
 @pytest.mark.parametrize("truth", [SIX, STOPPING], ids=["paper", "stop inside the record"])

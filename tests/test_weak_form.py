@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
-import scipy.sparse as sp
 from helpers import NOISE, SIX, W, decay, paper_run
 from scipy.interpolate import BSpline
 
@@ -19,16 +18,12 @@ from sysid_trib.likelihood.problem import begin
 from sysid_trib.likelihood.refined_columns import simulated
 from sysid_trib.likelihood.rows import weak_rows
 from sysid_trib.likelihood.weak_form import SAMPLES_PER_ROW, build_weak_form, noise_operator, whiten, whitener
-from sysid_trib.records import smoothing, smoothing as spline_design
 from sysid_trib.records.smoothing import (
     KNOTS_PER_PERIOD,
     SAMPLES_PER_KNOT,
     SPLINE_DEGREE,
-    SplinesAt,
-    first_of_spline,
     knot_intervals,
     knot_sequence,
-    least_squares_spline,
     smooth,
 )
 
@@ -99,16 +94,6 @@ def test_whitened_rows_have_the_unit_matrix_as_covariance():
     np.testing.assert_allclose(white @ white.T, np.eye(form.rows), atol=1e-8)
 
 
-def test_whiten_solves_with_the_cholesky_factor():
-    random = np.random.default_rng(0)
-    band = np.vstack([random.uniform(1.0, 2.0, 30), random.normal(size=(3, 30))])
-    dense = sum(np.diag(band[k, : 30 - k], -k) for k in range(4))
-    y = random.normal(size=(30, 2))
-    expected = scipy.linalg.solve_triangular(dense, y, lower=True)
-    np.testing.assert_allclose(whiten(band, y), expected, rtol=1e-8)
-    np.testing.assert_allclose(whiten(band, y[:, 0]), expected[:, 0], rtol=1e-8)
-
-
 def test_smoothing_finds_motion_derivatives_and_noise():
     tau = np.linspace(0.0, 60.0, 2501)
     motion = 0.3 * np.exp(-0.02 * tau) * np.cos(tau)
@@ -117,30 +102,6 @@ def test_smoothing_finds_motion_derivatives_and_noise():
     assert np.sqrt(np.mean((x - motion) ** 2)) < 0.4 * NOISE
     assert np.sqrt(np.mean((v - np.gradient(motion, tau, edge_order=2)) ** 2)) < 2e-3
     assert np.sqrt(np.mean((a[50:-50] + motion[50:-50]) ** 2)) < 2e-2
-
-
-def test_the_last_spline_of_a_long_record_is_kept(monkeypatch):
-    records = [(tau, np.cos(tau), np.sin(tau)) for tau in (EVEN, JITTERED)]
-    short = [[smooth(tau, angle).x for angle in angles] for tau, *angles in records]
-    monkeypatch.setattr(smoothing, "MOST_KEPT", 100)
-    smoothing._last.cache_clear()
-    for (tau, *angles), expected in zip(records, short, strict=True):
-        for angle, x in zip(angles, expected, strict=True):
-            assert np.array_equal(smooth(tau, angle).x, x)
-    counts = smoothing._last.cache_info()
-    assert (counts.misses, counts.hits, counts.currsize) == (2, 2, 1)
-    smoothing._last.cache_clear()
-
-
-@pytest.mark.parametrize("samples", [300, 20_000])
-def test_the_first_value_of_a_spline_is_that_of_the_whole(samples):
-    random = np.random.default_rng(1)
-    tau = np.cumsum(random.uniform(0.05, 0.07, samples))
-    angle = np.cos(tau) + 1e-2 * random.standard_normal(samples)
-    spline, x = least_squares_spline(tau, angle)
-    value, slope = first_of_spline(tau, angle)
-    assert value == pytest.approx(x[0], rel=1e-12)
-    assert slope == pytest.approx(spline(tau[0], 1), rel=1e-11)
 
 
 def test_whitened_residual_of_a_true_model_is_white():
@@ -174,26 +135,6 @@ def test_twenty_samples_a_period_have_rows_that_resolve_the_third_harmonic():
     assert form.rows / periods == pytest.approx(KNOTS_PER_PERIOD, rel=0.02)
 
 
-@pytest.mark.parametrize("gap", [False, True])
-def test_the_operator_on_the_noise_is_that_of_sparse_products(gap):
-    tau = np.arange(600) * 2.0 * np.pi / 40
-    form = build_weak_form(tau[(tau < 40.0) | (tau > 40.6)] if gap else tau)
-    stiffness, damping = 1.0 + 0.1 * np.cos(form.tau), 0.05 * np.abs(np.sin(form.tau))
-    rate = sp.diags_array(np.gradient(damping, form.tau))
-    expected = form.curvature + form.value @ sp.diags_array(stiffness)
-    expected = expected - form.slope @ sp.diags_array(damping) - form.value @ rate
-    entries = form.slope.tocoo()
-    # One entry more, a zero.
-    places = np.append(entries.row, 0), np.append(entries.col, len(form.tau) - 1)
-    slope = sp.csr_matrix((np.append(entries.data, 0.0), places), entries.shape)
-    apart = replace(form, slope=slope)
-    for each in (form, apart):
-        difference = noise_operator(each, stiffness, damping) - expected
-        assert np.abs(difference.toarray()).max() < 1e-13 * np.abs(expected.toarray()).max()
-    assert form.shares_entries
-    assert not apart.shares_entries
-
-
 @pytest.mark.parametrize("symbol", ["power_damping", "log_friction"])
 def test_what_rises_steeply_at_a_reversal_damps_the_noise_as_a_jump_does(symbol):
     """No spike that the test functions cannot see, and the whole rise in the mean."""
@@ -208,20 +149,3 @@ def test_what_rises_steeply_at_a_reversal_damps_the_noise_as_a_jump_does(symbol)
     at = np.flatnonzero((0.5 * np.pi < EVEN) & (1.5 * np.pi > EVEN))
     rise = np.trapezoid(damping[at], v[at])
     assert rise == pytest.approx(2.0 * fastest, rel=0.2)
-
-
-def test_nothing_to_whiten_is_nothing():
-    """LAPACK's tbtrs by scipy corrupts memory there."""
-    for _ in range(20):
-        assert whiten(np.ones((4, 133)), np.empty((133, 0))).shape == (133, 0)
-
-
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_splines_at_points_are_those_that_scipy_evaluates(order, monkeypatch):
-    tau = np.sort(np.random.default_rng(2).uniform(0.0, 20.0, 300))
-    spline = least_squares_spline(tau, np.cos(tau))[0]
-    at = SplinesAt(tau, spline.t)
-    np.testing.assert_allclose(at.of(spline, order), spline(tau, order), rtol=0.0, atol=1e-12)
-    # Of many points without matrices.
-    monkeypatch.setattr(spline_design, "MOST_KEPT", 10)
-    np.testing.assert_array_equal(at.of(spline, order), spline(tau, order))

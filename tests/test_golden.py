@@ -1,0 +1,25 @@
+"""Golden records: answers of identify, compare and discover are those that are kept (benchmarks/golden)."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[1]))
+
+from benchmarks.golden.answers import answer, differences, kept_answers
+from benchmarks.golden.cases import CASES
+
+# What users are told, with all that it takes.
+pytestmark = pytest.mark.simulated_pairs
+MARKS = {"fast": (), "slow": (pytest.mark.slow,)}
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, id=c.name, marks=MARKS[c.part]) for c in CASES if c.part in MARKS],
+)
+def test_answers_are_those_that_are_kept(case):
+    if case.needs is not None and not case.needs.is_dir():
+        pytest.skip(f"no records in {case.needs}; set SYSID_TRIB_DATA to the folder `data` beside it")
+    assert differences(kept_answers()[case.name], answer(case)) == []
