@@ -11,7 +11,7 @@ from scipy.stats import norm
 from sysid_trib import identify, save
 from sysid_trib.errors import UsageError
 from sysid_trib.validation import plan
-from sysid_trib.validation.next_run import ODDS, Rival, _parting, _told
+from sysid_trib.validation.next_run import ODDS, Rival, _informed, _parting
 
 RUN = paper_run(FIVE, duration=15.0)
 SAME = {"amplitude": (0.3, 0.3), "duration": (15.0, 15.0), "sampling_rate": 100.0}
@@ -64,7 +64,7 @@ def plan_covariance(result):
 
 @pytest.mark.parametrize("distance", [0.0, 5.0, 30.0])
 def test_two_models_are_told_apart_as_often_as_their_distance_says(distance):
-    entropy, probability = _told(np.array([0.5, 0.5]), np.array([[0.0, distance], [distance, 0.0]]))
+    entropy, probability = _informed(np.array([0.5, 0.5]), np.array([[0.0, distance], [distance, 0.0]]))
     root = max(np.sqrt(distance), 1e-9)
     assert probability == pytest.approx(norm.cdf((0.5 * distance - np.log(ODDS)) / root), abs=0.06)
     assert 0.0 <= entropy <= np.log(2.0) + 1e-12

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.plots.style import FULL_WIDTH, INK, LEGEND, ORANGE, grid, letter
 
-HEIGHT = 2.4
+PLAN_HEIGHT = 2.4
 
 
 def plan(data: xr.Dataset) -> Figure:
@@ -18,7 +18,7 @@ def plan(data: xr.Dataset) -> Figure:
         Of `validation.plan`.
     """
     several = "parting" in data
-    figure, panels = grid(2 if several else 1, 2 if several else 1, FULL_WIDTH, HEIGHT)
+    figure, panels = grid(2 if several else 1, 2 if several else 1, FULL_WIDTH, PLAN_HEIGHT)
     unit = data.amplitude.attrs["units"]
     durations = np.unique(data.duration.values)
     for at, length in enumerate(durations):

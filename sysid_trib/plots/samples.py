@@ -11,9 +11,9 @@ from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, LEGEND, ORANGE, 
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.validation.samples import SIDES
 
-COLOURS = dict(zip(SIDES, (BLUE, ORANGE), strict=True))
+SAMPLE_COLOURS = dict(zip(SIDES, (BLUE, ORANGE), strict=True))
 # Inch: of the curves, and of a row of the differences.
-CURVES, ROW = 2.4, 0.28
+CURVES_HEIGHT, ROW = 2.4, 0.28
 # Differences of more errors stand at the edge.
 MOST_ERRORS = 8.0
 
@@ -27,8 +27,8 @@ def difference(tree: xr.DataTree) -> Figure:
         Of `held_against`, which the command `difference` writes.
     """
     count = tree.sizes["force"]
-    figure = new_figure(FULL_WIDTH, CURVES + ROW * (count + 2))
-    rows = figure.add_gridspec(2, 1, height_ratios=[CURVES, ROW * (count + 2)])
+    figure = new_figure(FULL_WIDTH, CURVES_HEIGHT + ROW * (count + 2))
+    rows = figure.add_gridspec(2, 1, height_ratios=[CURVES_HEIGHT, ROW * (count + 2)])
     curves = rows[0].subgridspec(1, 2)
     panels = [figure.add_subplot(curves[0, at]) for at in range(2)]
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
@@ -42,7 +42,7 @@ def difference(tree: xr.DataTree) -> Figure:
 def _draw_samples(ax: Axes, tree: xr.DataTree, name: str) -> None:
     """One curve of the backbone of every run, in the colour of its sample."""
     limits = []
-    for side, colour in COLOURS.items():
+    for side, colour in SAMPLE_COLOURS.items():
         groups = [k for k in tree.children if k.startswith(f"backbone_{side}")]
         for at, group in enumerate(groups):
             label = f"{side} sample, 95 %" if at == 0 else None
@@ -69,9 +69,9 @@ def _draw_differences(ax: Axes, tree: xr.DataTree) -> None:
         colour = INK if row.differs.item() else GREY
         ax.errorbar(shown, at, xerr=half, fmt="o", color=colour, markersize=4, linewidth=1.0)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
-        beyond = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
+        outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
         ax.annotate(
-            " and ".join(pair) + beyond,
+            " and ".join(pair) + outside,
             (1.01, at),
             xycoords=("axes fraction", "data"),
             va="center",

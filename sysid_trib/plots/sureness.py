@@ -8,9 +8,9 @@ from scipy.interpolate import PchipInterpolator
 from sysid_trib.arrays import Array
 from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, grid, letter, new_figure
 
-PANEL_HEIGHT, FIT_HEIGHT = 2.2, 0.2
+PROFILE_HEIGHT, FIT_HEIGHT = 2.2, 0.2
 # Colours of the kinds of fit.
-KINDS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a9d6f", "method": INK}
+KIND_COLOURS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a9d6f", "method": INK}
 
 
 def profile(data: xr.Dataset) -> Figure:
@@ -22,7 +22,7 @@ def profile(data: xr.Dataset) -> Figure:
         Of `validation.profile`.
     """
     count = data.sizes["parameter"]
-    figure, panels = grid(count, min(3, count), FULL_WIDTH, PANEL_HEIGHT)
+    figure, panels = grid(count, min(3, count), FULL_WIDTH, PROFILE_HEIGHT)
     for ax, name in zip(panels, data.parameter.values.tolist(), strict=False):
         row = data.sel(parameter=name)
         known = np.isfinite(row.value.values)
@@ -64,7 +64,7 @@ def sensitivity(data: xr.Dataset) -> Figure:
     count, fits = data.sizes["force"], data.fit.values.tolist()
     figure = new_figure(FULL_WIDTH, FIT_HEIGHT * len(fits) + 0.8)
     panels = np.atleast_1d(figure.subplots(1, count, sharey=True)).tolist()
-    colours = [KINDS.get(kind, INK) for kind in data.kind.values.tolist()]
+    colours = [KIND_COLOURS.get(kind, INK) for kind in data.kind.values.tolist()]
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
         row = data.sel(force=symbol)
         unit, label = _power_of_ten(row.coefficient.values, symbol)

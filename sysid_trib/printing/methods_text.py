@@ -19,7 +19,7 @@ from sysid_trib.validation.findings import kept_results, main_result, residual_o
 from sysid_trib.validation.verdict import record_noise
 
 # What each method is, in the words of a methods section.
-METHODS = {
+IN_WORDS = {
     "direct": (
         "regression of the equation of motion in weak form with refined instrumental variables"
         r"~\cite{young2011}"
@@ -49,13 +49,13 @@ def methods_text(tree: xr.DataTree) -> str:
     said = [
         first,
         rf"The equation of motion~\cite{{lebot2019}} has the forces {forces}; their coefficients "
-        f"come from {METHODS.get(main.attrs['method'], main.attrs['method'])}, in PySINDy's optimisers"
+        f"come from {IN_WORDS.get(main.attrs['method'], main.attrs['method'])}, in PySINDy's optimisers"
         r"~\cite{kaptanoglu2022} where it is linear.",
     ]
     z = tree["comparison"].z if "z" in tree["comparison"] else None
     if others and z is not None:
         said.append(
-            f"They were cross-checked by {METHODS.get(others[0], others[0])}: the largest difference is "
+            f"They were cross-checked by {IN_WORDS.get(others[0], others[0])}: the largest difference is "
             f"{float(np.nanmax(np.abs(z.values))):.2g} of its error."
         )
     noise = power_of_ten(f"{record_noise(tree):.2g}")

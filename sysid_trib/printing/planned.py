@@ -9,7 +9,7 @@ from sysid_trib.printing.blocks import ALWAYS, Block
 from sysid_trib.printing.layout import by_label, number, same, text_table
 
 # Runs that the table has.
-MOST_ROWS = 8
+MOST_RUNS = 8
 
 
 def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
@@ -50,11 +50,11 @@ def _unit(data: xr.Dataset) -> str:
 def _table(data: xr.Dataset) -> Any:
     """The best runs, a row each."""
     several, rows = len(data.attrs["models"]) > 1, []
-    for at in range(min(MOST_ROWS, data.sizes["run"])):
+    for at in range(min(MOST_RUNS, data.sizes["run"])):
         row = data.isel(run=at)
-        told = [f"{row.probability.item():.2f}", f"{row.entropy.item():.3f}"] if several else []
+        by_names = [f"{row.probability.item():.2f}", f"{row.entropy.item():.3f}"] if several else []
         errors = [f"{error:.2g}" for error in row.standard_error.values]
-        rows.append([f"{row.amplitude.item():.3g}", f"{row.duration.item():.3g}", *told, *errors])
+        rows.append([f"{row.amplitude.item():.3g}", f"{row.duration.item():.3g}", *by_names, *errors])
     heads = [f"release ({_unit(data)})", "duration (s)", *(["probability", "entropy"] if several else [])]
     heads += [f"error of {symbol}" for symbol in data.force.values.tolist()]
     return text_table(heads, rows, numbers=tuple(range(len(heads))))

@@ -25,7 +25,7 @@ from sysid_trib.results.significance import sufficient_forces
 from sysid_trib.validation.samples import SIDES
 
 # Probability with which a difference is found that the table names.
-POWER = 0.9
+POWER_STATED = 0.9
 
 
 def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
@@ -39,7 +39,7 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
         Block(
             [
                 f"Coefficients at w = {data.reference_frequency.item():.6g} rad/s. found from: the "
-                f"difference that is found with probability {POWER:g} at the level {data.attrs['level']:g}."
+                f"difference found with probability {POWER_STATED:g} at the level {data.attrs['level']:g}."
             ],
             title="Coefficients",
             table=_table(tree, several),
@@ -66,11 +66,11 @@ def _first_sentence(tree: xr.DataTree) -> str:
     test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
     test += p_value_text(data.p_value_of_all.item())
     if data.attrs["verdict"] == "together they differ":
-        return f"The samples differ ({test}), though no coefficient shows it by itself{_alone(tree)}."
+        return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
     return f"No difference was found in {', '.join(names)} ({test})."
 
 
-def _alone(tree: xr.DataTree) -> str:
+def _sufficient(tree: xr.DataTree) -> str:
     """The fewest coefficients whose difference suffices where all others are equal."""
     data = tree.to_dataset()
     contrast = data[["standard_error", "covariance"]].assign(
@@ -96,7 +96,7 @@ def _stiffness_sentence(data: xr.Dataset) -> str:
 def _warnings(tree: xr.DataTree) -> list[str]:
     """What the errors allow for, and methods that differ."""
     incomplete = [
-        k.replace("_", " ") for k, one in identifications_of(tree).items() if "error_of_model" in one
+        k.replace("_", " ") for k, result in identifications_of(tree).items() if "error_of_model" in result
     ]
     said = []
     if incomplete:
@@ -125,13 +125,13 @@ def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
 def _table(tree: xr.DataTree, between: Sequence[str]) -> Table:
     """A row each force: both samples, difference, how sure, and what would be found."""
     data, rows = tree.to_dataset(), []
-    factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER)
+    factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER_STATED)
     for symbol in data.force.values.tolist():
         row, force = data.sel(force=symbol), _force(tree, symbol)
         unit = "" if force.unit.item() == "1" else f" ({force.unit.item()})"
         cells = [quantity(row, name) for name in SIDES]
         cells.append(value_with_error(row.difference.item(), row.standard_error.item()))
-        found = f"{factor * row.standard_error.item():.2g}" if row.standard_error.item() > 0.0 else "-"
+        detectable = f"{factor * row.standard_error.item():.2g}" if row.standard_error.item() > 0.0 else "-"
         scatter = [f"{row[name].item():.2g}" for name in between]
         rows.append(
             [
@@ -140,7 +140,7 @@ def _table(tree: xr.DataTree, between: Sequence[str]) -> Table:
                 *cells,
                 f"{row.z.item():+.1f}" if np.isfinite(row.z) else "-",
                 p_value_text(row.p_value.item(), ""),
-                found,
+                detectable,
                 *scatter,
             ]
         )
@@ -150,7 +150,7 @@ def _table(tree: xr.DataTree, between: Sequence[str]) -> Table:
 
 
 # By key of the JSON.
-OF_FORCE: dict[str, Source] = {
+CONTRAST_JSON: dict[str, Source] = {
     **{side: f"{side}±" for side in SIDES},
     **same(*(f"{side}_between_runs" for side in SIDES)),
     **same("difference", "standard_error", "z", "p_value", "differs"),
@@ -160,7 +160,7 @@ JSON: dict[str, Source] = {
     "level": "@level",
     "first_record": "@first_record",
     "second_record": "@second_record",
-    "coefficients": lambda data: per_label(data, "force", OF_FORCE),
+    "coefficients": lambda data: per_label(data, "force", CONTRAST_JSON),
     "stiffness_difference": "stiffness_difference±",
     **same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
 }

@@ -70,9 +70,9 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
             ]
         )
     failed = [label for label, row in by_label(data, "fit").items() if row.reason.item()]
-    moved = [row[0] for row in rows if float(row[5]) > SIGNIFICANT_ERRORS]
-    if moved:
-        sentences.append(f"Beyond {SIGNIFICANT_ERRORS:g} errors of a fit moves {', '.join(moved)}.")
+    changed = [row[0] for row in rows if float(row[5]) > SIGNIFICANT_ERRORS]
+    if changed:
+        sentences.append(f"Beyond {SIGNIFICANT_ERRORS:g} errors of a fit moves {', '.join(changed)}.")
     sentences += [f"Without a result: {', '.join(failed)}."] if failed else []
     heads = ["force", "stated", "from", "to", "fits", "largest change / its error", "by"]
     table = text_table(heads, rows, numbers=(1, 2, 3, 4, 5))
@@ -80,15 +80,15 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
     return [Block(sentences, title="Sensitivity", table=table, caption=caption, figures=SENSITIVITY)]
 
 
-OF_PARAMETER: dict[str, Source] = same("estimate", "standard_error", "low", "high", "asymmetric")
-OF_FORCE: dict[str, Source] = same("estimate", "stated_error", "low", "high")
+PROFILE_JSON: dict[str, Source] = same("estimate", "standard_error", "low", "high", "asymmetric")
+REFITS_JSON: dict[str, Source] = same("estimate", "stated_error", "low", "high")
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     """The same as plain data, under `profile` and `sensitivity`; nothing where nothing was asked for."""
     made: dict[str, Any] = {}
     if PROFILE in tree.children:
-        made[PROFILE] = per_label(tree[PROFILE].to_dataset(), "parameter", OF_PARAMETER)
+        made[PROFILE] = per_label(tree[PROFILE].to_dataset(), "parameter", PROFILE_JSON)
     if SENSITIVITY in tree.children:
         data = tree[SENSITIVITY].to_dataset()
         fits = {
@@ -102,7 +102,7 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
             for label, row in by_label(data, "fit").items()
         }
         made[SENSITIVITY] = {
-            "forces": {symbol: mapped(row, OF_FORCE) for symbol, row in by_label(data, "force").items()},
+            "forces": {symbol: mapped(row, REFITS_JSON) for symbol, row in by_label(data, "force").items()},
             "fits": fits,
         }
     return made

@@ -219,10 +219,10 @@ def _compare(tree: xr.DataTree) -> list[str]:
 def _difference(tree: xr.DataTree) -> list[str]:
     named = identifications_of(tree)
     first = sum(name.startswith("sample_first") for name in named)
-    one = next(iter(named.values()))
+    result = next(iter(named.values()))
     return [
-        _library(one.attrs),
-        f"results = [st.identify(run, library, {_method(one)}) for run in decay]",
+        _library(result.attrs),
+        f"results = [st.identify(run, library, {_method(result)}) for run in decay]",
         f"contrast = st.difference(results[:{first}], results[{first}:])",
     ]
 

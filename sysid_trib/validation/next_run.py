@@ -22,17 +22,17 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.model_error import error_parts
 
-Limits: TypeAlias = tuple[float | None, float | None]
+Span: TypeAlias = tuple[float | None, float | None]
 # Releases and durations that are tried between the limits, in equal ratios.
-AMPLITUDES, DURATIONS = 7, 4
+RELEASES, DURATIONS = 7, 4
 # Without limits: these parts of the release and the duration of the record.
 AMPLITUDE_LIMITS, DURATION_LIMITS = (0.3, 1.5), (0.5, 2.0)
-# Models are told apart where the odds of the right one are so high.
+# Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
 # Drawings of what a run may say, for the entropy that is left.
-DRAWS = 400
+OUTCOMES = 400
 # A run has no more samples than this in the design: what it tells grows with them alike in all.
-MOST_SAMPLES = 4000
+MOST_DESIGN_SAMPLES = 4000
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,10 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
         library = ForceLibrary("rival", (*rest, offered[symbol]))
         shapes = {f"{symbol}.{key}": value for key, value in shapes_of(ranking, symbol).items()}
         try:
-            found = Direct(shapes=shapes, random_force="off").identify(decay, library)
+            result_of_rival = Direct(shapes=shapes, random_force="off").identify(decay, library)
         except SysidTribError:
             continue
-        rivals.append(_rival(symbol, found, likely[symbol]))
+        rivals.append(_rival(symbol, result_of_rival, likely[symbol]))
     total = sum(rival.probability for rival in rivals)
     return [replace(rival, probability=rival.probability / total) for rival in rivals]
 
@@ -106,8 +106,8 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
 def plan(
     result: xr.Dataset | xr.DataTree,
     *,
-    amplitude: Limits = (None, None),
-    duration: Limits = (None, None),
+    amplitude: Span = (None, None),
+    duration: Span = (None, None),
     sampling_rate: float | None = None,
     repeats: int = 1,
     wanted: Mapping[str, float] | None = None,
@@ -159,8 +159,8 @@ def plan(
     main = main_result(result) if isinstance(result, xr.DataTree) else result
     assert main is not None
     wanted = dict(wanted or {})
-    if unknown := set(wanted) - set(rivals[0].model.coefficients):
-        raise UsageError(f"There is no coefficient '{min(unknown)}' in this model to want an error of.")
+    if missing := set(wanted) - set(rivals[0].model.coefficients):
+        raise UsageError(f"There is no coefficient '{min(missing)}' in this model to want an error of.")
     releases, durations, rate = _limits(result, amplitude, duration, sampling_rate)
     noise = float(np.ravel(main.noise)[0]) / np.sqrt(repeats)
     runs = list(itertools.product(releases, durations))
@@ -175,8 +175,8 @@ def plan(
 
 def _limits(
     result: xr.Dataset | xr.DataTree,
-    amplitude: Limits,
-    duration: Limits,
+    amplitude: Span,
+    duration: Span,
     sampling_rate: float | None,
 ) -> tuple[Array, Array, float]:
     """Releases, durations (s) and sampling rate (Hz) that are tried."""
@@ -186,7 +186,7 @@ def _limits(
         record = result[group]
         time, angle = record.time.values, record.angle.values
         known = float(np.abs(angle).max()), float(time[-1] - time[0]), 1.0 / float(np.median(np.diff(time)))
-    releases = _between(amplitude, AMPLITUDE_LIMITS, known[0], AMPLITUDES, "amplitude")
+    releases = _between(amplitude, AMPLITUDE_LIMITS, known[0], RELEASES, "amplitude")
     durations = _between(duration, DURATION_LIMITS, known[1], DURATIONS, "duration")
     rate = known[2] if sampling_rate is None else sampling_rate
     if not rate > 0.0:
@@ -194,7 +194,7 @@ def _limits(
     return releases, durations, rate
 
 
-def _between(limits: Limits, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
+def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
     """Values in equal ratios between limits, those left out by what the record has."""
     low, high = (part * known if end is None else end for end, part in zip(limits, parts, strict=True))
     if not 0.0 < low <= high:
@@ -205,7 +205,7 @@ def _between(limits: Limits, parts: tuple[float, float], known: float, count: in
 def _times(length: float, rate: float) -> tuple[Array, float]:
     """Times of a run, no more than the design needs, and of how many samples each stands for."""
     samples = int(length * rate) + 1
-    every = max(1, -(-samples // MOST_SAMPLES))
+    every = max(1, -(-samples // MOST_DESIGN_SAMPLES))
     return np.arange(0, samples, every) / rate, float(every)
 
 
@@ -222,9 +222,9 @@ def _worth(
         return np.nan, np.nan, errors
     errors = _errors_after(rivals[0], motions[0][1] / level, main)
     apart = np.zeros((len(rivals), len(rivals)))
-    for (one, truth), (other, motion) in itertools.permutations(enumerate(motions), 2):
-        apart[one, other] = _parting(truth, motion, rivals[other], level)[-1]
-    return *_told(np.array([rival.probability for rival in rivals]), apart), errors
+    for (first, truth), (other, motion) in itertools.permutations(enumerate(motions), 2):
+        apart[first, other] = _parting(truth, motion, rivals[other], level)[-1]
+    return *_informed(np.array([rival.probability for rival in rivals]), apart), errors
 
 
 def _errors_after(rival: Rival, columns: Array, main: xr.Dataset) -> Array:
@@ -258,7 +258,7 @@ def _parting(truth: tuple[Array, Array], motion: tuple[Array, Array], rival: Riv
     return np.maximum(0.0, np.cumsum(residual * (residual - design @ best)))
 
 
-def _told(probabilities: Array, apart: Array) -> tuple[float, float]:
+def _informed(probabilities: Array, apart: Array) -> tuple[float, float]:
     """Entropy (nats) that a run is expected to leave, and the probability of odds for the right model."""
     count = len(probabilities)
     if count == 1:
@@ -267,7 +267,7 @@ def _told(probabilities: Array, apart: Array) -> tuple[float, float]:
     entropy = right = 0.0
     for at, probability in enumerate(probabilities):
         distance = apart[at]
-        normal = rng.standard_normal((DRAWS, count))
+        normal = rng.standard_normal((OUTCOMES, count))
         gains = -(0.5 * distance + np.sqrt(distance) * normal)
         gains[:, at] = 0.0
         logs = np.log(np.maximum(probabilities, 1e-300)) + gains

@@ -21,9 +21,9 @@ from sysid_trib.results.variables import variable
 
 # Confidence of the intervals, and the root of the deviance at their ends.
 CONFIDENCE = 0.95
-END = float(norm.isf(0.5 * (1.0 - CONFIDENCE)))
+END_ROOT = float(norm.isf(0.5 * (1.0 - CONFIDENCE)))
 # Steps of the standard error by which the ends are looked for, and how many each way.
-STEP, MOST_STEPS = 1.0, 8
+STEP_OUT, MOST_STEPS_OUT = 1.0, 8
 # The interval by the standard error is no good where an end is off by this part of it.
 OFF = 0.1
 
@@ -51,27 +51,27 @@ class Profile:
 
     def end(self, sign: float, deviance: Callable[[float], float]) -> float:
         """Where the root of the deviance is `END` on one side; infinite, or the limit, where it never is."""
-        value, step = self.estimate, STEP * self.error
+        value, step = self.estimate, STEP_OUT * self.error
         limit = self.high if sign > 0.0 else self.low
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_STEPS_OUT):
             value = min(value + step, self.high) if sign > 0.0 else max(value - step, self.low)
             if not self._look(value, sign, deviance):
                 return limit
-            if abs(self.roots[value]) >= END:
+            if abs(self.roots[value]) >= END_ROOT:
                 break
             if value == limit:
                 return limit
         else:
             return sign * np.inf
         # The root is nearly a straight line: the end by interpolation, looked at once more.
-        self._look(self._by_root(sign * END), sign, deviance)
-        return self._by_root(sign * END)
+        self._look(self._by_root(sign * END_ROOT), sign, deviance)
+        return self._by_root(sign * END_ROOT)
 
     def _look(self, value: float, sign: float, deviance: Callable[[float], float]) -> bool:
-        found = deviance(value)
-        if np.isfinite(found):
-            self.roots[value] = sign * float(np.sqrt(max(0.0, found)))
-        return bool(np.isfinite(found))
+        deviance_there = deviance(value)
+        if np.isfinite(deviance_there):
+            self.roots[value] = sign * float(np.sqrt(max(0.0, deviance_there)))
+        return bool(np.isfinite(deviance_there))
 
     def _by_root(self, root: float) -> float:
         values = np.array(sorted({self.estimate: 0.0, **self.roots}))
@@ -114,7 +114,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     -----
     All other parameters are fitted anew at each value, also the start of each run. The deviance is the sum of
     squares over the variance of a sample that the best fit leaves, less its least; it exceeds the 95 % point
-    of chi-square with one degree of freedom outside of the interval (Venzon and Moolgavkar 1988).
+    of chi-square (one degree) outside of the interval (Venzon and Moolgavkar 1988).
     """
     runs = as_runs(decay, driven=True)
     library = library_of(result)
@@ -137,9 +137,9 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     profiles = []
     for at, name in enumerate(names):
         tell(f"profile of {name}", at / len(names))
-        one = _parameter(best, library, name)
-        low, high = (one.end(sign, partial(fits.deviance, name)) for sign in (-1.0, 1.0))
-        profiles.append((one, low, high))
+        profiled = _parameter(best, library, name)
+        low, high = (profiled.end(sign, partial(fits.deviance, name)) for sign in (-1.0, 1.0))
+        profiles.append((profiled, low, high))
     return _dataset(profiles)
 
 
@@ -163,13 +163,13 @@ class _Fits:
             start = replace(start, shapes={**start.shapes, name: value})
         rest = tuple(shape for shape in self.method.fit_shapes if shape != name)
         try:
-            found = replace(self.method, start=start, constraints=held, fit_shapes=rest).identify(
+            deviance_there = replace(self.method, start=start, constraints=held, fit_shapes=rest).identify(
                 self.runs, self.library
             )
         except SysidTribError:
             return float("nan")
         samples = np.array([run.sizes["time"] for run in self.runs])
-        ratios = (found.residual_rms.values / self.best.residual_rms.values) ** 2
+        ratios = (deviance_there.residual_rms.values / self.best.residual_rms.values) ** 2
         # The parameters of the best fit take their part of the noise from what it leaves.
         return float(np.sum((samples - self._numbers / len(samples)) * (ratios - 1.0)))
 
@@ -184,33 +184,33 @@ def _parameter(best: xr.Dataset, library: ForceLibrary, name: str) -> Profile:
     """A parameter with its estimate and the limits of the library."""
     if name in best.force.values:
         row = best.sel(force=name)
-        one = Profile(name, row.coefficient.item(), row.standard_error.item(), -np.inf, np.inf)
+        profiled = Profile(name, row.coefficient.item(), row.standard_error.item(), -np.inf, np.inf)
     elif "shape" in best and name in best.shape_parameter.values:
         symbol, _, key = name.partition(".")
         shape, row = library[symbol].shape[key], best.sel(shape_parameter=name)
-        one = Profile(name, row["shape"].item(), row.shape_standard_error.item(), shape.low, shape.high)
+        profiled = Profile(name, row["shape"].item(), row.shape_standard_error.item(), shape.low, shape.high)
     else:
         known = [*best.force.values.tolist(), *library.shape_values()]
         raise UsageError(f"'{name}' is no parameter of this model; there are {', '.join(known)}.")
-    if not (np.isfinite(one.error) and one.error > 0.0):
+    if not (np.isfinite(profiled.error) and profiled.error > 0.0):
         raise UsageError(f"{name} is held, or at its bound: there is no profile of it.")
-    return one
+    return profiled
 
 
 def _dataset(profiles: Sequence[tuple[Profile, float, float]]) -> xr.Dataset:
     """The Dataset of `profile`."""
-    count = max(len(one.roots) for one, *_ in profiles) + 1
+    count = max(len(profiled.roots) for profiled, *_ in profiles) + 1
     points: Array = np.full((2, len(profiles), count), np.nan)
-    for at, (one, *_) in enumerate(profiles):
-        roots = {one.estimate: 0.0} | one.roots
+    for at, (profiled, *_) in enumerate(profiles):
+        roots = {profiled.estimate: 0.0} | profiled.roots
         values = sorted(roots)
         points[:, at, : len(values)] = values, np.square([roots[value] for value in values])
-    names = [one.name for one, *_ in profiles]
+    names = [profiled.name for profiled, *_ in profiles]
     estimate, error = (
-        np.array([getattr(one, name) for one, *_ in profiles]) for name in ("estimate", "error")
+        np.array([getattr(profiled, name) for profiled, *_ in profiles]) for name in ("estimate", "error")
     )
     low, high = (np.array(ends) for ends in zip(*(ends for _, *ends in profiles), strict=True))
-    off = np.maximum(np.abs(estimate - low - END * error), np.abs(high - estimate - END * error))
+    off = np.maximum(np.abs(estimate - low - END_ROOT * error), np.abs(high - estimate - END_ROOT * error))
     unit = "that of the parameter"
     return xr.Dataset(
         {
@@ -218,7 +218,7 @@ def _dataset(profiles: Sequence[tuple[Profile, float, float]]) -> xr.Dataset:
             "standard_error": variable("parameter", error, "standard error", unit),
             "low": variable("parameter", low, "lower end of the interval of 95 %", unit),
             "high": variable("parameter", high, "upper end of the interval of 95 %", unit),
-            "asymmetric": variable("parameter", off > OFF * END * error, "whether the error misleads"),
+            "asymmetric": variable("parameter", off > OFF * END_ROOT * error, "whether the error misleads"),
             "value": variable(("parameter", "point"), points[0], "value at which it was held", unit),
             "deviance": variable(("parameter", "point"), points[1], "deviance there", "1"),
         },

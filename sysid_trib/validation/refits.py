@@ -23,7 +23,7 @@ LATER_STARTS = (1.0, 3.0)
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
 # One fit: what it is, the method, the runs, and since when they last (s).
-Fit = tuple[str, Method, list[xr.Dataset], float]
+Refit = tuple[str, Method, list[xr.Dataset], float]
 
 
 @in_units_of_the_motion
@@ -65,11 +65,11 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
         values = np.full((2, len(symbols)), np.nan)
         reason = ""
         try:
-            found = other.identify(one_or_all(parts), counted_from(library, later))
-            shared = [symbol for symbol in symbols if symbol in found.force and in_model(found, symbol)]
-            at_shared = [symbols.index(symbol) for symbol in shared]
-            values[0, at_shared] = comparison_values(found, shared, reference)[:-1]
-            covariance = comparison_covariance(found, shared, reference)
+            refit = other.identify(one_or_all(parts), counted_from(library, later))
+            common = [symbol for symbol in symbols if symbol in refit.force and in_model(refit, symbol)]
+            at_shared = [symbols.index(symbol) for symbol in common]
+            values[0, at_shared] = comparison_values(refit, common, reference)[:-1]
+            covariance = comparison_covariance(refit, common, reference)
             values[1, at_shared] = np.sqrt(np.diag(covariance))[:-1]
         except (SysidTribError, np.linalg.LinAlgError) as error:
             reason = str(error)
@@ -79,7 +79,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     return _dataset(result.sel(force=symbols), fits, coefficients, errors, reasons)
 
 
-def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Fit]:
+def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
     """Every fit: what it is, and how it is made."""
     whole = list(runs)
     for name, (low, high) in RECORD_PARTS.items():
@@ -100,8 +100,8 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
 
 def _methods(method: Method) -> Iterator[Method]:
     """The other methods of all forces, with the options that the method has."""
-    shared = ("reference_frequency", "shapes", "random_force")
-    options = {name: getattr(method, name) for name in shared if hasattr(method, name)}
+    common = ("reference_frequency", "shapes", "random_force")
+    options = {name: getattr(method, name) for name in common if hasattr(method, name)}
     table: ConstraintTable = getattr(method, "constraints", {})
     kinds: tuple[Callable[..., Method], ...] = (Averaging, Direct, Trajectory)
     for kind in kinds:
@@ -120,7 +120,7 @@ def _later(runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]) -> float:
 
 
 def _dataset(
-    result: xr.Dataset, fits: Sequence[Fit], values: np.ndarray, errors: np.ndarray, reasons: Sequence[str]
+    result: xr.Dataset, fits: Sequence[Refit], values: np.ndarray, errors: np.ndarray, reasons: Sequence[str]
 ) -> xr.Dataset:
     """The Dataset of `sensitivity`."""
     estimate, stated = result.coefficient.values, result.standard_error.values

@@ -121,7 +121,9 @@ def _difference(
     if len({signal_units(result) for side in sides for result in side}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     reference = sides[0][0].reference_frequency.item()
-    symbols = list(dict.fromkeys(symbol for side in sides for one in side for symbol in _forces_of(one)))
+    symbols = list(
+        dict.fromkeys(symbol for side in sides for member in side for symbol in _forces_of(member))
+    )
     samples = [_sample(side, symbols, reference) for side in sides]
     variables, differs = _contrast(samples, len(symbols), level, of_model)
     verdict = "coefficients differ" if differs else "no difference"
@@ -134,7 +136,7 @@ def _difference(
         scatter = "standard deviation between runs beyond their errors"
         variables[f"{name}_between_runs"] = variable("force", sample.between[:-1], scatter, FORCE_UNITS)
         attrs[f"{name}_record"] = [source for result in side for source in result.attrs["record_source"]]
-        attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(one.attrs["method"]) for one in side))
+        attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(member.attrs["method"]) for member in side))
     variables["reference_frequency"] = variable((), reference, "reference of the coefficients", "rad/s")
     return xr.Dataset(variables, {"force": symbols, "other_force": symbols}, attrs)
 
@@ -142,7 +144,7 @@ def _difference(
 def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset]:
     """The identifications of a sample, one a run."""
     given = list(side) if isinstance(side, list | tuple) else [side]
-    results = [main_result(one) if isinstance(one, xr.DataTree) else one for one in given]
+    results = [main_result(member) if isinstance(member, xr.DataTree) else member for member in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
     if not kept or len(kept) < len(results):
         raise UsageError("difference wants two identifications, or lists of them, as identify returns them.")
@@ -200,9 +202,9 @@ def _run(result: xr.Dataset, symbols: Sequence[str], reference: float) -> tuple[
     part[at[:-1]] = np.divide(of_noise, total, out=np.ones_like(total), where=total > 0.0)
     by_noise = covariance * np.outer(part, part)
     # A force without a degree keeps its size; its shape changes with the frequency, if only a little.
-    apart = abs(result.reference_frequency.item() / reference - 1.0) > SAME_FREQUENCY
-    unknown = [symbols.index(s) for s in kept if apart and np.isnan(result.speed_degree.sel(force=s).item())]
-    values[unknown] = np.nan
+    if abs(result.reference_frequency.item() / reference - 1.0) > SAME_FREQUENCY:
+        degrees = result.speed_degree.sel(force=kept).values
+        values[[at[k] for k in np.flatnonzero(np.isnan(degrees))]] = np.nan
     return values, by_noise, covariance - by_noise
 
 
@@ -274,10 +276,10 @@ def _held_apart(
     What both samples lack alike moves both alike, and no difference.
     """
     sides = list(results.values())
-    return _difference(sides, HOMOGENEITY_LEVEL, _moved_between_parts(sides, runs, library))
+    return _difference(sides, HOMOGENEITY_LEVEL, _model_error_of_difference(sides, runs, library))
 
 
-def _moved_between_parts(
+def _model_error_of_difference(
     sides: Sequence[Sequence[xr.Dataset]], runs: Sequence[Sequence[xr.Dataset]], library: ForceLibrary
 ) -> Array | None:
     """Covariance by the model of the differences; None where all explain, or parts cannot be fitted."""
@@ -291,7 +293,7 @@ def _moved_between_parts(
         """First minus second, means over the runs, and its errors by the noise."""
         means, variances = [], []
         for side in of:
-            values, covariances, _ = zip(*(_run(one, symbols, reference) for one in side), strict=True)
+            values, covariances, _ = zip(*(_run(member, symbols, reference) for member in side), strict=True)
             means.append(np.mean(values, axis=0))
             variances.append(np.diag(np.mean(covariances, axis=0)) / len(side))
         return means[0] - means[1], np.sqrt(variances[0] + variances[1])
@@ -301,8 +303,8 @@ def _moved_between_parts(
     for low, high in RECORD_PARTS.values():
         parts = [
             [
-                part_fit(method_of(one), [run], library, low, high, one)
-                for one, run in zip(side, of, strict=True)
+                part_fit(method_of(member), [run], library, low, high, member)
+                for member, run in zip(side, of, strict=True)
             ]
             for side, of in zip(sides, runs, strict=True)
         ]
