@@ -1,6 +1,6 @@
 """Driven records: Silverbox, EMPS, a frame that rubs under three loads, simulated ones beside their bound.
 
-python benchmarks/driven.py [--only silverbox|emps|frame|simulated] [--seeds N]
+python benchmarks/driven.py [--only silverbox|search|emps|frame|simulated] [--seeds N]
 
 Measured records are read from ../shared/data beside the project, or from the folder in SYSID_TRIB_DATA;
 without it only `simulated` runs. Times are of the processor, of one call, with what it compiles.
@@ -89,6 +89,25 @@ def silverbox() -> Table:
         name = type(method).__name__
         row = (name, " ".join(symbols), str(len(symbols) + 1), *rms, f"{largest:.2f}", f"{seconds:.0f}")
         table.add_row(*row)
+    return table
+
+
+def search() -> Table:
+    """`discover` on five realisations from the linear model, with nothing named; free run on the sixth."""
+    record = st.read_record(DATA / "silverbox" / "multisine_1_to_6.csv", input="V1")
+    tree, seconds = cpu(lambda: st.discover(record.isel(time=slice(TRAINING))))
+    unseen = st.predict(tree["after"].to_dataset(), record.isel(time=slice(TRAINING, None)))
+    last = 1e3 * unseen.residual_rms.item()
+    title = f"Silverbox, discover: {seconds:.0f} s; last realisation {last:.4f} mV"
+    table = Table(title=f"{title}; verdict: {tree.attrs['verdict']}")
+    for head in ("added", "coefficient", "held out, RMS (mV)"):
+        table.add_column(head)
+    steps, held_out = tree["steps"].to_dataset(), 1e3 * tree["holdout"].rms.values
+    table.add_row("(linear)", "", f"{held_out[0]:.4f}")
+    for at, symbol in enumerate(steps.symbol.values.tolist()):
+        one = steps.isel(step=at)
+        cell = f"{one.coefficient.item():.4f} ± {one.standard_error.item():.4f}"
+        table.add_row(symbol, cell, f"{held_out[at + 1]:.4f}")
     return table
 
 
@@ -195,8 +214,8 @@ def repeated(
     return np.array(errors), np.array(stated), total
 
 
-MEASURED = {"silverbox": silverbox, "emps": emps, "frame": frame}
-FOLDERS = {"silverbox": "silverbox", "emps": "emps", "frame": "friction_frame"}
+MEASURED = {"silverbox": silverbox, "search": search, "emps": emps, "frame": frame}
+FOLDERS = {"silverbox": "silverbox", "search": "silverbox", "emps": "emps", "frame": "friction_frame"}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -30,6 +30,7 @@ from .simulation.model import Model as Model
 from .validation.compare import compare as compare
 from .validation.identify import identify as identify
 from .validation.prediction import predict as predict
+from .validation.steady_response import forced_response as forced_response
 
 __version__: str
 

@@ -324,7 +324,7 @@ def test_inputs_that_cannot_be_are_refused_in_a_sentence(table, options, words) 
     assert words in ending.complaint
 
 
-@pytest.mark.parametrize("command", ["look", "backbone", "compare", "discover"])
+@pytest.mark.parametrize("command", ["look", "backbone"])
 def test_what_takes_free_decays_refuses_an_input(table, command) -> None:
     ending = run(command, table, "--angle", "angle", "--input", "drive")
     assert ending.status == 2

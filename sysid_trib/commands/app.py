@@ -11,6 +11,7 @@ from sysid_trib.commands.difference import difference
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.identify import compare, identify
 from sysid_trib.commands.plan import plan
+from sysid_trib.commands.response import response
 from sysid_trib.commands.shown import backbone, forces, look, report
 from sysid_trib.commands.simulate import simulate
 
@@ -41,6 +42,10 @@ EXAMPLES = {
     "plan": (
         "sysid-trib plan missing.nc --amplitude 0.05:0.6 --duration :60",
         "sysid-trib plan swing.csv --want delta=0.0002 --repeats 2 --plot figures",
+    ),
+    "response": (
+        "sysid-trib response forces.nc --drive 0.002",
+        "sysid-trib response forces.nc --drive 0.002 --frequencies 0.9:1.1 --csv response.csv --plot figures",
     ),
     "campaign": (
         "sysid-trib campaign 'swing*.csv' -o results.zarr",
@@ -105,6 +110,7 @@ for command in (
     compare,
     difference,
     plan,
+    response,
     campaign,
     simulate,
     report,

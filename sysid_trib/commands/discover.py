@@ -54,30 +54,41 @@ def discover(
         from sysid_trib.discovery.discover import discover
         from sysid_trib.printing.discovery import discovery_blocks
         from sysid_trib.printing.json_results import discovery_json
+        from sysid_trib.records.inputs import named_inputs
 
         forces = EXAMPLE_FORCES if model.forces is None and not given.records else model.forces
-        start, offered, options = discovery_inputs.asked_search(model, forces, asked, given.system)
+        driving = named_inputs(given.input_ and given.input_.split(","))
+        start, offered, options = discovery_inputs.asked_search(model, forces, asked, given.system, driving)
         destination.check(given.records)
         tell("reading")
-        decays, sources = read_decays(given, model.reference_frequency, as_it_is=bool(forces))
+        decays, sources = read_decays(given, model.reference_frequency, as_it_is=bool(forces), driven=True)
         seen, held = discovery_inputs.held_out(decays, model.holdout)
         tree = discover(seen, start, offered, holdout=held, tell=tell, **options)
         if model.holdout is not None:
             tree.attrs["held_out"] = discovery_inputs.window_text(model.holdout, len(held))
-        keep_next(tree, given, model, asked)
+        if not driving:
+            keep_next(tree, given, model, asked)
+        stretches = tree.attrs["stretches"]
+        sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
     destination.deliver(
         tree,
-        lambda: discovery_blocks(tree, record_sentences(tree, sources)),
+        lambda: discovery_blocks(tree, sentences),
         lambda: discovery_json(tree),
         partial(_figures, tree),
     )
 
 
 def _figures(tree: "xr.DataTree", plots: Any) -> list[Any]:
+    from sysid_trib.results.files import is_of_driven
+
+    # Its motion has no half periods.
+    over_time = (
+        [("driven", plots.driven), ("story", plots.story)]
+        if is_of_driven(tree)
+        else [("overview", plots.overview), ("story", plots.story), ("half_periods", plots.half_periods)]
+    )
     whole = {"disagreement": plots.disagreement, "ranking": plots.ranking, "forecast": plots.forecast}
     return [
-        *figures_of_runs(tree, "overview", plots.overview),
-        *figures_of_runs(tree, "story", plots.story),
-        *figures_of_runs(tree, "half_periods", plots.half_periods),
+        *(figure for name, draw in over_time for figure in figures_of_runs(tree, name, draw)),
         *((name, partial(draw, tree)) for name, draw in whole.items()),
     ]

@@ -1,6 +1,6 @@
 """What `sysid-trib discover` is given beside records: how to search, candidates, and what is held out."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +22,15 @@ if TYPE_CHECKING:
 
 
 def start_forces(
-    library: str, forces: str | None, frequency: float | None, system: "System | None" = None
+    library: str,
+    forces: str | None,
+    frequency: float | None,
+    system: "System | None" = None,
+    inputs: Collection[str] = (),
 ) -> "ForceLibrary":
-    """The forces of the start model: those asked for, else viscous friction; and what a system always has.
+    """The forces of the start model: those asked for, else viscous friction and what drives.
+
+    With what a system always has.
 
     Raises
     ------
@@ -32,14 +38,18 @@ def start_forces(
         None are asked for, and the library has no viscous friction.
     """
     if forces is None:
-        forces = ",".join(viscous_model(load_library(library)).symbols)
+        forces = ",".join(viscous_model(load_library(library), inputs).symbols)
     if system is not None:
         forces = system.with_held(forces)
     return offered_forces(library, forces, frequency is not None)
 
 
 def asked_search(
-    model: "StartOptions | ModelOptions", forces: str | None, asked: SearchOptions, system: str | None
+    model: "StartOptions | ModelOptions",
+    forces: str | None,
+    asked: SearchOptions,
+    system: str | None,
+    inputs: Collection[str] = (),
 ) -> "tuple[ForceLibrary, ForceLibrary, dict[str, Any]]":
     """The start model, what it may lack, and how to search, as `discover` takes them.
 
@@ -53,6 +63,8 @@ def asked_search(
         How to search.
     system : str, optional
         Name or file of the system: what it always has is held, what it cannot have is not offered.
+    inputs : collection of str
+        Names of what drives.
 
     Raises
     ------
@@ -64,7 +76,7 @@ def asked_search(
     if not 0.0 < asked.level < 1.0:
         raise UsageError(f"--level '{asked.level:g}' must lie between 0 and 1, such as 0.01.")
     check_positive(asked.time_limit, "--time-limit")
-    start = start_forces(model.library, forces, held, swinging)
+    start = start_forces(model.library, forces, held, swinging, inputs)
     options = {
         "reference_frequency": held,
         "constraints": {} if swinging is None else dict(swinging.held),
@@ -73,11 +85,15 @@ def asked_search(
         "level": asked.level,
         "time_limit": asked.time_limit or float("inf"),
     }
-    return start, offered_candidates(model.library, asked.candidates, start, swinging), options
+    return start, offered_candidates(model.library, asked.candidates, start, swinging, inputs), options
 
 
 def offered_candidates(
-    library: str, candidates: str | None, start: "ForceLibrary", system: "System | None" = None
+    library: str,
+    candidates: str | None,
+    start: "ForceLibrary",
+    system: "System | None" = None,
+    inputs: Collection[str] = (),
 ) -> "ForceLibrary":
     """What may be missing: the library asked for, or the other forces of the model's and the usual effects.
 
@@ -88,7 +104,10 @@ def offered_candidates(
     UsageError
         A candidate has the symbol of another force of the model: a name would then say nothing.
     """
-    asked = further_forces(load_library(library), start) if candidates is None else load_library(candidates)
+    if candidates is None:
+        asked = further_forces(load_library(library), start, inputs)
+    else:
+        asked = load_library(candidates)
     offered = replace(asked, forces=without_impossible(asked, system))
     for force in offered:
         if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:

@@ -283,7 +283,7 @@ def compare(
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(
-            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces)
+            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces), driven=True
         )
         methods = {
             label: with_random_force(method, asked.random_force)

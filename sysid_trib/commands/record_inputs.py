@@ -193,7 +193,8 @@ def _refuse_inputs(given: DecayOptions) -> None:
     """Refuse inputs in a command that takes free decays alone."""
     if given.input_ is not None:
         raise UsageError(
-            "--input is of driven records, which identify takes; this command takes free decays."
+            "--input is of driven records, which identify, discover and compare take; this command takes "
+            "free decays."
         )
 
 

@@ -40,7 +40,7 @@ def signature(
     Dataset
         `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if it is a row.
         da/d(w t) = coefficient * sine; relative frequency shift = coefficient * cosine / a. A
-        history-dependent force is averaged over its steady cycle.
+        history-dependent force is averaged over its steady cycle. Inputs are zero.
 
     Raises
     ------
@@ -78,6 +78,8 @@ def averages(
         return unit[0] * scale, unit[1] * scale
     # NumPy's numbers: a shape parameter of zero gives a value that is not finite, not an exception.
     shape_values = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
+    # What drives is at rest.
+    shape_values |= {channel.name: np.float64(0.0) for channel in force.channels}
     times = np.broadcast_to(np.asarray(time, dtype=float), a.shape)
     cuts = range(CHUNK, a.size, CHUNK)
     with np.errstate(all="ignore"):

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,15 +15,15 @@ from sysid_trib.discovery.fits import evidence
 from sysid_trib.discovery.parts import Stability, stability_of
 from sysid_trib.discovery.screen import screen
 from sysid_trib.discovery.search import Begin, Search, may_gain, search, with_steps
+from sysid_trib.discovery.stretches import SearchParts, search_parts
 from sysid_trib.discovery.to_xarray import groups_of
 from sysid_trib.discovery.unseen import Prediction, improvements, predicted
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable, without_old_arguments
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import forces_to_identify, further_forces, viscous_model
+from sysid_trib.forces.selection import forces_to_identify, further_forces, is_free_to_move, viscous_model
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.run_rows import decimated
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.start_model import (
     beside_noises,
@@ -35,11 +35,11 @@ from sysid_trib.likelihood.start_model import (
 )
 from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.results.discoveries import misnamed_effects
 from sysid_trib.results.schema import provenance
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import group_names
-from sysid_trib.validation.holdout import split, up_to_held_out
 
 
 def discover(
@@ -64,12 +64,13 @@ def discover(
     Parameters
     ----------
     decay : xr.Dataset or sequence of xr.Dataset
-        `angle(time)` as `free_decay` returns it, or a list of runs.
+        `angle(time)` as `free_decay` returns it, or a list of runs; with inputs if they are driven.
     model_forces : ForceLibrary, optional
-        The forces of the model to start from; by default viscous friction alone.
+        The forces of the model to start from; by default viscous friction alone, and what drives.
     candidates : ForceLibrary, optional
-        What may be missing; by default the other forces of `contact_forces`, and `candidate_effects`. Those
-        that the model has are not offered, and named in the result.
+        What may be missing; by default the other forces of `contact_forces`, and `candidate_effects`; of a
+        driven record the other forces of its inputs too. Those that the model has, or whose input the records
+        lack, are not offered, and named in the result.
     reference_frequency : float, rad/s, optional
         w, held; else it is fitted.
     constraints : mapping of str to float
@@ -99,7 +100,8 @@ def discover(
     Returns
     -------
     xr.DataTree
-        Of records decimated to some sixty samples a period (attrs `decimated`). attrs: `verdict`
+        Of records decimated to some sixty samples a period (attrs `decimated`); of a driven one of more than
+        some 180 periods three stretches are the records (attrs `stretches`). attrs: `verdict`
         (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
         the search), `closing_effect` (that `max_effects` left out, and with which nothing is missing),
         `not_improving` (an effect that gains more than chance, and that the hold-out refuses),
@@ -116,7 +118,7 @@ def discover(
     ------
     UsageError
         No forces to start from, or no candidates; a level, a number of effects or a time limit that is none;
-        what is to be held is no force of the model.
+        what is to be held is no force of the model; a body without a restoring force.
     DecayError
         The decay cannot support the start model.
     """
@@ -125,8 +127,14 @@ def discover(
     constraints = {**constraints, **without_old_arguments("discover", fix, stacklevel=3)}
     asked: dict[str, Any] = {"max_effects": max_effects, "level": level, "seed": seed}
     settings = replace(settings, **{k: value for k, value in asked.items() if value is not None})
-    model_forces = viscous_model(load_library()) if model_forces is None else model_forces
-    candidates = further_forces(load_library(), model_forces) if candidates is None else candidates
+    inputs = inputs_of(as_runs(decay, driven=True)[0])
+    model_forces = viscous_model(load_library(), inputs) if model_forces is None else model_forces
+    candidates = further_forces(load_library(), model_forces, inputs) if candidates is None else candidates
+    if is_free_to_move(model_forces, Constraints(constraints).fixed):
+        raise UsageError(
+            "A candidate is weighed by the restoring force, which this body has none of; identify it with "
+            "forces that may act, and compare the residuals."
+        )
     how = _Search(reference_frequency, refit, time_limit, settings, tell)
     return _discovery(decay, model_forces, candidates, constraints, holdout, how)
 
@@ -141,6 +149,12 @@ class _Search:
     settings: Settings
     tell: Tell
 
+    def options(self, settings: Settings, constraints: ConstraintTable) -> str:
+        """As JSON, with what of the settings is an argument too."""
+        options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
+        options |= {"refit": self.refit, "reference_frequency": self.reference_frequency}
+        return json.dumps(options | {"constraints": dict(constraints)})
+
 
 @in_units_of_the_motion
 def _discovery(
@@ -153,46 +167,38 @@ def _discovery(
 ) -> xr.DataTree:
     reference_frequency, settings, tell = how.reference_frequency, how.settings, how.tell
     deadline = time.monotonic() + how.time_limit
-    whole = as_runs(decay)
-    runs = [decimated(run, settings.samples_per_period) for run in whole]
+    whole = as_runs(decay, driven=True)
     model, free, held = _start_forces(model_forces, reference_frequency, Constraints(constraints))
-    offered, left_out = _offered(model_forces, candidates)
+    offered, left_out = _offered(model_forces, candidates, inputs_of(whole[0]))
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
-    unseen = as_runs(holdout) if isinstance(holdout, xr.Dataset) or len(holdout) else []
-    parts = [decimated(part, settings.samples_per_period) for part in unseen]
-    seen = runs if unseen else [split(run)[0] for run in runs]
+    unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
+    settings = _for_inputs(settings, [*whole, *unseen], replace(model, forces=(*model, *offered)))
+    parts = search_parts(whole, unseen, settings.samples_per_period)
+    seen = [part.record for part in parts.learnt]
     tell("fit of the start model")
-    start = fit_start_model(seen, free, reference_frequency, settings, held)
-    growth = Growth(seen, _foresight(start, runs, parts))
+    origins = [part.origin for part in parts.learnt]
+    start = fit_start_model(seen, free, reference_frequency, settings, held, origins)
+    growth = Growth(seen, _foresight(start, parts))
     look = partial(search, candidates=offered.forces, deadline=deadline, tell=tell)
-    done = look(start, growth=growth)
-    if verdict_of(done) != "nothing missing":
-        done = _or_coloured_noise(done, start, look, growth, tell)
-    done, predictions = _best_by_holdout(done, look, growth, tell)
+    done, predictions = _best_by_holdout(_or_coloured_noise(start, look, growth, tell), look, growth, tell)
     stability = stability_of(done, predictions, _noise_p_value(done, growth))
     closing = _closing_effect(done, offered.forces, growth)
     if how.refit and not unseen:
         tell("fit to the whole runs")
-        done = replace(done, models=[_refitted(model, runs) for model in done.models])
-        seen = runs
+        done = replace(done, models=[_refitted(model, parts) for model in done.models])
+        seen = parts.runs
     tell("where model and record differ")
-    groups = groups_of(runs, seen, done, stability, offered, reference_frequency)
-    for name, run in zip(group_names("record", len(whole)), whole, strict=True):
-        groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
+    groups = groups_of(seen, done, stability, offered, reference_frequency)
+    of_seen = range(len(whole)) if seen is parts.runs else [part.run for part in parts.learnt]
+    for name, at in zip(group_names("record", len(seen)), of_seen, strict=True):
+        groups[name].attrs["kept_window"] = whole[at].time.values[[0, -1]]
     tree = xr.DataTree.from_dict(groups)
-    third = f"the last third{' of each run' * (len(runs) > 1)}"
+    third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
-        **provenance(None, one_or_all(runs), model),
+        **provenance(None, one_or_all(parts.runs), model),
         "method": "discover",
-        "options": json.dumps(
-            {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-            | {
-                "refit": how.refit,
-                "reference_frequency": reference_frequency,
-                "constraints": dict(constraints),
-            }
-        ),
+        "options": how.options(settings, constraints),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         "verdict": verdict_of(done, predictions, stability, closing),
@@ -205,7 +211,8 @@ def _discovery(
         "left_out": left_out,
         "failed_fits": list(done.failed),
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
-        "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
+        "stretches": "" if seen is parts.runs else parts.sentence,
+        "decimated": [run.attrs["decimated"] for run in parts.runs if "decimated" in run.attrs],
     }
     if misnamed_effects(tree):
         tree.attrs["verdict"] = "unknown effect"
@@ -226,15 +233,16 @@ def _best_by_holdout(
         done = look(done.fits.start, begin=Begin(steps.models[fewer], fewer, done))
 
 
-def _or_coloured_noise(
-    done: Search, start: FittedModel, look: Callable[..., Search], growth: Growth, tell: Tell
-) -> Search:
-    """The search beside noise of the likeliest colour, if that explains the record better.
+def _or_coloured_noise(start: FittedModel, look: Callable[..., Search], growth: Growth, tell: Tell) -> Search:
+    """The search, or that beside noise of the likeliest colour, if that explains the record better.
 
     What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
     all of them; else the colour beside what was named is tried, of which that of the search is outside.
     """
+    done = look(start, growth=growth)
+    if verdict_of(done) == "nothing missing":
+        return done
     tell("colour of the sensor's noise")
     last, settings = done.models[-1], start.settings
     # Else what is left of the record is no noise yet.
@@ -261,33 +269,29 @@ def _with_colour(model: FittedModel, effects: Sequence[str]) -> float:
     return evidence(model, effects) + colour_penalty(model)
 
 
-def _foresight(
-    start: FittedModel, runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]
-) -> Callable[[FittedModel], Prediction]:
-    """How a model predicts runs that took no part, or the last third of each."""
-    befores: list[xr.Dataset | None] = [None] * len(parts)
-    if parts:
-        origins = [_origin(part, runs) for part in parts]
-        noises = [min(at, len(runs) - 1) for at in range(len(parts))]
-    else:
-        parts = [split(run)[1] for run in runs]
-        befores = [up_to_held_out(run) for run in runs]
-        origins, noises = [float(run.time.values[0]) for run in runs], list(range(len(runs)))
+def _for_inputs(settings: Settings, runs: Sequence[xr.Dataset], library: ForceLibrary) -> Settings:
+    """The settings of a search in these runs, whose inputs the forces take.
+
+    A driven record may have few samples a period: so many points between them no force asks for.
+    """
+    driven = [bool(inputs_for(run, library)) for run in runs]
+    return replace(settings, points_per_period=settings.points_per_period // (1 + any(driven)))
+
+
+def _foresight(start: FittedModel, parts: SearchParts) -> Callable[[FittedModel], Prediction]:
+    """How a model predicts parts that it has not seen, with the noise of what it has seen of their runs."""
+    learnt = [part.run for part in parts.learnt]
+    noises = [max(at for at, run in enumerate(learnt) if run == unseen.run) for unseen in parts.later]
+    records, _, origins, befores = zip(*parts.later, strict=True)
     frequency = start.rows[0].path.frequency
-    return lambda model: predicted(model, parts, befores, origins, noises, frequency)
+    return lambda model: predicted(model, records, befores, origins, noises, frequency)
 
 
-def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
-    """Time from which `t` counts: the first sample of the record that the part is from, else its first."""
-    name = part.attrs.get("record_checksum")
-    same = [run for run in runs if name and run.attrs.get("record_checksum") == name]
-    return float((same or [part])[0].time.values[0])
-
-
-def _refitted(model: FittedModel, runs: Sequence[xr.Dataset]) -> FittedModel:
-    nears = [rows.path for rows in model.rows]
+def _refitted(model: FittedModel, parts: SearchParts) -> FittedModel:
+    nears = {part.run: rows.path for part, rows in zip(parts.learnt, model.rows, strict=True)}
     return refitted(
-        model, [near.of_run(run, near.frequency, near.origin) for run, near in zip(runs, nears, strict=True)]
+        model,
+        [nears[at].of_run(run, nears[at].frequency, nears[at].origin) for at, run in enumerate(parts.runs)],
     )
 
 
@@ -366,12 +370,14 @@ def _start_forces(
     return model, free, held
 
 
-def _offered(model: ForceLibrary, candidates: ForceLibrary) -> tuple[ForceLibrary, list[str]]:
-    """The candidates that the model does not have, and the symbols of the others."""
+def _offered(
+    model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
+) -> tuple[ForceLibrary, list[str]]:
+    """The candidates that the model does not have, of these inputs, and the symbols of the others."""
     kept: list[Force] = []
     left_out = []
     for force in candidates:
-        same = any(_same(force, other) for other in model)
+        same = any(_same(force, other) for other in model) or not set(force.inputs) <= set(inputs)
         if same or any(force.symbol == other.symbol for other in (*model, *kept)):
             left_out.append(force.symbol)
         else:
@@ -383,7 +389,7 @@ def _same(force: Force, other: Force) -> bool:
     """Whether two forces are the same function."""
     if force.kind != other.kind:
         return False
-    if force.memoryless and not force.shape and force.kind == "force":
+    if force.memoryless and not force.shape and force.kind == "force" and not force.channels:
         return other.matches(force.formula.text)
     texts = [
         (f.formula.text, *(p.text for table in (f.state, f.memory) for p in table.values()))

@@ -20,9 +20,11 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import likelihood
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
+from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.start_model import refitted
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import root_mean_square
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.validation.random_force_test import dependence_on_motion
 
@@ -175,7 +177,8 @@ class Growth:
         1 where the free motion follows them and what was held out to the noise, 0 where it does not follow
         them and nothing pushes it. Beside a random force a free motion wanders off and predicts what is far
         by chance, and noise of a colour of its own may hide a force: there the record must leave nothing
-        that goes with angle, speed or time (`dependence_on_motion`; Bonferroni).
+        that goes with angle, speed or time (`dependence_on_motion`; Bonferroni). A driven motion may have
+        what no spline follows, so that no noise is known without a model: what is left is white then.
         """
         key = _key(model)
         if key not in self.tested:
@@ -184,6 +187,8 @@ class Growth:
 
     def _noise_p_value(self, model: FittedModel) -> float:
         motions, most = free_motions(model), model.settings.free_residual
+        if any(map(inputs_of, self.runs)):
+            return min(1.0, len(motions) * min(white_p_value(motion.residual) for motion in motions))
         pushed = model.likelihood.ratios > 0.0
         if any(not motion.over_noise < most and not pushed[at] for at, motion in enumerate(motions)):
             return 0.0

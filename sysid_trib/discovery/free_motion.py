@@ -84,7 +84,10 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
     # A motion counts `t` from its first sample.
     later = counted_from(model.library, float(path.time[0]) - path.origin)
     acting = replace(
-        model, library=later, coefficients={f.symbol: model.coefficients[f.symbol] for f in model.forces}
+        model,
+        library=later,
+        coefficients={f.symbol: model.coefficients[f.symbol] for f in model.forces},
+        inputs=path.inputs,
     )
     error = _sensor_error(model, path.elapsed, *path.at_samples)
     x, v = path.at_samples

@@ -35,19 +35,15 @@ STEP_TEXTS = ("symbol", "name", "family", "kind", "unit", "formula")
 
 
 def groups_of(
-    runs: Sequence[xr.Dataset],
     seen: Sequence[xr.Dataset],
     search: Search,
     stability: Stability,
     offered: ForceLibrary,
     frequency: float | None,
 ) -> dict[str, xr.Dataset]:
-    """What `discover` returns, group by group.
-
-    `runs`, `seen` : the whole runs, and what of each the models are fitted to.
-    """
+    """What `discover` returns, group by group; `seen` : what the models are fitted to."""
     motions = [free_motions(model) for model in search.models]
-    records = zip(group_names("record", len(runs)), _records(seen, motions), strict=True)
+    records = zip(group_names("record", len(seen)), _records(seen, motions), strict=True)
     groups: dict[str, xr.Dataset] = dict(records)
     ends = (("", motions[0], search.screenings[0]), ("_after", motions[-1], search.screenings[-1]))
     for when, of_model, _ in ends:
@@ -62,7 +58,7 @@ def groups_of(
         error = stability.model_error if at else None
         groups[name] = model_identification(model, motions[at], seen, frequency, factor, error)
     groups["holdout"] = _holdout(motions[-1], stability.predictions)
-    if len(runs) > 1:
+    if len(seen) > 1:
         groups["homogeneity"] = homogeneity(search.models)
     return groups
 

@@ -1,6 +1,6 @@
 """Which forces of a library a method identifies, and which are offered where nothing is named."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from sysid_trib.errors import DecayError, UsageError
@@ -72,11 +72,11 @@ def refuse_sensors(library: ForceLibrary) -> None:
         )
 
 
-EFFECTS = "candidate_effects"
+EFFECTS, INPUTS = "candidate_effects", "inputs"
 
 
-def viscous_model(library: ForceLibrary) -> ForceLibrary:
-    """The model that a search starts from: viscous friction alone.
+def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
+    """The model that a search starts from: viscous friction alone, and the first force of each input.
 
     Raises
     ------
@@ -89,13 +89,16 @@ def viscous_model(library: ForceLibrary) -> ForceLibrary:
             f"Library '{library.title}' has no viscous friction to start from; name the forces of the start "
             f"model (--forces {','.join(library.symbols[:2])})."
         )
-    return library.select([viscous.symbol])
+    driving = {force.inputs: force for force in reversed([*load_library(INPUTS)]) if force.inputs}
+    first = (force for held, force in driving.items() if set(held) <= set(inputs))
+    return replace(library, forces=(*first, viscous))
 
 
-def further_forces(library: ForceLibrary, start: ForceLibrary) -> ForceLibrary:
-    """What a model may lack: the other forces of its library, and the usual effects."""
+def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
+    """What a model may lack: the other forces of its library and of inputs, and the usual effects."""
     effects = load_library(EFFECTS)
-    others = [force for force in library if force.symbol not in start.symbols]
+    of_inputs = [force for force in load_library(INPUTS) if set(force.inputs) & set(inputs)]
+    others = [force for force in (*library, *of_inputs) if force.symbol not in start.symbols]
     taken = [force.symbol for force in (*start, *others)]
     # One's own force of a symbol goes before the usual effect of the same.
     others += [force for force in effects if force.symbol not in taken]

@@ -10,8 +10,8 @@ beside the motion that the forces themselves give it, which may switch or turn w
 is needed; what the path differs from the motion counts in second order alone.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -22,12 +22,14 @@ from scipy.interpolate import BSpline
 
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import channels_of
 from sysid_trib.likelihood.linearisation import derivatives_along
 from sysid_trib.likelihood.resolution import NO_FINE_MOTION, FineMotion, fine_motion
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import SurfaceKey, TrialEffect
 from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
+from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
 from sysid_trib.records.smoothing import SplinesAt, knot_intervals, least_squares_spline
 from sysid_trib.simulation.internal_states import GivenMotion, states_along, tangent_along, values_along
 
@@ -76,6 +78,8 @@ class RecordPath:
         Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
     held : tuple of (TrialEffect, float)
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
+    inputs : mapping of str to KnownInput
+        What drives it.
     """
 
     time: Array
@@ -90,6 +94,7 @@ class RecordPath:
     fine: FineMotion = NO_FINE_MOTION
     ratio: float = 0.0
     held: tuple[tuple[TrialEffect, float], ...] = ()
+    inputs: Mapping[str, KnownInput] = field(default_factory=dict)
 
     @property
     def elapsed(self) -> Array:
@@ -103,6 +108,11 @@ class RecordPath:
     def elapsed_at(self, tau: Array) -> Array:
         """The `t` of formulas, (point,), s."""
         return tau / self.frequency + float(self.time[0]) - self.origin
+
+    def given_at(self, trials: Iterable[TrialEffect], tau: Array) -> dict[str, Array]:
+        """What the formulas of trials hold of inputs, (point,) each."""
+        channels = channels_of(trial.force for trial in trials)
+        return values_of_inputs(self.inputs, channels, tau / self.frequency, self.frequency)
 
     @cached_property
     def at_samples(self) -> tuple[Array, Array]:
@@ -137,9 +147,16 @@ class RecordPath:
         return values @ np.array([coefficient for _, coefficient in self.held])
 
     @cached_property
+    def _push(self) -> Array | float:
+        """An input that is an acceleration, (point,), rad."""
+        known = self.inputs.get(INPUT)
+        return 0.0 if known is None else known.of(self.points.tau / self.frequency) / self.frequency**2
+
+    @cached_property
     def known_part(self) -> Array:
-        """Integrals of x'', of x and of the forces that are always there, (row,)."""
-        return np.asarray(self.points.integrals @ self.points.acceleration) + self.stiffness_column
+        """Integrals of x'', of x and of what is always there, (row,)."""
+        unpushed = self.points.acceleration - self._push
+        return np.asarray(self.points.integrals @ unpushed) + self.stiffness_column
 
     @cached_property
     def stiffness_column(self) -> Array:
@@ -155,8 +172,9 @@ class RecordPath:
             *((trial, (1.0 + stiffness) * c) for trial, c in self.held),
         ]
         shapes = {k: value for trial, _ in acting for k, value in trial.shapes.items()}
-        _, x, v, _, time, _ = self.points
-        of_x, of_v = derivatives_along([(trial.force, c) for trial, c in acting], shapes, time, x, v)
+        tau, x, v, _, time, _ = self.points
+        given = self.given_at([trial for trial, _ in acting], tau)
+        of_x, of_v = derivatives_along([(trial.force, c) for trial, c in acting], shapes, time, x, v, given)
         for trial, c in acting:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
                 past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
@@ -219,11 +237,11 @@ class RecordPath:
         return values
 
     def _memoryless(self, trial: TrialEffect) -> Array:
-        force, (_, x, v, _, time, _) = trial.force, self.points
-        values = np.array(force.value(x, v, time, shapes=trial.shapes))
+        force, (tau, x, v, _, time, _) = trial.force, self.points
+        values = np.array(force.value(x, v, time, shapes=trial.shapes, hidden=self.given_at([trial], tau)))
         if force.surfaces:
-            cells, motion = self._crossed_cells(trial)
-            within = force.value(*motion, shapes=trial.shapes)
+            cells, fine, motion = self._crossed_cells(trial)
+            within = force.value(*motion, shapes=trial.shapes, hidden=self.given_at([trial], fine))
             values[cells] = within.reshape(len(cells), len(CELL_PARTS)).mean(axis=1)
         return values
 
@@ -232,23 +250,24 @@ class RecordPath:
         return {}
 
     @cached_property
-    def _cells(self) -> dict[bytes, tuple[Index, tuple[Array, Array, Array]]]:
+    def _cells(self) -> dict[bytes, tuple[Index, Array, tuple[Array, Array, Array]]]:
         return {}
 
-    def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, tuple[Array, Array, Array]]:
-        """Cells in which a force switches, and x, v and time in their parts; of the same cells once."""
+    def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, Array, tuple[Array, Array, Array]]:
+        """Cells in which a force switches, tau, and x, v and time in their parts; of the same cells once."""
         tau, x, v, _, time, _ = self.points
         crossed = np.zeros(len(tau) - 1, dtype=bool)
         for key, surface in trial.surfaces().items():
             if key not in self._crossings:
-                self._crossings[key] = np.diff(np.signbit(surface(x, v, time)))
+                names = {"x": x, "v": v, "t": time} | self.given_at([trial], tau)
+                self._crossings[key] = np.diff(np.signbit(surface(names)))
             crossed |= self._crossings[key]
         packed = np.packbits(crossed).tobytes()
         if packed not in self._cells:
             cells = np.flatnonzero(np.append(crossed, False) | np.append(False, crossed))
             fine = (tau[cells, None] + (tau[1] - tau[0]) * CELL_PARTS).ravel()
             motion = self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine)
-            self._cells[packed] = cells, motion
+            self._cells[packed] = cells, fine, motion
         return self._cells[packed]
 
     def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
@@ -267,7 +286,7 @@ class RecordPath:
         """The path through a motion at the samples, (sample,), with what forces along this path give it."""
         dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
-        fine = fine_motion(self.points.tau, -(force + self._held_force))
+        fine = fine_motion(self.points.tau, self._push - force - self._held_force)
         spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
         return replace(self, spline=spline, fine=fine)
 
@@ -287,7 +306,7 @@ class RecordPath:
         """The path of another run of the same sensor and the same held forces."""
         time, angle = run.time.values.astype(float), run.angle.values.astype(float)
         path = path_of(time, angle, frequency, self.sensor, origin, self.settings)
-        return replace(path, held=self.held)
+        return replace(path, held=self.held, inputs=inputs_of(run))
 
 
 def path_of(

@@ -27,6 +27,7 @@ from sysid_trib.likelihood.sensor_noise import NoiseModel, fractional_difference
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
 from sysid_trib.likelihood.weak_form import coloured
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth, swing_frequency
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
@@ -77,6 +78,7 @@ def fit_start_model(
     frequency: float | None,
     settings: Settings = DEFAULTS,
     held: Sequence[tuple[TrialEffect, float]] = (),
+    origins: Sequence[float] | None = None,
 ) -> FittedModel:
     """Fit the start model beside both noises of each run.
 
@@ -90,6 +92,8 @@ def fit_start_model(
     settings : Settings
     held : sequence of (TrialEffect, float)
         Forces that are always there, with their coefficients.
+    origins : sequence of float, s, optional
+        From which the `t` of formulas counts in each run; by default its first sample.
 
     Raises
     ------
@@ -98,6 +102,8 @@ def fit_start_model(
     """
     nominal = frequency or float(np.median([swing_frequency(run) for run in runs]))
     paths = [replace(_first_path(run, nominal, settings), held=tuple(held)) for run in runs]
+    if origins is not None:
+        paths = [replace(path, origin=origin) for path, origin in zip(paths, origins, strict=True)]
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
     model = fit_model(paths, trials, frequency_free=frequency is None)
     if not (model.is_finite and np.isfinite(model.deviance)):
@@ -214,7 +220,7 @@ def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> Record
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
     tau = frequency * (time - time[0])
     sensor = colour_above(angle - smooth(tau, angle).x, tau, ABOVE)
-    return path_of(time, angle, frequency, sensor, settings=settings)
+    return replace(path_of(time, angle, frequency, sensor, settings=settings), inputs=inputs_of(run))
 
 
 def default_shapes(force: Force) -> dict[str, float]:

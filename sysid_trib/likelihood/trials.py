@@ -103,14 +103,12 @@ class TrialEffect:
     shapes: Mapping[str, float]
     starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
 
-    def surfaces(self) -> dict[SurfaceKey, Callable[[Array, Array, Array], Array]]:
-        """Switching surfaces of a force without states, of x, v and t, by their text and shape values."""
+    def surfaces(self) -> dict[SurfaceKey, Callable[[Mapping[str, Array]], Array]]:
+        """Switching surfaces of a force without states, of what formulas hold, by text and shape values."""
         shapes = self.force.shape_values(self.shapes)
 
-        def value_of(surface: Formula) -> Callable[[Array, Array, Array], Array]:
-            return lambda x, v, t: np.broadcast_to(
-                surface.evaluate({"x": x, "v": v, "t": t} | shapes), x.shape
-            )
+        def value_of(surface: Formula) -> Callable[[Mapping[str, Array]], Array]:
+            return lambda names: np.broadcast_to(surface.evaluate({**names, **shapes}), names["x"].shape)
 
         return {
             (surface.text, tuple(value for name, value in shapes.items() if name in surface.names)): value_of(

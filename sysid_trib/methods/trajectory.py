@@ -42,6 +42,8 @@ from sysid_trib.simulation.model import Model
 NOISE_ROUNDS = 3
 # In which the errors of a driven record are taken whose residual is not white.
 ERROR_BLOCKS = 24
+# Samples that a warm-up leaves at least.
+FEWEST_COUNTED = 20
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,9 @@ class Trajectory(Constrained):
         `random_motion`).
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
+    warm_up : float, s
+        Beginning of each run that does not count: until then the motion forgets with what its states and
+        memory began. The free motion is fitted, whatever `random_force` is.
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
         value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
@@ -96,12 +101,15 @@ class Trajectory(Constrained):
     shapes: Mapping[str, float] = field(default_factory=dict)
     random_force: RandomForceOption = "auto"
     own: tuple[str, ...] = ()
+    warm_up: float = 0.0
 
     def __post_init__(self, *old: Any) -> None:
         super().__post_init__(*old)
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and self.noise == "coloured":
             raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
+        if not self.warm_up >= 0.0:
+            raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
 
@@ -136,9 +144,10 @@ class Trajectory(Constrained):
         library = library.with_own(self.own, len(runs))
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         parameters = _parameters(self, offered, len(runs))
-        problem = FitProblem(parameters, tuple(_record(run, offered) for run in runs))
+        problem = FitProblem(parameters, tuple(_record(run, offered, self.warm_up) for run in runs))
         # In its own quantity the record is fitted by the free motion alone.
         pushed_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
+        pushed_too = pushed_too and not self.warm_up
         quick = _quick(self, problem, runs) if self.start is None or pushed_too else None
         first = _first_values(self, problem, quick)
         if pushed_too:
@@ -154,12 +163,17 @@ class Trajectory(Constrained):
         return _identification(self, problem, runs, library, fit)
 
 
-def _record(decay: xr.Dataset, library: ForceLibrary) -> WhitenedRecord:
+def _record(decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> WhitenedRecord:
     """What was measured of a run, in its own quantity: a rate is not integrated."""
     observation, time, values = measured_part(decay)
     swing = None if observation.quantity == "angle" else float(np.max(np.abs(decay.angle.values)))
+    inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
+    if len(time) - uncounted < FEWEST_COUNTED:
+        raise UsageError(
+            f"A warm-up of {warm_up:g} s leaves {len(time) - uncounted} samples; give a shorter one."
+        )
     return WhitenedRecord(
-        time, values, observation=observation, swing=swing, inputs=inputs_for(decay, library)
+        time, values, observation=observation, swing=swing, inputs=inputs, uncounted=uncounted
     )
 
 
@@ -283,7 +297,8 @@ def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProbl
     records = []
     for record, residual in zip(problem.records, problem.residuals(values), strict=True):
         filter_ = autoregression(residual) if coloured else np.ones(1)
-        records.append(replace(record, filter_=filter_, weight=1.0 / rms(whitened(residual, filter_))))
+        white = whitened(residual, filter_)[record.uncounted :]
+        records.append(replace(record, filter_=filter_, weight=1.0 / rms(white)))
     # Relative to their RMS noise, so that a whitened residual is an angle.
     common = root_mean_square([1.0 / record.weight for record in records])
     return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
@@ -292,7 +307,8 @@ def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProbl
 def _identification(
     method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset], library: ForceLibrary, fit: Fit
 ) -> xr.Dataset:
-    residuals = problem.residuals(fit.values)
+    pairs = zip(problem.records, problem.residuals(fit.values), strict=True)
+    residuals = [residual[record.uncounted :] for record, residual in pairs]
     astray = any(
         np.max(np.abs(residual)) > np.max(np.abs(record.angle))
         for residual, record in zip(residuals, problem.records, strict=True)

@@ -44,6 +44,8 @@ class WhitenedRecord:
         Largest angle, where that was not measured.
     inputs : mapping of str to KnownInput
         What drives the motion.
+    uncounted : int
+        First samples, until which the motion forgets with what states and memory it began.
     """
 
     time: Array
@@ -53,6 +55,7 @@ class WhitenedRecord:
     observation: Observation = field(default_factory=Observation)
     swing: float | None = None
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
+    uncounted: int = 0
 
     @property
     def size(self) -> float:
@@ -122,8 +125,8 @@ class WhitenedRecord:
         return np.asarray(self.observation.shown(motion) + per_run[2] - self.angle[: len(motion.angle)])
 
     def white(self, values: Array) -> Array:
-        """Values with noise of one level and no colour."""
-        return self.weight * whitened(values, self.filter_)
+        """Values that count, with noise of one level and no colour."""
+        return self.weight * whitened(values, self.filter_)[self.uncounted :]
 
 
 def _penalty(far: float, distance: float, count: int) -> Array:
@@ -150,7 +153,10 @@ class FitProblem:
 
     def first(self, part: float) -> "FitProblem":
         """The problem of the first part of each record."""
-        counts = [max(20, round(part * len(record.time))) for record in self.records]
+        counts = [
+            record.uncounted + max(20, round(part * (len(record.time) - record.uncounted)))
+            for record in self.records
+        ]
         cut = [
             replace(record, time=record.time[:count], angle=record.angle[:count])
             for record, count in zip(self.records, counts, strict=True)

@@ -22,3 +22,4 @@ from .paper import (
     weights as weights,
 )
 from .random_force_figures import innovations as innovations, prediction_bands as prediction_bands
+from .responded import response as response

@@ -170,11 +170,14 @@ def driven(tree: xr.DataTree, run: int = 0) -> Figure:
     Parameters
     ----------
     tree : DataTree
-        Result of `identify` of a driven record.
+        Result of `identify` or `discover` of a driven record.
     run : int
         Which of several runs, from 0.
     """
-    record, answer = tree[record_groups(tree)[run]].to_dataset(), tree["comparison"].attrs["answer"]
+    record = tree[record_groups(tree)[run]].to_dataset()
+    # Of a discovery it is the last model.
+    compared = tree.children.get("comparison")
+    answer = record.model.values[-1] if compared is None else compared.attrs["answer"]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
     figure = new_figure(FULL_WIDTH, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()

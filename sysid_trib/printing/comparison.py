@@ -88,7 +88,8 @@ def _prediction(tree: xr.DataTree) -> str:
     if np.isnan(best.holdout_rms.item()):
         return f"No method could be tested on {third.lower()}, held out."
     ratio = best.holdout_over_noise.item()
-    explain = "explain" if ratio <= LARGE else "do not explain"
+    explains = ratio <= LARGE and best.attrs.get("white_residual") != "no"
+    explain = "explain" if explains else "do not explain"
     if ratio > LARGE and _with_random_force(tree):
         explain = "without a random force do not explain"
     return (

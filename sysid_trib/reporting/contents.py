@@ -25,7 +25,7 @@ from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.driven import driven_blocks
 from sysid_trib.printing.identification import estimate_blocks, identification_blocks
 from sysid_trib.printing.samples import difference_blocks
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.files import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
 
@@ -140,7 +140,9 @@ def sections_of(
 
 
 def _glance(tree: xr.DataTree) -> list[Figures]:
-    """The overview of each run."""
+    """The overview of each run; that of a driven one in a discovery has no envelope."""
+    if kind_of(tree) == "discover" and is_of_driven(tree):
+        return _driven(tree)
     held = CAPTIONS["glance_held_out"] if kind_of(tree) == "compare" else _held_out(tree)
     figures = []
     for run in range(len(record_groups(tree))):
@@ -179,7 +181,7 @@ def _motions(tree: xr.DataTree) -> list[Figures]:
         for run in range(len(record_groups(tree)))
     ]
     force_map = Figures(CAPTIONS["force_map"] + held, [plots.disagreement(tree)])
-    return [*over_time, *_half_periods(tree), force_map]
+    return [*over_time, *([] if is_of_driven(tree) else _half_periods(tree)), force_map]
 
 
 def _half_periods(tree: xr.DataTree) -> list[Figures]:

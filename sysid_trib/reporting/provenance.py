@@ -110,7 +110,9 @@ def _decay(tree: xr.DataTree) -> list[str]:
         # An identification alone keeps neither its record nor how it was cut.
         reads = [f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"]]
     else:
-        reads = [_one_decay(tree[group].to_dataset()) for group in record_groups(tree)]
+        decays = (_one_decay(tree[group].to_dataset()) for group in record_groups(tree))
+        # Stretches of a long record are of one.
+        reads = list(dict.fromkeys(decays)) if tree.attrs.get("stretches") else list(decays)
     if len(reads) == 1:
         return [f"decay = {reads[0]}"]
     return ["decay = [", *(f"    {read}," for read in reads), "]"]
@@ -125,13 +127,13 @@ def _one_decay(data: xr.Dataset) -> str:
         read = "st.records.paper_twin()" if synthetic else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
+    # The record of a discovery ends where what was held out begins.
+    window = tuple(np.asarray(attrs.get("kept_window", data.time.values[[0, -1]])).tolist())
     if "input_columns" in attrs:
-        first, last = data.time.values[[0, -1]].tolist()
+        first, last = window
         return f"{read}.sel(time=slice({first!r}, {last!r}))"
     if "free_decay" not in attrs:
         return read
-    # The record of a discovery ends where what was held out begins.
-    window = tuple(np.asarray(attrs.get("kept_window", data.time.values[[0, -1]])).tolist())
     cut = {"window": window, "equilibrium": data.equilibrium.item()}
     return f"st.free_decay({read}, {_given(cut)})"
 

@@ -13,8 +13,10 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.tables import check_is_file
+from sysid_trib.results.variables import record_groups
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
 FORMAT_VERSION = 2
@@ -75,6 +77,11 @@ def kind_of(tree: xr.DataTree) -> str:
     if "driven" in checked.attrs:
         return "driven"
     return "compare" if "best" in checked.attrs else "cross_check" if "first" in checked.attrs else ""
+
+
+def is_of_driven(tree: xr.DataTree) -> bool:
+    """Whether the records of a result are driven."""
+    return any(inputs_of(tree[group].to_dataset()) for group in record_groups(tree))
 
 
 def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:

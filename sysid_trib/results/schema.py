@@ -154,7 +154,7 @@ def _root(variance: Any) -> float:
 
 def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:
     """How a result came about: package version, method and options, library text, record(s)."""
-    runs = as_runs(decay, driven=getattr(getattr(method, "scope", None), "driven", False))
+    runs = as_runs(decay, driven=True)
     names = [f.name for f in fields(method)] if is_dataclass(method) else []
     options = {name: getattr(method, name) for name in names}
     return {

@@ -206,6 +206,12 @@ class _SignalScale:
         changes: dict[str, Any] = {}
         if "shapes" in names and method.shapes:
             changes["shapes"] = {k: v * self.size ** -self._shape_power(k) for k, v in method.shapes.items()}
+        if (start := getattr(method, "start", None)) is not None:
+            scaled = [
+                {name: value * self._of_parameter(name) for name, value in table.items()}
+                for table in (start.coefficients, start.shapes)
+            ]
+            changes["start"] = replace(start, coefficients=scaled[0], shapes=scaled[1])
         if "random_force" in names and not isinstance(method.random_force, str):
             changes["random_force"] = method.random_force / self.size**2
         if "constraints" in names and method.constraints:

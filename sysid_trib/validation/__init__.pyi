@@ -9,3 +9,4 @@ from sysid_trib.validation.refits import sensitivity as sensitivity
 from sysid_trib.validation.samples import difference as difference
 
 from .prediction import predict as predict
+from .steady_response import forced_response as forced_response

@@ -10,16 +10,19 @@ from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import METHODS
-from sysid_trib.methods.scope import Method, scope_of
+from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.inputs import inputs_for
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import group_names
 from sysid_trib.validation.answer import check_method, with_common_noise
 from sysid_trib.validation.comparison_table import method_table
 from sysid_trib.validation.cross_check import ties
+from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.holdout import RunInParts, split
 from sysid_trib.validation.trial import try_method
 
@@ -69,7 +72,8 @@ def compare(
     Parameters
     ----------
     decay : Dataset, or sequence of Dataset
-        `angle(time)` in rad, as `free_decay` returns it; or a list of runs, as `identify` takes them.
+        `angle(time)` in rad, as `free_decay` returns it; or a list of runs, as `identify` takes them. With
+        inputs Direct and Trajectory alone identify it.
     library : ForceLibrary, optional
         The forces offered to every method; by default those of `contact_forces`.
     methods : sequence of methods, or Mapping of str to method, optional
@@ -132,12 +136,16 @@ def _compared(
     constraints: ConstraintTable,
     tell: Tell,
 ) -> xr.DataTree:
-    runs = [RunInParts(run, *split(run), envelope(run)) for run in as_runs(decay)]
+    runs = [RunInParts(run, *split(run), envelope(run)) for run in as_runs(decay, driven=True)]
     groups = dict(zip(group_names("record", len(runs)), [run.record for run in runs], strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [run.envelope for run in runs], strict=True))
     if taken := sorted(set(groups) & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
-    named = with_common_noise(decay, library, named)
+    driven = is_driven([run.decay for run in runs])
+    if driven:
+        for run in runs:
+            inputs_for(run.decay, library)
+    named = _without_random_force(named) if driven else with_common_noise(decay, library, named)
     trials = []
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
@@ -148,8 +156,21 @@ def _compared(
         raise DecayError(f"No method can identify {subject}. {trials[0].label}: {trials[0].reason}.")
     table = method_table(trials, [run.noise for run in runs], [run.block for run in runs])
     table.attrs["noise_from"] = "a least-squares spline"
+    if driven:
+        # A driven motion may have what no spline follows: what is left at that noise need not be noise.
+        of_runs = {trial.label: trial.whole.runs for trial in trials}[table.attrs["best"]]
+        p_value = len(of_runs) * min((white_p_value(run.residual) for run in of_runs), default=0.0)
+        table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
     table.attrs |= _not_separable(runs, list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})
+
+
+def _without_random_force(named: Mapping[str, Method]) -> dict[str, Method]:
+    """Methods of driven records, without a random force unless it is asked for."""
+    return {
+        label: with_random_force(method, "off") if getattr(method, "random_force", "") == "auto" else method
+        for label, method in named.items()
+    }
 
 
 def _by_label(methods: Methods) -> dict[str, Method]:

@@ -72,10 +72,8 @@ def compared_part(whole: ComparedPart) -> ComparedPart:
         return whole
     period = 2.0 * np.pi / frequency
     duration = PERIODS_PER_STRETCH * period
-    stretches = tuple(
-        part for run in whole.runs for part in _stretches(run, duration, LONGEST_WHOLE * period)
-    )
-    if len(stretches) == len(whole.runs):
+    parts = tuple(part for run in whole.runs for part in stretches(run, duration, LONGEST_WHOLE * period))
+    if len(parts) == len(whole.runs):
         return whole
     libraries = [library_of(result, whole=True) for result in whole.results]
     methods = [with_held_random_force(method_of(result), result) for result in whole.results]
@@ -85,10 +83,10 @@ def compared_part(whole: ComparedPart) -> ComparedPart:
         return whole
     try:
         pairs = zip(methods, libraries, strict=True)
-        results = tuple(method.identify(stretches, library) for method, library in pairs)
+        results = tuple(method.identify(parts, library) for method, library in pairs)
     except SysidTribError:
         return whole
-    return ComparedPart(stretches, results, fitted_motions(stretches, results), duration)
+    return ComparedPart(parts, results, fitted_motions(parts, results), duration)
 
 
 def fitted_motions(
@@ -103,8 +101,8 @@ def fitted_motions(
     return tuple(motions)
 
 
-def _stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Dataset]:
-    """Beginning, middle and end of a run that is longer than `longest` (s); else the run itself."""
+def stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Dataset]:
+    """Beginning, middle and end, of `duration` (s), of a run longer than `longest`; else the run itself."""
     time = run.time.values
     whole = time[-1] - time[0]
     if whole <= longest:

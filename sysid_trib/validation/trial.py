@@ -15,6 +15,7 @@ from sysid_trib.methods.scope import ForceScope, Method, MethodScope, constraine
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation.answer import with_model_in_errors
+from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.holdout import RunInParts, predicted, up_to_held_out
 from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
 from sysid_trib.validation.verdict import DIVERGES, no_nearer_than_rest
@@ -96,6 +97,11 @@ def try_method(
     return replace(trial, result=result, whole=whole, reason=reason or part_reason, failure=failure)
 
 
+def takes_inputs(method: Method) -> bool:
+    """Whether a method identifies driven records; Direct does in its weak form."""
+    return scope_of(method).driven and getattr(method, "form", "weak") == "weak"
+
+
 def _failure(runs: Sequence[RunInParts], whole: ModelResiduals) -> str:
     """Why a model that neglects nothing says nothing of the records (see `breakdown`)."""
     if not whole.runs:
@@ -113,6 +119,8 @@ def _identified(
     # The row of a rule for one record is empty for no fault of its own, nor of the records.
     if len(decays) > 1 and not scope_of(method).several_runs:
         return None, "takes one record at a time", float("nan")
+    if is_driven(decays) and not takes_inputs(method):
+        return None, "takes free decays alone, and this record has an input", float("nan")
     began = perf_counter()
     try:
         result = constrained(method, constraints).identify(one_or_all(decays), library)

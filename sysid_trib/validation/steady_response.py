@@ -1,0 +1,249 @@
+"""The forced response of an identified model, with bands, and simulations beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from sysid_trib.arrays import Array
+from sysid_trib.cycles.describing_functions import DescribingFunctions, crossings, excess, picked, sweeps
+from sysid_trib.errors import SimulationError, UsageError
+from sysid_trib.forces.force import Channel, Force, ForceLibrary
+from sysid_trib.forces.selection import is_free_to_move
+from sysid_trib.motion_fit.bands import parameters_of
+from sysid_trib.records.inputs import INPUT, PER_KIND, KnownInput
+from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results.signal_scale import SIZE_ATTR, UNIT_ATTR, in_units_of_the_motion
+from sysid_trib.results.variables import signal_units, variable
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.simulate import trajectory
+
+SWEEPS = ("up", "down", "unstable")
+# Draws of the parameters for a band of 95 %.
+PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
+# Of each sweep so many motions are simulated, in so many samples a period, until what they began with has
+# fallen to this part, and their amplitude is that of the last periods.
+CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
+SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
+# A simulated motion that is farther off, as a part of itself, has left its branch.
+LEFT_BRANCH = 0.2
+
+
+def forced_response(
+    result: xr.Dataset,
+    drive: ArrayLike,
+    frequencies: ArrayLike,
+    *,
+    driven_by: str = "",
+    base: bool = False,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Steady response of an identified model to a harmonic drive, in sweeps of its frequency.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification, of a decay or of a driven record.
+    drive : float or (frequency,) array of float
+        Amplitude of the input, in its unit; of a model without one the deflection that it would have at rest,
+        in the unit of the signal.
+    frequencies : (frequency,) array of float, rad/s
+        Increasing.
+    driven_by : str
+        Which input, where the model has several.
+    base : bool
+        Of a model without inputs: `drive` is the displacement of a base, from which the signal is counted.
+    seed : int
+        Of the draws for the bands.
+
+    Returns
+    -------
+    Dataset
+        Over `sweep` (`up`, `down`, `unstable`) and `frequency` (rad/s): `amplitude` in the unit of the
+        signal, nan where there is no such motion (or dry friction holds), with `amplitude_low` and
+        `amplitude_high`, the ends of 95 % bands; `phase` (rad) ahead of the drive.
+        `frequency_ratio(frequency)`, over that at small amplitudes.
+        Over `check` motions that were simulated: `check_frequency`, `check_amplitude`, `simulated_amplitude`.
+        `left_open`: the largest part by which these differ, which the bands hold.
+
+    Raises
+    ------
+    UsageError
+        A drive or frequencies that are none, an input that the model does not have, or that a force holds
+        other than as a sum with the others.
+    DecayError
+        No damping bounds the response.
+
+    Notes
+    -----
+    Describing functions (`averaging.describing_functions`): the first harmonic alone. Bands are of parameters
+    drawn with their covariance, which allows for errors of the model as the result states them; beyond the
+    amplitudes of the record they hold if the forces have the same form there.
+    """
+    w = np.asarray(frequencies, dtype=float)
+    if w.ndim != 1 or not len(w) or not np.all(np.isfinite(w)) or w[0] <= 0.0 or np.any(np.diff(w) <= 0.0):
+        raise UsageError("Frequencies must be a row of positive numbers that increase, in rad/s.")
+    size = np.broadcast_to(np.asarray(drive, dtype=float), w.shape)
+    if not np.all(np.isfinite(size) & (size > 0.0)):
+        raise UsageError("A drive must be a positive amplitude: a number, or one for each frequency.")
+    forces = library_of(result)
+    if is_free_to_move(forces, dict(zip(forces.symbols, result.coefficient.values.tolist(), strict=True))):
+        raise UsageError("A body without a restoring force has no resonance; its response is that of a mass.")
+    name = _input_of(forces, driven_by, base)
+    kinds = {channel.input: channel.kind for channel in forces.channels}
+    if kind := kinds.get(name, "displacement"):
+        units = {"units": signal_units(result) + PER_KIND[kind]}
+    else:
+        units = {}
+    given = xr.Dataset({"drive": ("frequency", size, units)}, {"frequency": w})
+    return _response(result, given, name, base, seed)
+
+
+@in_units_of_the_motion
+def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed: int) -> xr.Dataset:
+    model, w, size = model_of(result), given.frequency.values, given.drive.values
+    model = replace(model, library=model.library.select(force.symbol for force in model.forces))
+    c = np.array([model.coefficients[force.symbol] for force in model.forces])
+    ratio = w / model.reference_frequency
+    by_force = _pushes(model, name, ratio) if name else np.zeros((len(c), len(w)), complex)
+    at_rest = np.zeros(len(w)) if name else ratio**2 if base else np.ones(len(w))
+    functions = DescribingFunctions(model.forces, model.shapes, ratio)
+    drive = size * (c @ by_force + at_rest)
+    amplitudes = functions.grid(c, np.abs(drive))
+    steady = functions.balances(c, drive, amplitudes)
+    chosen = sweeps(len(w), steady.frequency, steady.amplitude, steady.stable)
+    amplitude, phase, by_lines = (
+        picked(values, chosen) for values in (steady.amplitude, steady.phase, steady.by_lines)
+    )
+    drawn = _drawn(result, model, seed)
+    sums, curves = functions.over(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
+    for at, (frequency, coefficients) in enumerate(drawn):
+        other = w / frequency
+        push = size * (coefficients @ by_force + (at_rest if not base or name else other**2))
+        surplus = excess(sums, coefficients, other, push, amplitudes)
+        row, there = crossings(surplus, amplitudes)
+        rises = surplus[row, np.searchsorted(amplitudes, there) - 1] < 0.0
+        curves[at] = picked(there, sweeps(len(w), row, there, rises))
+    checks = _checks(model, w, drive, amplitude, phase)
+    there = np.abs(checks[2] / checks[1] - 1.0)
+    left_open = float(np.max(there[there < LEFT_BRANCH], initial=0.0))
+    # Where no draw has a motion there is none, and no band.
+    curves[:, np.isnan(curves).all(axis=0)] = 0.0
+    low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
+    # Lines are off by as much in each draw.
+    exact = amplitude / by_lines
+    return _dataset(result, given, (amplitude, exact * low, exact * high, phase), checks, left_open)
+
+
+def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
+    """The input that drives; empty where the model has none."""
+    if not forces.inputs and not driven_by:
+        return ""
+    if base:
+        raise UsageError("base= is of a model without inputs; this one says by its forces how it is driven.")
+    if driven_by not in ("", *forces.inputs) or (not driven_by and len(forces.inputs) > 1):
+        held = f"has the inputs {', '.join(forces.inputs)}" if forces.inputs else "has no input"
+        raise UsageError(f"This model {held}; say which of them drives (driven_by=, --driven-by), or none.")
+    return driven_by or forces.inputs[0]
+
+
+def _pushes(model: Model, name: str, ratio: Array) -> Array:
+    """What an input of amplitude 1 does by each force of coefficient 1, (force, frequency), complex."""
+    pushes = np.zeros((len(model.forces), len(ratio)), complex)
+    for at, force in enumerate(model.forces):
+        for channel in (channel for channel in force.channels if channel.input == name):
+            rise = force.value(0.0, 0.0, shapes=model.shapes, hidden={channel.name: 1.0})
+            rise = rise - force.value(0.0, 0.0, shapes=model.shapes)
+            _refuse_mixed(force, channel, float(rise))
+            w_power = model.reference_frequency ** (channel.order - channel.power)
+            pushes[at] -= float(rise) * (1j * ratio) ** channel.order * w_power
+    return pushes
+
+
+def _refuse_mixed(force: Force, channel: Channel, rise: float) -> None:
+    """Refuse a force in which an input is not added to the others, or not in proportion."""
+    points = {k: force.test_points[k] for k in "xv"}
+    for factor in (1.0, 2.0):
+        there, here = (force.value(**points, hidden={channel.name: factor * given}) for given in (1.0, 0.0))
+        if force.state or not np.allclose(there - here, factor * rise, rtol=1e-9, atol=1e-12):
+            raise UsageError(
+                f"Force '{force.symbol}' holds the input {channel.input} other than in proportion beside the "
+                "others: its drive has no describing function; simulate it (st.simulate)."
+            )
+
+
+def _drawn(result: xr.Dataset, model: Model, seed: int) -> list[tuple[float, Array]]:
+    """Frequencies and coefficients as they may be too, drawn with the errors of the result."""
+    names, covariance = parameters_of(result)
+    kept = [*(names.index(force.symbol) for force in model.forces), -1]
+    values, vectors = np.linalg.eigh(covariance[np.ix_(kept, kept)])
+    factor = vectors * np.sqrt(np.maximum(values, 0.0))
+    mean = np.array([*(model.coefficients[f.symbol] for f in model.forces), model.reference_frequency])
+    draws = mean + np.random.default_rng(seed).standard_normal((PARAMETER_DRAWS, len(mean))) @ factor.T
+    return [(float(draw[-1]), draw[:-1]) for draw in draws if draw[-1] > 0.0]
+
+
+def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array) -> Array:
+    """Frequency, amplitude, and amplitude of the simulated motion, (3, check), of motions of both sweeps."""
+    rows = []
+    for sweep in (0, 1):
+        there = np.flatnonzero(np.isfinite(amplitude[sweep]))
+        if not len(there):
+            continue
+        # The largest, but for the very end of its branch, and others that are evenly apart.
+        apart = there[np.linspace(0, len(there) - 1, CHECKED + 1).round().astype(int)[1:-1]]
+        largest = there[np.argmax(amplitude[sweep, there])]
+        for at in {*apart.tolist(), int(np.clip(largest - 3 * (1 - 2 * sweep), there[0], there[-1]))}:
+            motion = float(amplitude[sweep, at]), float(phase[sweep, at])
+            rows.append((w[at], motion[0], _simulated(model, float(w[at]), complex(drive[at]), motion)))
+    return np.array(rows).T if rows else np.zeros((3, 0))
+
+
+def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, float]) -> float:
+    """Amplitude of the first harmonic to which a motion settles that begins as a steady one; nan of none."""
+    amplitude, phase = motion
+    functions = DescribingFunctions(model.forces, model.shapes, np.array([w / model.reference_frequency]))
+    c = np.array([model.coefficients[force.symbol] for force in model.forces])
+    sine = c @ functions.at(np.zeros(1, int), np.array([amplitude]))[:, 0, 0]
+    forgets = max(-float(sine) / amplitude, 1e-9)
+    periods = int(np.clip(-np.log(TRANSIENT_PART) / (np.pi * forgets), SHORTEST_PERIODS, LONGEST_PERIODS))
+    step = 2.0 * np.pi / w / SAMPLES_A_PERIOD
+    time: Array = step * np.arange(periods * SAMPLES_A_PERIOD, dtype=float)
+    turning = np.exp(1j * w * time)
+    push = model.reference_frequency**2 * np.real(drive * turning)
+    driven = replace(model, inputs={INPUT: KnownInput(time, push, "smooth")})
+    start = amplitude * np.cos(phase), -amplitude * w * np.sin(phase)
+    try:
+        angle = trajectory(driven, time, *start).angle[-LAST_PERIODS * SAMPLES_A_PERIOD :]
+    except SimulationError:
+        return float("nan")
+    return 2.0 * abs(float(np.abs(np.mean(angle * turning[-len(angle) :].conj()))))
+
+
+def _dataset(
+    result: xr.Dataset, given: xr.Dataset, curves: tuple[Array, ...], checks: Array, left_open: float
+) -> xr.Dataset:
+    amplitude, low, high, phase = curves
+    both, unit = ("sweep", "frequency"), "rad"
+    w, natural = given.frequency.values, result.asymptotic_frequency.item()
+    of_check = ("angular frequency of a motion that was simulated", "its amplitude", "that of the simulation")
+    names = ("check_frequency", "check_amplitude", "simulated_amplitude")
+    data = {
+        "drive": given.drive,
+        "amplitude": variable(both, amplitude, "amplitude", unit),
+        "amplitude_low": variable(both, low * (1.0 - left_open), "low end of the 95 % band", unit),
+        "amplitude_high": variable(both, high * (1.0 + left_open), "high end of the 95 % band", unit),
+        "phase": variable(both, phase, "phase ahead of the drive", "1"),
+        "frequency_ratio": variable("frequency", w / natural, "over that at small amplitudes", "1"),
+        "left_open": variable((), left_open, "largest part by which simulations differ", "1"),
+    }
+    for name, values, text, units in zip(names, checks, of_check, ("rad/s", unit, unit), strict=True):
+        data[name] = variable("check", values, text, units)
+    coords = {"sweep": list(SWEEPS), "frequency": variable("frequency", w, "angular frequency", "rad/s")}
+    kept = {
+        key: result.attrs[key]
+        for key in ("library", "library_source", "record_source", UNIT_ATTR, SIZE_ATTR)
+        if key in result.attrs
+    }
+    return xr.Dataset(data, coords, kept)

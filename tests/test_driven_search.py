@@ -1,0 +1,106 @@
+"""Searches and comparisons of driven records, by what searches and compares decays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sysid_trib as st
+from sysid_trib.discovery.stretches import search_parts
+from sysid_trib.errors import UsageError
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.likelihood.start_model import fit_start_model
+from sysid_trib.records.inputs import KnownInput
+
+W, NOISE = 9.9, 2e-4
+INPUTS, CONTACT = st.load_library("inputs"), st.load_library("contact_forces")
+TRUTH = {"gain": 0.05, "zeta": 0.01, "epsilon": -0.1}
+
+
+def library(with_input: str, others: str) -> ForceLibrary:
+    return replace(INPUTS, forces=(*INPUTS.select(with_input.split()), *CONTACT.select(others.split())))
+
+
+def record(truth: dict[str, float], name: str = "u", seconds: float = 25.0, units: str = "N*m") -> xr.Dataset:
+    """A record under tones about the resonance, with white noise."""
+    rng, time = np.random.default_rng(1), np.arange(0.0, seconds, 0.03)
+    tones = np.outer(time, W * np.linspace(0.1, 2.0, 40)) + rng.uniform(0.0, 6.28, 40)
+    known = KnownInput(time, np.cos(tones).sum(axis=1) / 4.5)
+    whole = replace(INPUTS, forces=(*INPUTS, *CONTACT))
+    forces = whole.select(s for s in whole.symbols if s in truth)
+    motion = st.simulate(st.Model(forces, truth, W), time, 0.1, inputs={name: known})
+    return xr.Dataset(
+        {
+            "angle": ("time", motion.angle.values + NOISE * rng.standard_normal(len(time)), {"units": "rad"}),
+            name: ("time", known.values, {"units": units, "role": "input", "between": "linear"}),
+        },
+        {"time": time},
+    )
+
+
+@pytest.fixture(scope="module")
+def driven() -> xr.Dataset:
+    return record(TRUTH)
+
+
+def test_a_search_begins_with_what_drives_and_finds_the_cubic_spring(driven):
+    tree = st.discover(driven, max_effects=1)
+    assert tree["before"].force.values.tolist() == ["gain", "zeta"]
+    assert tree["steps"].symbol.values.tolist() == ["epsilon"]
+    assert tree.attrs["verdict"] == "explained"
+    after = tree["after"].to_dataset()
+    for symbol, true in TRUTH.items():
+        found = after.sel(force=symbol)
+        assert abs(found.coefficient.item() - true) < 4.0 * found.standard_error.item()
+    before, last = tree["holdout"].rms.values
+    assert last < 0.05 * before
+
+
+@pytest.mark.parametrize(("push", "units"), [("input", "rad/s^2"), ("u", "N*m")])
+def test_an_acceleration_pushes_as_a_force_with_its_gain_does(push, units):
+    acceleration = {"gain": 0.05} if push == "u" else {}
+    known = record({**acceleration, "zeta": 0.01}, push, units=units)
+    fitted = fit_start_model([known], library("gain" * (push == "u"), "zeta").forces, None)
+    assert fitted.coefficients[-1] == pytest.approx(0.01, abs=1e-4)
+    assert fitted.rows[0].path.frequency == pytest.approx(W, rel=1e-4)
+
+
+def test_friction_on_a_moving_surface_switches_where_the_surface_is_overtaken():
+    moving = record({"surface_friction": 0.01, "zeta": 0.01}, "surface", units="rad")
+    fitted = fit_start_model([moving], library("surface_friction", "zeta").forces, None)
+    assert fitted.coefficients == pytest.approx([0.01, 0.01], rel=0.05)
+
+
+def test_a_long_driven_record_is_searched_in_stretches_and_a_decay_is_not():
+    long = record(TRUTH, seconds=400.0)
+    parts = search_parts([long], [], 60)
+    time, last = long.time.values, parts.learnt[-1].record.time.values[-1]
+    assert (len(parts.learnt), len(parts.later)) == (3, 3)
+    assert last <= time[0] + 2.0 / 3.0 * np.ptp(time) < parts.later[0].record.time.values[0] + 1e-9
+    assert all(part.origin == time[0] for part in parts.learnt)
+    assert not search_parts([long.drop_vars("u")], [], 60).in_stretches
+
+
+@pytest.mark.parametrize(
+    ("forces", "said"),
+    [
+        (library("gain base_spring", "zeta"), "which this record lacks"),
+        (library("gain free_axis", "zeta"), "restoring force, which this body has none of"),
+    ],
+)
+def test_what_a_search_cannot_take_is_refused(driven, forces, said):
+    held = {"free_axis": 1.0} if "free_axis" in forces.symbols else {}
+    with pytest.raises(UsageError, match=said):
+        st.discover(driven, forces, constraints=held)
+
+
+def test_methods_of_inputs_stand_side_by_side_and_the_others_say_why_not(driven):
+    methods = [st.methods.Direct(), st.methods.Trajectory(), st.methods.Averaging()]
+    table = st.compare(driven, library("gain", "zeta epsilon"), methods)["comparison"].to_dataset()
+    for label in ("direct", "trajectory"):
+        row = table.sel({"method": label})
+        assert row.coefficient.sel(force="gain").item() == pytest.approx(0.05, rel=1e-3)
+        assert row.holdout_over_noise.item() < 1.2
+    assert "takes free decays alone" in table.sel({"method": "averaging"}).reason.item()
+    assert table.attrs["white_residual"] == "yes"
