@@ -9,11 +9,11 @@ from command_line import run
 from sysid_trib.commands.app import EXAMPLES, app
 
 GROUPS = {
-    "identify": ["Records", "Model", "Constraints", "Output", "Other", "Examples"],
+    "identify": ["Records", "Model", "Constraints", "How sure", "Output", "Other", "Examples"],
     "discover": ["Records", "Model", "Search", "Output", "Other", "Examples"],
     "campaign": ["Records", "Model", "Constraints", "Search", "Campaign", "Output", "Other", "Examples"],
 }
-SLOW = {"identify", "discover", "compare", "campaign"}
+SLOW = {"identify", "discover", "compare", "difference", "plan", "response", "campaign"}
 
 
 @pytest.mark.parametrize("command", GROUPS)

@@ -40,7 +40,7 @@ EXAMPLES = {
         "sysid-trib difference 'swing.csv' : soft.csv --forces zeta,delta,nu --explain",
     ),
     "plan": (
-        "sysid-trib plan missing.nc --amplitude 0.05:0.6 --duration :60",
+        "sysid-trib plan forces.nc --amplitude 0.05:0.6 --duration :60",
         "sysid-trib plan swing.csv --want delta=0.0002 --repeats 2 --plot figures",
     ),
     "response": (

@@ -132,14 +132,8 @@ def identify(
     with working(given.records) as tell:
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.commands.terminal import record_sentences
         from sysid_trib.methods.scope import with_random_force
         from sysid_trib.physics.si_units import check_length_unit
-        from sysid_trib.printing.blocks import Block
-        from sysid_trib.printing.driven import prediction_json, prediction_sentences
-        from sysid_trib.printing.identification import identification_blocks
-        from sysid_trib.printing.json_results import identification_json
-        from sysid_trib.printing.sureness import sureness_json
         from sysid_trib.records.signal import unit_of_signal
         from sysid_trib.validation.driven import is_driven
         from sysid_trib.validation.identify import identify, usual_methods
@@ -174,28 +168,7 @@ def identify(
     if driven:
         _deliver_driven(tree, sources, predicted, destination)
         return
-    destination.deliver(
-        tree,
-        lambda: [
-            *identification_blocks(
-                tree, record_sentences(tree, sources), scale.inertia, scale.mass, scale.load
-            ),
-            Block(prediction_sentences(predicted)),
-        ],
-        lambda: (
-            identification_json(tree, scale.inertia, scale.mass, scale.load)
-            | prediction_json(predicted)
-            | sureness_json(tree)
-        ),
-        lambda plots: [
-            # A run with few half periods has none.
-            *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
-            *figures_of_runs(tree, "overview", plots.overview),
-            *figures_of_runs(tree, "half_periods", plots.half_periods),
-            *random_force_figures(tree, plots),
-            *_sureness_figures(tree, plots),
-        ],
-    )
+    _deliver(tree, sources, predicted, scale, destination)
     paper.write(tree)
     if not destination.as_json:
         print_written(*paper.places)
@@ -238,6 +211,45 @@ def _predicted(
     others, _ = read_decays(replace(given, records=[tried.test]), as_it_is=True, driven=True)
     answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
     return [predict(answer, other, warm_up=tried.warm_up) for other in others]
+
+
+def _deliver(
+    tree: "xr.DataTree",
+    sources: "list[str]",
+    predicted: "list[xr.Dataset]",
+    scale: ScaleOptions,
+    destination: Destination,
+) -> None:
+    """Print and write an identification of free decays."""
+    from sysid_trib.commands.terminal import record_sentences
+    from sysid_trib.printing.blocks import Block
+    from sysid_trib.printing.driven import prediction_json, prediction_sentences
+    from sysid_trib.printing.identification import identification_blocks
+    from sysid_trib.printing.json_results import identification_json
+    from sysid_trib.printing.sureness import sureness_json
+
+    destination.deliver(
+        tree,
+        lambda: [
+            *identification_blocks(
+                tree, record_sentences(tree, sources), scale.inertia, scale.mass, scale.load
+            ),
+            Block(prediction_sentences(predicted)),
+        ],
+        lambda: (
+            identification_json(tree, scale.inertia, scale.mass, scale.load)
+            | prediction_json(predicted)
+            | sureness_json(tree)
+        ),
+        lambda plots: [
+            # A run with few half periods has none.
+            *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
+            *figures_of_runs(tree, "overview", plots.overview),
+            *figures_of_runs(tree, "half_periods", plots.half_periods),
+            *random_force_figures(tree, plots),
+            *_sureness_figures(tree, plots),
+        ],
+    )
 
 
 def _deliver_driven(
