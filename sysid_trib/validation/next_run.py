@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -33,6 +33,15 @@ ODDS = 10.0
 OUTCOMES = 400
 # A run has no more samples than this in the design: what it tells grows with them alike in all.
 MOST_DESIGN_SAMPLES = 4000
+
+
+class Sensor(NamedTuple):
+    """How runs are sampled: rate (Hz), how often each is made, noise of their mean, unit of the signal."""
+
+    rate: float
+    repeats: int
+    noise: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -170,7 +179,7 @@ def plan(
         rows.append(_worth(rivals, main, release, length, rate, noise))
     if not any(np.isfinite(row[0]) for row in rows):
         raise DecayError("No run within these limits has a motion; take others.")
-    return _dataset(rivals, runs, rows, wanted, rate, repeats, noise, signal_units(main))
+    return _dataset(rivals, runs, rows, wanted, Sensor(rate, repeats, noise, signal_units(main)))
 
 
 def _limits(
@@ -286,10 +295,7 @@ def _dataset(
     runs: Sequence[tuple[float, float]],
     rows: Sequence[tuple[float, float, Array]],
     wanted: Mapping[str, float],
-    rate: float,
-    repeats: int,
-    noise: float,
-    unit: str,
+    sensor: Sensor,
 ) -> xr.Dataset:
     """The Dataset of `plan`, the best run first."""
     symbols = list(rivals[0].model.coefficients)
@@ -309,9 +315,9 @@ def _dataset(
         order = order[np.lexsort((np.where(meets, length, 0.0)[order], first[order]))]
     per_force = ("run", "force")
     variables: Variables = {
-        "amplitude": variable("run", release[order], "release", unit),
+        "amplitude": variable("run", release[order], "release", sensor.unit),
         "duration": variable("run", length[order], "time that is recorded", "s"),
-        "samples": variable("run", (length[order] * rate).astype(int) + 1, "samples"),
+        "samples": variable("run", (length[order] * sensor.rate).astype(int) + 1, "samples"),
         "entropy": variable("run", entropy[order], "entropy of the models that is left", "nat"),
         "probability": variable("run", probability[order], "probability of odds for the right model", "1"),
         "standard_error": variable(per_force, errors[order], "standard error by all records", "of the force"),
@@ -319,10 +325,10 @@ def _dataset(
     }
     data = xr.Dataset(variables, {"force": symbols})
     if len(rivals) > 1:
-        time, every = _times(length[order[0]], rate)
+        time, every = _times(length[order[0]], sensor.rate)
         first, second = sorted(rivals, key=lambda rival: -rival.probability)[:2]
         motions = [rival.motion(time, release[order[0]]) for rival in (first, second)]
-        parting = _parting(motions[0], motions[1], second, noise / np.sqrt(every))
+        parting = _parting(motions[0], motions[1], second, sensor.noise / np.sqrt(every))
         data = data.assign_coords(time=time).assign(
             parting=variable("time", 0.5 * parting, "logarithm of the likelihood ratio up to a time", "nat")
         )
@@ -330,7 +336,7 @@ def _dataset(
         models=[rival.name for rival in rivals],
         probabilities=[float(rival.probability) for rival in rivals],
         odds=ODDS,
-        sampling_rate=rate,
-        repeats=repeats,
+        sampling_rate=sensor.rate,
+        repeats=sensor.repeats,
         wanted=dict(wanted),
     )
