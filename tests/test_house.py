@@ -137,7 +137,7 @@ def test_the_house_does_not_grow():
     assert len(arrows()) <= 141
     assert now["files"] <= 265
     assert now["code lines"] <= 31_750
-    assert now["classes"] <= 223
+    assert now["classes"] <= 224
 
 
 @pytest.mark.parametrize("room", ROOMS)
