@@ -30,8 +30,9 @@ COMPARED: dict[str, Source] = {
     **FREQUENCIES_JSON,
     **same("asymptotic_frequency_z", "residual_rms", "residual_over_noise", "train_rms"),
     **same("train_over_noise", "holdout_rms", "holdout_over_noise", "holdout_p_value", "phase_error"),
-    **same("time_taken", "reason", "failure", "bias", "cannot_tell_apart", "assumes"),
-    **{"sees": "identifies", "blind_to": "neglects"},
+    **same(
+        "time_taken", "reason", "failure", "bias", "cannot_tell_apart", "assumes", "identifies", "neglects"
+    ),
 }
 RUN_RMS = same("run_residual_rms", "run_train_rms", "run_holdout_rms")
 

@@ -51,8 +51,7 @@ FORCE = COEFFICIENT | same("error_of_noise", "error_of_model", "active", "refers
 METHOD: dict[str, Source] = {
     "coefficients": ("force", FORCE),
     **FREQUENCIES_JSON,
-    "noise": "noise",
-    "misfit": "birge_ratio",
+    **same("noise", "birge_ratio"),
     "held_out_rms": lambda result: number(float(result.get("held_out_rms", np.nan))),
 }
 DIFFERENCE = same("difference", "expected_difference", "standard_error", "z")
@@ -67,9 +66,10 @@ STEP: dict[str, Source] = {
     "shape_errors": lambda step: shapes_of(step, step.symbol.item(), "shape_standard_error"),
     "indistinguishable_pairs": lambda step: [pair.split(PAIR) for pair in pairs_in_place(step)],
     "pair_odds": lambda step: number(step.pair_odds.item()) if pairs_in_place(step) else None,
-    **same("worsens_holdout", "gain", "prediction_z", "random_force_before", "random_force_after"),
+    **same(
+        "worsens_holdout", "collinear", "gain", "prediction_z", "random_force_before", "random_force_after"
+    ),
     "probability_of_chance": lambda step: number(round(step.chance_probability.item(), 4)),
-    "leans": "collinear",
 }
 SPANS: dict[str, Source] = {
     **same("departure_time", "departure_run"),

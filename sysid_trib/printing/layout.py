@@ -193,8 +193,6 @@ def reference_sentence(result: xr.Dataset) -> str:
 
 # See `mapped`.
 Source = str | tuple[str, Any] | Mapping[str, Any] | Callable[[Any], Any]
-# Keys of the JSON where they differ from the attributes.
-RECORD_KEYS = {"decimated": "thinned"}
 # Attributes of a record that JSON holds as they are.
 PLAIN = (str, int, float)
 
@@ -257,8 +255,7 @@ def number(value: Any) -> Any:
 def records_json(tree: xr.DataTree) -> dict[str, Any]:
     """What is known of the record, and of all if there are several."""
     records = [
-        {RECORD_KEYS.get(str(k), k): v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)}
-        for group in record_groups(tree)
+        {k: v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)} for group in record_groups(tree)
     ]
     return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
 

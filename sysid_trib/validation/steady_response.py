@@ -77,7 +77,7 @@ def forced_response(
 
     Notes
     -----
-    Describing functions (`averaging.describing_functions`): the first harmonic alone. Bands are of parameters
+    Describing functions (`cycles.describing_functions`): the first harmonic alone. Bands are of parameters
     drawn with their covariance, which allows for errors of the model as the result states them; beyond the
     amplitudes of the record they hold if the forces have the same form there.
     """
