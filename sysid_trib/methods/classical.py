@@ -18,6 +18,7 @@ from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.relations import Equations, solve
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.inputs import refuse_inputs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 
@@ -119,10 +120,11 @@ def one_record(method: Method, decay: Any) -> xr.Dataset:
     Raises
     ------
     UsageError
-        Several were given, or something else.
+        Several were given, or something else, or a record with a known input.
     """
     if not isinstance(decay, xr.Dataset):
         raise UsageError(f"{scope_of(method).sentence_label} takes one record at a time.")
+    refuse_inputs(decay)
     return decay
 
 
