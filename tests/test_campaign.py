@@ -535,7 +535,7 @@ import sys
 import sysid_trib as st
 if __name__ == "__main__":
     library = st.load_library("contact_forces").select(["lambda", "zeta"])
-    task = st.campaigns.Task("identify", library, {"direct": st.methods.Direct()})
+    task = st.campaigns.Task("identify", library, {"direct": st.methods.Direct(refine=False)})
     st.campaign(st.campaigns.load_study(sys.argv[1]), task, output=sys.argv[2], workers=2)
 """
 
