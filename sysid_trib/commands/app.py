@@ -7,9 +7,10 @@ from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
 from sysid_trib.commands.campaign import campaign
+from sysid_trib.commands.compare import compare
 from sysid_trib.commands.difference import difference
 from sysid_trib.commands.discover import discover
-from sysid_trib.commands.identify import compare, identify
+from sysid_trib.commands.identify import identify
 from sysid_trib.commands.plan import plan
 from sysid_trib.commands.response import response
 from sysid_trib.commands.shown import backbone, forces, look, report

@@ -53,9 +53,9 @@ def plan(
         wanted = checks.assigned(asked.want, "--want '{}' must be FORCE=ERROR, such as delta=0.0005.")
         shown.check(given.records)
         tell("reading")
-        if [record.suffix for record in given.records] == [RESULT]:
-            tree = files.load(given.records[0])
-        else:
+        tree = files.load(given.records[0]) if [p.suffix for p in given.records] == [RESULT] else None
+        # A record may be netCDF too.
+        if tree is None or not files.kind_of(tree):
             options = checks.asked_model(model, constraint, given.system)
             decays, _ = read_decays(given, options.reference_frequency, options.contactless)
             tree = identify(decays, options.library, constraints=options.constraints.table, tell=tell)

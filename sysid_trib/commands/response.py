@@ -70,7 +70,7 @@ def response(
         from sysid_trib.errors import UsageError
         from sysid_trib.printing.blocks import Layer
         from sysid_trib.printing.responded import response_blocks, response_csv, response_json
-        from sysid_trib.results.files import kind_of, load
+        from sysid_trib.results.files import load
         from sysid_trib.validation.findings import main_result
         from sysid_trib.validation.steady_response import forced_response
 
@@ -80,10 +80,7 @@ def response(
             raise UsageError(f"--frequencies '{frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
         files.check([result])
         tell("reading")
-        saved = load(result)
-        tree = saved if isinstance(saved, xr.DataTree) else xr.DataTree(saved)
-        kind = kind_of(tree)
-        answer = tree.to_dataset() if kind == "identify" else main_result(tree) if kind else None
+        answer = main_result(load(result))
         if answer is None:
             raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
         tell("response")

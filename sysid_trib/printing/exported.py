@@ -201,13 +201,16 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
             value, error = (result[key].item() for key in (name, error_of(name)))
             words = {"method": method, "quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
             yield words | {"value": value, "standard_error": error}
-    for symbol, row in (
-        by_label(tree.to_dataset(), "force") if kind_of(tree) == "difference" else {}
-    ).items():
+    for symbol, row in _contrasts(tree).items():
         words = {"method": "first minus second", "quantity": symbol, "name": f"z = {row.z.item():.4g}"}
         yield words | {"value": row.difference.item(), "standard_error": row.standard_error.item()}
     for name, text in about_the_record(tree).items():
         yield {"method": "record", "quantity": name, "value": text}
+
+
+def _contrasts(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """The differences of two samples by force; nothing of another result."""
+    return by_label(tree.to_dataset(), "force") if kind_of(tree) == "difference" else {}
 
 
 def latex_text(tree: xr.DataTree) -> str:
@@ -222,13 +225,13 @@ def latex_text(tree: xr.DataTree) -> str:
             cells.setdefault(f"${library[symbol].latex_symbol}$", {})[method] = text
         for name, symbol in FREQUENCIES_LATEX.items():
             cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
-    if kind_of(tree) == "difference":
-        library = library_of(next(iter(named.values())))
-        for symbol, row in by_label(tree.to_dataset(), "force").items():
-            text = value_with_error(row.difference.item(), row.standard_error.item())
-            head = f"${library[symbol].latex_symbol if symbol in library.symbols else symbol}$"
-            cells.setdefault(head, {})["difference"] = f"{_in_latex(text)}, $z = {row.z.item():.1f}$"
-    heads = [*named, *(["difference"] if kind_of(tree) == "difference" else [])]
+    contrasts = _contrasts(tree)
+    for symbol, row in contrasts.items():
+        own = next(library_of(result)[symbol] for result in named.values() if symbol in result.force)
+        text = value_with_error(row.difference.item(), row.standard_error.item())
+        of_force = cells.setdefault(f"${own.latex_symbol}$", {})
+        of_force["difference"] = f"{_in_latex(text)}, $z = {row.z.item():.1f}$"
+    heads = [*named, *(["difference"] if contrasts else [])]
     table = [[head, *(row.get(name, "--") for name in heads)] for head, row in cells.items()]
     table.insert(0, ["", *(name.replace("_", " ") for name in heads)])
     if len(heads) > MOST_COLUMNS:
@@ -238,7 +241,7 @@ def latex_text(tree: xr.DataTree) -> str:
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     note = rf"\multicolumn{{{len(table[0])}}}{{l}}{{\footnotesize {details}}} \\"
     lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", note, r"\end{tabular}"]
-    if kind_of(tree) == "difference":
+    if contrasts:
         return "\n".join([*lines, ""])
     main = main_result(tree)
     return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])

@@ -85,10 +85,10 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 
 def main_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that stands for a result: the best, the final or the answer; None if all failed."""
+    """The identification that stands for a result: the best, the final or the answer; None without one."""
     if kind_of(tree) == "identify":
         return tree.to_dataset()
-    if kind_of(tree) == "difference":
+    if kind_of(tree) in ("", "difference"):
         return None
     named = given_results(tree)
     if kind_of(tree) == "discover":

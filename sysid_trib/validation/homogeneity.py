@@ -192,11 +192,24 @@ def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
     """Chi-square of (run, quantity) about their weighted mean, and degrees of freedom."""
     if len(values) < 2:
         return np.nan, 0.0
+    return weighted_mean(values, covariances)[2], float((len(values) - 1) * values.shape[1])
+
+
+def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, float]:
+    """Mean of runs with correlated errors, its covariance, and chi-square about it.
+
+    Parameters
+    ----------
+    values : (run, quantity) array of float
+    covariances : (run, quantity, quantity) array of float
+    """
     # Coefficients differ by orders of magnitude: in units of their errors the matrices are well conditioned.
     unit = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
-    values, covariances = values / unit, covariances / np.outer(unit, unit)
-    weights = np.linalg.pinv(covariances)
-    mean = np.linalg.pinv(weights.sum(axis=0)) @ np.einsum("rij,rj->i", weights, values)
+    unit[unit == 0.0] = 1.0
+    values, scale = values / unit, np.outer(unit, unit)
+    weights = np.linalg.pinv(covariances / scale, hermitian=True)
+    inverse = np.linalg.pinv(weights.sum(axis=0), hermitian=True)
+    mean = inverse @ np.einsum("rij,rj->i", weights, values)
     deviation = values - mean
     statistic = float(np.einsum("ri,rij,rj->", deviation, weights, deviation))
-    return statistic, float((len(values) - 1) * values.shape[1])
+    return unit * mean, scale * inverse, statistic

@@ -71,7 +71,7 @@ class Rival:
         return angle, np.column_stack([columns[:, order], np.ones(len(time))])
 
 
-def rivals_of(result: xr.Dataset | xr.DataTree, decay: xr.Dataset | None = None) -> list[Rival]:
+def rivals_of(result: xr.Dataset | xr.DataTree) -> list[Rival]:
     """The models that a result leaves: one of an identification, of a discovery those of its last set.
 
     Raises

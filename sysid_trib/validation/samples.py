@@ -31,7 +31,7 @@ from sysid_trib.results.variables import (
     with_error,
 )
 from sysid_trib.validation.findings import main_result
-from sysid_trib.validation.homogeneity import HOMOGENEITY_LEVEL
+from sysid_trib.validation.homogeneity import HOMOGENEITY_LEVEL, weighted_mean
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, error_parts, part_fit
 from sysid_trib.validation.random_effects import RandomEffects
@@ -173,15 +173,9 @@ def _sample(results: Sequence[xr.Dataset], symbols: Sequence[str], reference: fl
         ]
     )
     scattered = covariances + np.diag(between**2)
-    # Coefficients differ by orders of magnitude: in units of their errors the matrices are well conditioned.
-    unit = np.sqrt(np.mean(np.diagonal(scattered, axis1=1, axis2=2), axis=0))
-    unit[unit == 0.0] = 1.0
-    weights = np.linalg.pinv(scattered / np.outer(unit, unit), hermitian=True)
-    inverse = np.linalg.pinv(weights.sum(axis=0), hermitian=True)
-    mean = unit * (inverse @ np.einsum("rij,rj->i", weights, values / unit))
+    mean, covariance, _ = weighted_mean(values, scattered)
     held = np.all(errors == 0.0, axis=0)
     mean[held] = values[0][held]
-    covariance = inverse * np.outer(unit, unit)
     # The part of the variance that the scatter makes is known by the runs alone.
     part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~held)
     freedoms = np.divide(len(runs) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
