@@ -1,292 +1,34 @@
 """A motion by Taylor series: from switching to switching, stuck or free, with its derivatives.
 
-One compiled function follows any program (Jorba and Zou 2005: order, step). Signs are numbers that change
-where their surfaces, which are series as well, cross zero; derivatives jump there by the saltation matrix
-(Leine and Nijmeijer 2004).
+One compiled function follows any program. Signs are numbers that change where their surfaces, which are
+series as well, cross zero.
 """
 
 import numpy as np
 
-from sysid_trib.simulation.branches import (
-    FREE,
-    RESTS,
-    branch,
-    grip_of,
-    held_by,
-    parameters_at,
-    put,
-    rates_of,
-    reverses,
-    settle,
-    signs_of,
-    state_at,
-)
+from sysid_trib.simulation.branches import FREE, RESTS, parameters_at, put, reverses, signs_of, state_at
 from sysid_trib.simulation.compiled import (
-    DOWN,
     INPUT_JUMPS,
     INTERVAL_ENDS,
     ORDER,
     ROW_CLOCK,
     ROW_ERROR,
-    ROW_GRIP,
     ROW_LARGEST,
     ROW_MEMORY,
-    ROW_MEMORY_DOWN,
-    ROW_MEMORY_UP,
-    ROW_REPLACED,
     ROW_SIGNS,
-    ROW_SIGNS_DOWN,
     ROW_SIGNS_UP,
     ROW_STATE,
     ROW_ZEROS,
     TRIAL,
-    UP,
     compiled,
     inner,
 )
-from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, derivatives_of_order, order
-from sysid_trib.simulation.program import PUSH_NUMBERS
-from sysid_trib.simulation.roots import first_crossing, of_parameter, rest_of, slope, value
+from sysid_trib.simulation.holding import free_step, held_step, released
+from sysid_trib.simulation.roots import of_parameter, rest_of, value
+from sysid_trib.simulation.switching import begun, stop, switched
+from sysid_trib.simulation.taylor import FURTHEST_AT_ONCE, SURFACE_PART, driven, length, series
 
-# In tau: as far as a motion is followed at once, and how far it is held where a surface is crossed at rest.
-FURTHEST_AT_ONCE, PASSED = 16.0, 1e-9
-# Of the size of the motion: no further from a surface than rounding.
-AT_ZERO = 1e-14
-# What is left of a series after a step, of a state and of a surface or a derivative.
-STATE_PART, SURFACE_PART = 1e-16, 1e-13
-# Rates of states that are less do not change them.
-UNCHANGED = 1e-14
 MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
-
-
-@inner
-def series(program, c, h, held):
-    """Series of all slots from here, to the order that a step of h needs; that order.
-
-    At rest x and v stay and the states go on; on another surface v keeps it at zero. Derivatives follow where
-    there are any.
-    """
-    J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
-    slot = program.surfaces[held] if held > RESTS else 0
-    state_at(program, c, J, c.v[ROW_STATE], 0.0)
-    J[size, 1] = 1.0
-    for m in range(program.channels):
-        for k in range(PUSH_NUMBERS):
-            J[size + 1 + m, k] = c.drive[m, k]
-            degree = max(degree, k) if c.drive[m, k] != 0.0 else degree
-            for q in range(count):
-                T[size + 1 + m, k, q] = c.of_drive[m, q] * c.drive[m, k]
-    at_once(program, J)
-    if count > 0:
-        for i in range(size):
-            for q in range(count):
-                T[i, 0, q] = c.dy[i, q]
-        derivatives_at_once(program, J, T, program.main)
-    small, power = 0, h
-    for k in range(ORDER):
-        # What would move it where it is held, which only the rates tell, needs all orders.
-        ends = k > degree and held == FREE
-        for i in range(size):
-            stays, rate = held == RESTS and i < 2, program.rates[i]
-            J[i, k + 1] = 0.0 if stays else J[rate, k] / (k + 1)
-            for q in range(count):
-                T[i, k + 1, q] = 0.0 if stays else T[rate, k, q] / (k + 1)
-            # Where the step is short for another reason, few orders are enough.
-            ends = ends and abs(J[i, k + 1]) * power <= 1e-17 * max(abs(J[i, 0]), abs(J[i, 1]) * h)
-        order(program, J, k + 1)
-        if held > RESTS:
-            if k == 0:
-                c.v[ROW_GRIP, 0] = grip_of(program, J, slot)
-            J[1, k + 1] -= J[slot, k + 1] / c.v[ROW_GRIP, 0]
-            order(program, J, k + 1)
-        for s in program.surfaces:
-            ends = ends and abs(J[s, k + 1]) * power <= SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
-        if count > 0:
-            derivatives_of_order(program, J, T, k + 1)
-            if held > RESTS:
-                for q in range(count):
-                    T[1, k + 1, q] -= T[slot, k + 1, q] / c.v[ROW_GRIP, 0]
-                derivatives_of_order(program, J, T, k + 1)
-            ends = ends and (size == 2 or part_of_derivatives(program, c, k + 1) * power <= SURFACE_PART)
-        small = small + 1 if ends else 0
-        power *= h
-        if small == 2:
-            return k + 1
-    if held != FREE:
-        # What friction holds is accelerated as its surface is, whatever the rates with these signs say.
-        for k in range(ORDER + 1):
-            J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < ORDER else 0.0
-            for q in range(count):
-                T[program.rates[1], k, q] = (k + 1) * T[1, k + 1, q] if k < ORDER else 0.0
-    return ORDER
-
-
-@inner
-def radius(J, s, other, n, part):
-    """A step after which the series of two slots go on by less than this part of their first large term."""
-    largest = 0.0
-    for m in range(4):
-        largest = max(largest, abs(J[s, m]), abs(J[other, m]))
-    m = 0
-    while m < 3 and max(abs(J[s, m]), abs(J[other, m])) <= 1e-3 * largest:
-        m += 1
-    first, h = max(abs(J[s, m]), abs(J[other, m])), FURTHEST_AT_ONCE
-    for k in range(n - 1, n + 1):
-        last = max(abs(J[s, k]), abs(J[other, k]))
-        if last > 0.0 and first > 0.0:
-            h = min(h, (part * first / last) ** (1.0 / (k - m)))
-    return h
-
-
-@inner
-def part_of_derivatives(program, c, k):
-    """The largest term of an order of the derivatives, over what that parameter has moved so far."""
-    largest = 0.0
-    for q in range(c.T.shape[2]):
-        scale, term = max(c.v[ROW_LARGEST, q], abs(c.T[1, 1, q])), 0.0
-        for i in range(program.states):
-            scale = max(scale, abs(c.T[i, 0, q]))
-            term = max(term, abs(c.T[i, k, q]))
-        if scale > 0.0:
-            largest = max(largest, term / scale)
-    return largest
-
-
-@inner
-def length(program, c, n):
-    """A step for which the rest of the series is below rounding."""
-    J = c.J
-    h = radius(J, np.int64(0), np.int64(1), n, STATE_PART)
-    for i in range(2, program.states):
-        h = min(h, radius(J, i, i, n, STATE_PART))
-    for s in program.surfaces:
-        if s >= program.states:
-            h = min(h, radius(J, s, s, n, SURFACE_PART))
-    for k in range(n - 1, n + 1 if program.states > 2 else n - 1):
-        # Of a stiff state the derivatives fade, and grow again in steps that are too long for them.
-        last = part_of_derivatives(program, c, k)
-        if last > 0.0:
-            h = min(h, (SURFACE_PART / last) ** (1.0 / k))
-    return h
-
-
-@inner
-def driven(given, c, piece):
-    """What is given over time, about here."""
-    degree = given.drives.shape[2] - 1
-    for m in range(len(c.drive)):
-        for k in range(degree + 1):
-            c.drive[m, k] = given.drives[piece, m, k] if piece >= 0 else 0.0
-        if piece >= 0:
-            since = c.v[ROW_CLOCK, 0] - given.knots[piece]
-            for j in range(degree):
-                for k in range(degree - 1, j - 1, -1):
-                    c.drive[m, k] += since * c.drive[m, k + 1]
-    look_ahead(c, 0.0)
-
-
-@inner
-def look_ahead(c, h):
-    """Value and slope of what is given over time, so much after where its polynomials count from."""
-    for m in range(len(c.drive)):
-        c.drive[m, PUSH_NUMBERS] = value(c.drive[m], np.int64(PUSH_NUMBERS - 1), h)
-        c.drive[m, PUSH_NUMBERS + 1] = slope(c.drive[m], np.int64(PUSH_NUMBERS - 1), h)
-
-
-@inner
-def free_step(program, c, n, h):
-    """Up to where a free motion may go, and the surface that it meets there, or -1."""
-    which, near = -1, AT_ZERO * max(abs(c.v[ROW_STATE, 0]), abs(c.v[ROW_STATE, 1]))
-    for m in range(len(program.signs)):
-        r = first_crossing(
-            c.J[program.surfaces[m]], n, h, c.v[ROW_SIGNS, m], (near, c.v[ROW_ZEROS, m]), c.work
-        )
-        if r <= h:
-            h, which = r, m
-    return h, which
-
-
-@inner
-def held_step(program, c, n, h, held, ends):
-    """Up to where a body may stay where it is held; which way it is let go there (+1, -1), or 0.
-
-    Third is the surface that it meets there, or -1.
-    """
-    way, which, near = 0.0, -1, AT_ZERO * abs(c.v[ROW_STATE, 0])
-    if held == RESTS:
-        h = rest_lasts(program, c, n, h, near)
-        up = branch(program, c, 1.0, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
-        down = branch(program, c, -1.0, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
-    else:
-        h, which = free_step(program, c, n, h)
-        for at, memory in ((ROW_SIGNS_UP, ROW_MEMORY_UP), (ROW_SIGNS_DOWN, ROW_MEMORY_DOWN)):
-            put(c.v[ROW_SIGNS], c.v[at])
-            put(c.v[ROW_MEMORY], c.v[memory])
-        c.v[ROW_SIGNS_UP, held], c.v[ROW_SIGNS_DOWN, held] = 1.0, -1.0
-    pulls(program, c, c.aside[UP], n, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
-    pulls(program, c, c.aside[DOWN], n, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
-    pull = program.rates[1]
-    if held != RESTS:
-        # Upwards is where the surface rises.
-        for k in range(n + 1):
-            c.aside[UP][pull, k] *= c.v[ROW_GRIP, 0]
-            c.aside[DOWN][pull, k] *= c.v[ROW_GRIP, 0]
-        up, down = c.aside[UP][pull, 0], c.aside[DOWN][pull, 0]
-    if not ends or not is_still(program, c, n):
-        h = min(h, radius(c.aside[UP], pull, pull, n, STATE_PART))
-        h = min(h, radius(c.aside[DOWN], pull, pull, n, STATE_PART))
-        r = 0.0 if up > 0.0 else first_crossing(c.aside[UP][pull], n, h, -1.0, (near, 0.0), c.work)
-        if r < h:
-            h, way = r, 1.0
-        r = 0.0 if down < 0.0 else first_crossing(c.aside[DOWN][pull], n, h, 1.0, (near, 0.0), c.work)
-        if r < h:
-            h, way = r, -1.0
-    return h, way, which if way == 0.0 else -1
-
-
-@inner
-def rest_lasts(program, c, n, h, near):
-    """Up to where the signs at rest are those of now."""
-    for m in range(len(program.signs)):
-        # Of a surface that is zero at rest nothing is known but at the start.
-        if c.v[ROW_SIGNS_UP, m] != 0.0:
-            r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[ROW_SIGNS_UP, m], (near, 0.0), c.work)
-            if r < h:
-                h = max(r, PASSED)
-    return h
-
-
-@inner
-def pulls(program, c, other, n, memory, signs):
-    """Series in `other` of what would move a held body to one side of where it is held."""
-    along(program, c, other, n, memory, signs)
-    pull = program.rates[1]
-    for k in range(n + 1):
-        other[pull, k] -= c.J[pull, k]
-
-
-@inner
-def along(program, c, other, n, memory, signs):
-    """Series in `other` of all slots along the states in J, with another memory and other signs."""
-    for i in range(program.states + 1 + program.channels):
-        for k in range(n + 1):
-            other[i, k] = c.J[i, k]
-    parameters_at(program, other, memory, signs)
-    at_once(program, other)
-    for k in range(1, n + 1):
-        order(program, other, k)
-
-
-@inner
-def is_still(program, c, n):
-    """Whether nothing at rest changes: what would accelerate it, and its states."""
-    for i in range(2, program.states):
-        if abs(c.J[i, 1]) > UNCHANGED:
-            return False
-    for k in range(1, n + 1):
-        if c.aside[UP][program.rates[1], k] != 0.0 or c.aside[DOWN][program.rates[1], k] != 0.0:
-            return False
-    return True
 
 
 @inner
@@ -348,109 +90,6 @@ def forgotten(program, c):
         for i in range(2, program.states):
             if abs(c.dy[i, q]) < SURFACE_PART * c.v[ROW_LARGEST, q]:
                 c.dy[i, q] = 0.0
-
-
-@inner
-def stop(c):
-    """What friction holds has no speed, whatever it had."""
-    c.v[ROW_STATE, 1], c.v[ROW_ERROR, 1] = 0.0, 0.0
-    for q in range(c.dy.shape[1]):
-        c.dy[1, q] = 0.0
-
-
-@inner
-def switched(program, c, which, n, h):
-    """Go on from a surface, with the jump of the derivatives; by what the motion is held there."""
-    size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
-    moves, way = np.zeros(count), c.v[ROW_SIGNS, 0]
-    if count > 0:
-        rate = slope(c.J[slot], n, h)
-        for q in range(count):
-            # By so much the instant of the switching moves with the parameter.
-            moves[q] = -of_parameter(c.T, slot, q, n, h) / rate if rate != 0.0 else 0.0
-            for i in range(size):
-                c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]
-    if slot < size:
-        # The surface is a state: exactly zero here.
-        c.v[ROW_STATE, slot], c.v[ROW_ERROR, slot] = 0.0, 0.0
-    c.v[ROW_ZEROS, which] = 1
-    put(c.v[ROW_MEMORY], c.v[ROW_REPLACED])
-    look_ahead(c, h)
-    held = settled(program, c)
-    turned = way * c.v[ROW_SIGNS, 0] < 0.0
-    if program.memory > 0 and turned and slot >= size:
-        # Another memory takes it elsewhere.
-        c.v[ROW_ZEROS, which] = 0
-    if held == RESTS:
-        stop(c)
-    if count > 0:
-        after(program, c, moves, turned, held)
-    if held > RESTS:
-        onto(program, c, held)
-    return held
-
-
-@inner
-def settled(program, c):
-    """Set signs, and at a reversal the memory, for the motion from here; by what it is held."""
-    if not settle(program, c):
-        return np.int64(RESTS)
-    held = held_by(program, c)
-    if held > RESTS:
-        c.v[ROW_SIGNS, held] = 0.0
-    return held
-
-
-@inner
-def onto(program, c, held):
-    """Put v, and its derivatives, on the surface by which a motion is held."""
-    J, T, slot, count = c.J, c.T, program.surfaces[held], c.T.shape[2]
-    state_at(program, c, J, c.v[ROW_STATE], 0.0)
-    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
-    at_once(program, J)
-    for i in range(program.states + 1):
-        J[i, 1] = 0.0
-    order(program, J, np.int64(1))
-    grip = grip_of(program, J, slot)
-    c.v[ROW_STATE, 1] -= J[slot, 0] / grip
-    if count > 0:
-        for i in range(program.states):
-            for q in range(count):
-                T[i, 0, q] = c.dy[i, q]
-        derivatives_at_once(program, J, T, program.main)
-        for q in range(count):
-            c.dy[1, q] -= T[slot, 0, q] / grip
-
-
-@inner
-def after(program, c, moves, turned, held):
-    """Derivatives after a switching, whose instant `moves`; of the memory where it was replaced."""
-    J, T, size, kept, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
-    at = program.inputs - kept
-    state_at(program, c, J, c.v[ROW_STATE], 0.0)
-    if kept > 0 and turned:
-        parameters_at(program, J, c.v[ROW_REPLACED], c.v[ROW_SIGNS])
-        for i in range(size):
-            for q in range(count):
-                T[i, 0, q] = c.dy[i, q]
-        at_once_live(program, J, len(program.code))
-        derivatives_at_once(program, J, T, len(program.code))
-        for m in range(kept):
-            for q in range(count):
-                T[at + m, 0, q] = T[program.replaced[m], 0, q]
-    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
-    rates_of(program, J, c.v[ROW_SIGNS])
-    for i in range(2 if held == RESTS else 0, size):
-        for q in range(count):
-            c.dy[i, q] -= J[program.rates[i], 0] * moves[q]
-
-
-@inner
-def released(program, c, held, way):
-    """Let a body go from where it is held: from there it begins without speed and without acceleration."""
-    put(c.v[ROW_MEMORY_UP] if way > 0.0 else c.v[ROW_MEMORY_DOWN], c.v[ROW_MEMORY])
-    put(c.v[ROW_SIGNS_UP] if way > 0.0 else c.v[ROW_SIGNS_DOWN], c.v[ROW_SIGNS])
-    c.v[ROW_ZEROS, held] = 2
 
 
 @inner
@@ -541,18 +180,6 @@ def noted(times, count, tau):
         times = longer
     times[count] = tau
     return times
-
-
-@inner
-def begun(program, c):
-    """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
-    way = c.v[ROW_SIGNS, 0] if len(program.signs) > 0 else 0.0
-    held = settled(program, c)
-    if held == RESTS:
-        stop(c)
-    elif held > RESTS:
-        onto(program, c, held)
-    return held, held != RESTS and len(program.signs) > 0 and way * c.v[ROW_SIGNS, 0] < 0.0
 
 
 @compiled
