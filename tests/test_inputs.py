@@ -295,13 +295,14 @@ def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
     assert said["test"][0]["residual_over_motion"] < 1e-3
     assert (tmp_path / "figures" / "driven.pdf").exists()
     kept, page = tmp_path / "driven.nc", tmp_path / "driven.html"
-    text = run(*asked, "-o", kept).out
+    text = run(*asked, "--warm-up", "1.5", "-o", kept).out
     assert "In the unit of the input u: mass" in text
     assert run("report", kept, "-o", page).status == 0
     written = page.read_text(encoding="utf-8")
     assert "Forces of a driven record" in written
     assert "input={" in written
     assert "st.methods.Trajectory" in written
+    assert "warm_up=1.5" in written
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,9 @@ class TestOptions:
     title: ClassVar[str] = MODEL
 
     test: Path | None = option("RECORD", "Another record, read alike, which the answer predicts.")
-    warm_up: float | None = option("S", "Its start is fitted to so much of it; default: to all.")
+    warm_up: float | None = option(
+        "S", "Beginning of driven records that does not count; to it the start of --test is fitted."
+    )
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,9 @@ def identify(
         if paper.methods is not None and is_driven(decays):
             raise UsageError("--methods is of free decays; describe a driven record by --latex.")
         own = tuple(name.strip() for name in (constraint.own or "").split(",") if name.strip())
-        usual = usual_methods(decays, asked.library, asked.reference_frequency, asked.shapes, own)
+        usual = usual_methods(
+            decays, asked.library, asked.reference_frequency, asked.shapes, own, tried.warm_up or 0.0
+        )
         tree = identify(
             decays,
             asked.library,

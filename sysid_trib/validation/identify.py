@@ -115,6 +115,7 @@ def usual_methods(
     reference_frequency: float | None = None,
     shapes: dict[str, float] | None = None,
     own: tuple[str, ...] = (),
+    warm_up: float = 0.0,
 ) -> list[Method]:
     """The two methods that are held against each other.
 
@@ -130,6 +131,8 @@ def usual_methods(
         Shape parameters that are held.
     own : tuple of str
         Forces whose coefficient is each run's own, of driven records.
+    warm_up : float, s
+        Beginning of each driven record that does not count in the fit of its motion.
 
     Raises
     ------
@@ -140,7 +143,7 @@ def usual_methods(
     averaging, direct, trajectory = (kind(**asked) for kind in (Averaging, Direct, Trajectory))  # type: ignore
     runs = as_runs(decay, driven=True)
     if is_driven(runs):
-        return [Direct(**asked, own=own), Trajectory(**asked, own=own)]  # type: ignore
+        return [Direct(**asked, own=own), Trajectory(**asked, own=own, warm_up=warm_up)]  # type: ignore
     if own:
         raise UsageError(
             "Coefficients of each run's own are of driven records (--input); identify each free decay alone."
