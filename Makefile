@@ -4,17 +4,21 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile $(WARNINGS)
 
-.PHONY: demo test test-slow test-lowest coverage notebooks docs check clean
+.PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs check clean
 
 demo: $(VENV)/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
 
 test: $(VENV)/ready-dev
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not in_full"
 
-# Full searches, measured records, calibration over many seeds, pages in a browser.
+# Full searches, measured records, pages in a browser.
 test-slow: $(VENV)/ready-dev
-	$(PYTEST) -m slow
+	$(PYTEST) -m "slow and not in_full"
+
+# Statistics over many seeds, further draws of what generators write: before a release, no part of .ci/run.
+test-in-full: $(VENV)/ready-dev
+	$(PYTEST) -m in_full
 
 # With the lowest version of each dependency that pyproject.toml allows. That they call what other packages have
 # deprecated since is theirs to mend.

@@ -78,7 +78,7 @@ def test_standard_errors_tell_the_scatter_of_slow_variations():
         assert low < rms(means, axis=None) < high
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_averaging_is_unbiased_and_calibrated():
     run, method, seeds = paper_run(FIVE), Averaging(curve="analytic-signal"), 30
     quiet = method.identify(run.decay(), FORCES)

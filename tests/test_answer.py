@@ -53,6 +53,7 @@ def test_where_the_model_is_complete_nothing_is_added():
     np.testing.assert_array_equal(decided.coefficient, alone.coefficient)
 
 
+@pytest.mark.slow
 def test_of_several_runs_every_other_one_predicts_the_rest(incomplete):
     (decay, pair), method = incomplete, st.methods.Averaging(random_force="off")
     missed = list(_of_other_runs(method, [decay, decay], FORCES, pair[0]))
@@ -62,6 +63,7 @@ def test_of_several_runs_every_other_one_predicts_the_rest(incomplete):
     assert not list(_of_other_runs(method, [decay], FORCES, pair[0]))
 
 
+@pytest.mark.slow
 def test_a_random_force_is_taken_where_there_is_one():
     decay = record(random_force=2e-3, seed=3)
     results = identifications(decay, FORCES, METHODS)
@@ -84,6 +86,7 @@ def test_errors_have_two_parts(incomplete):
         assert np.linalg.eigvalsh(result["covariance"].values / np.outer(unit, unit)).min() > -1e-9
 
 
+@pytest.mark.slow
 def test_two_releases_agree_within_the_total_errors():
     whole = st.load_library("candidate_effects")
     library = FORCES.__class__(FORCES.title, (*FORCES.forces, whole["stribeck"]), FORCES.source)
@@ -95,6 +98,7 @@ def test_two_releases_agree_within_the_total_errors():
     assert np.abs(total).max() < 3.0
 
 
+@pytest.mark.slow
 def test_an_option_that_is_given_is_kept():
     decay = record(random_force=2e-3, seed=3)
     for option in ("off", "estimated", 2e-3):

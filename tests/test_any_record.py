@@ -56,7 +56,7 @@ def scale(
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed >= QUICK)) for seed in range(MANY)]
+    "seed", [pytest.param(seed, marks=[pytest.mark.in_full] * (seed >= QUICK)) for seed in range(MANY)]
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_random_record_has_a_verdict_or_a_reason(seed):

@@ -64,7 +64,7 @@ def test_correction_removes_the_bias(strength):
 
 
 @pytest.mark.parametrize("case", ["fitted", "given"])
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_standard_errors_tell_the_scatter(case):
     run = paper_run(FIVE if case == "fitted" else SIX)
     method = Averaging(reference_frequency=None if case == "fitted" else W)

@@ -76,6 +76,7 @@ def test_an_equation_is_off_by_the_kicks_between_its_half_periods():
     np.testing.assert_allclose(later.toarray(), [[0.0, 1.0, 1.0, 0.0, 0.0, 0.0]])
 
 
+@pytest.mark.slow
 def test_averaging_tells_the_two_noises_apart():
     scores, ratios = [], []
     for seed in range(8):
@@ -126,6 +127,7 @@ def test_each_run_has_its_own():
     assert quiet < 0.1 * DENSITY < 0.3 * DENSITY < pushed
 
 
+@pytest.mark.in_full
 @pytest.mark.parametrize("method", [FeenyLiang, EnergyDecay, WuDecrement], ids=lambda m: m.__name__)
 def test_decrements_have_errors_of_a_motion_that_is_pushed(method):
     truth = {"lambda": 1e-3, "zeta": 2e-3}

@@ -97,6 +97,7 @@ FORCES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forces", FORCES.values(), ids=FORCES)
 def test_bands_hold_the_curves_of_the_motion_without_noise(forces):
     clean = motion(forces)
@@ -156,6 +157,7 @@ def test_a_model_leaves_the_band_where_it_is_wrong():
     assert departure_sentence(wrong, "rad").endswith(" rad up")
 
 
+@pytest.mark.slow
 def test_a_model_in_other_units_is_the_same():
     decay = decay_of(motion([("2*v", 2e-3), ("v*abs(v)", 0.03)], periods=40))
     library = st.load_library("contact_forces").select(["zeta"])
@@ -171,6 +173,7 @@ def test_a_model_in_other_units_is_the_same():
     )
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_writes(tmp_path, viscous):
     record = tmp_path / "record.csv"
     table = measured(viscous).angle.to_dataframe().rename(columns={"angle": "angle (rad)"})

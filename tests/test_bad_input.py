@@ -246,6 +246,7 @@ def test_interrupt_and_faults(refused, monkeypatch, error, status, said):
     assert (found, said in complaint) == (status, True)
 
 
+@pytest.mark.slow
 def test_a_true_process():
     command = [sys.executable, "-m", "sysid_trib", "identify", "missing.csv"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)

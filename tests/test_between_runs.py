@@ -31,6 +31,7 @@ def test_the_spread_is_that_of_paule_and_mandel():
     assert told.between_run_lower < told.between_run < told.between_run_upper
 
 
+@pytest.mark.in_full
 @pytest.mark.parametrize("tau", [2.0])
 def test_intervals_of_the_spread_hold_in_95_of_100_cases(tau):
     random, hold, records = np.random.default_rng(2), 0, 400
@@ -111,6 +112,7 @@ def test_a_unit_changes_nothing():
         np.testing.assert_allclose(second[name], unit * first[name], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_identifications_are_compared_at_one_frequency_and_a_worn_run_scatters():
     library = st.load_library("contact_forces").select(FIVE)
     identified = [st.identify(paper_run().decay(seed), library, st.methods.Direct()) for seed in range(4)]

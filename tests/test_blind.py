@@ -104,7 +104,7 @@ HIDDEN = {15: "van_der_pol", 42: "even_drag", 38: "ambient", 43: "sensor_curve",
 
 
 @pytest.mark.parametrize("number", HIDDEN, ids=HIDDEN.get)
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_what_is_hidden_is_named_and_its_gap_closes(number):
     row = blind(f"effect 60-300/{number}")
     assert [one["symbol"] for one in row["hidden"]] == [HIDDEN[number]]

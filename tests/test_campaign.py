@@ -64,6 +64,7 @@ def numbers(store):
     return store.drop_vars("seconds").load()
 
 
+@pytest.mark.slow
 def test_a_study_is_drawn_by_number_and_its_truth_is_kept(study, tmp_path):
     store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
     assert store.coefficient.sizes == {"record": 6, "method": 1, "force": 2}
@@ -121,6 +122,7 @@ def disk_with_room(monkeypatch, room):
     return left
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_a_campaign_in_a_sentence_and_it_goes_on_when_there_is_room(
     study, tmp_path, monkeypatch
 ):
@@ -161,6 +163,7 @@ def test_a_bad_record_is_a_row_with_its_reason(tmp_path):
     assert np.isfinite(store.outline.values).any(axis=(1, 2)).tolist() == [True, False, True]
 
 
+@pytest.mark.slow
 def test_a_record_whose_file_has_changed_is_done_anew(tmp_path, monkeypatch):
     files = [write_csv(tmp_path / f"{at}.csv", angle=linear(zeta=0.01 + 0.001 * at)) for at in range(3)]
     good, others = files[1].read_bytes(), files[0].read_bytes()
@@ -216,6 +219,7 @@ def files_of(study, folder, numbers):
     return sorted(folder.glob("*.csv"))
 
 
+@pytest.mark.slow
 def test_what_was_done_stays_when_records_come_to_it(study, tmp_path):
     """Files that sort between the others, a task that counts what it reads."""
     folder, read = tmp_path / "data", []
@@ -237,6 +241,7 @@ def test_what_was_done_stays_when_records_come_to_it(study, tmp_path):
         st.campaign(files_of(study, folder, [])[1:], task, output=output, workers=0)
 
 
+@pytest.mark.slow
 def test_a_study_of_more_records_goes_on(study, tmp_path):
     output = tmp_path / "out.zarr"
     st.campaign(dataclasses.replace(study, records=4), TASK, output=output, workers=0)
@@ -248,6 +253,7 @@ def test_a_study_of_more_records_goes_on(study, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_store_whose_growth_was_killed_is_put_back(study, tmp_path, monkeypatch):
     output = tmp_path / "out.zarr"
     few = dataclasses.replace(study, records=4)
@@ -318,6 +324,7 @@ def test_a_table_of_conditions_is_refused_before_the_work_is_done(tmp_path, text
         read_conditions(table, records)
 
 
+@pytest.mark.slow
 def test_a_condition_that_goes_with_another_is_left_out_of_the_comparison(tmp_path):
     rng = np.random.default_rng(5)
     for at, name in enumerate("abcdef"):
@@ -363,6 +370,7 @@ def test_a_frequency_that_cannot_be_a_records_is_why_it_has_no_result(tmp_path, 
     assert "'89': the record swings at 9.9 rad/s, less than a fifth of that" in done.out
 
 
+@pytest.mark.slow
 def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
     drag = st.simulate(st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "delta": 0.2}, 9.9), TIME[:800], 0.3, 0.0)
     noise = 1e-3 * np.random.default_rng(2).standard_normal(800)
@@ -410,6 +418,7 @@ def test_a_damaged_store_is_a_sentence(tmp_path):
     assert "a part of the store is damaged" in done.err
 
 
+@pytest.mark.slow
 def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
     noise = 5e-4 * np.random.default_rng(3).standard_normal(len(TIME))
     cubic = st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "epsilon": -0.1664}, 10.0)
@@ -459,6 +468,7 @@ def test_a_campaign_in_a_process_that_is_being_started_says_what_is_lacking(tmp_
         st.campaign(["a.csv"], TASK, output=tmp_path / "out.zarr")
 
 
+@pytest.mark.slow
 def test_a_store_is_no_result_of_one_record(study, tmp_path):
     st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
     with pytest.raises(RecordError, match=r"a\.html"):
@@ -543,7 +553,7 @@ if __name__ == "__main__":
 @pytest.mark.slow
 def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
     place = tmp_path / "study.toml"
-    place.write_text(STUDY.format(records=150))
+    place.write_text(STUDY.format(records=60))
     study = st.campaigns.load_study(place)
     whole = numbers(st.campaign(study, TASK, output=tmp_path / "whole.zarr", workers=0))
     script = tmp_path / "script.py"

@@ -272,6 +272,7 @@ def test_no_two_candidates_are_the_same_force():
     assert exactly_dependent(BOTH, 1.0) == []
 
 
+@pytest.mark.slow
 def test_even_forces_and_shaking_have_no_signature():
     expected = tuple(k for k, row in TABLE.items() if row[2] is EVEN and row[1] != "sensor")
     assert without_signature(BOTH, 0.01, 1.0) == expected

@@ -50,6 +50,7 @@ def gains_of_chance(ratio, draws):
     return np.maximum(gains, 0.0), rows
 
 
+@pytest.mark.slow
 def test_chance_gains_no_more_than_is_told_where_few_rows_tell_a_random_force():
     gains, rows = gains_of_chance(ratio=0.1, draws=200)
     assert np.median(rows) < 0.6 * FORM.rows
@@ -71,6 +72,7 @@ def pushed(seed, size=3.0):
     return run
 
 
+@pytest.mark.in_full
 def test_a_drawn_deviation_has_the_uncertainty_of_the_motion():
     model = start_model([pushed(1)])
     rows, ratio = model.rows[0], float(model.likelihood.ratios[0])

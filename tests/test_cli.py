@@ -118,6 +118,7 @@ def test_result_file(twin, tree):
     assert tree["record"].ds.simulated_angle.sizes["model"] == 2
 
 
+@pytest.mark.slow
 def test_result_file_comes_back_equal(tree, tmp_path):
     result_files.save(tree, tmp_path / "again.nc")
     again = result_files.load(tmp_path / "again.nc")
@@ -143,6 +144,7 @@ def test_table_of_the_example_on_an_ascii_terminal():
     assert "Averaging and direct agree" in ending.out
 
 
+@pytest.mark.slow
 def test_layers_of_the_text():
     quiet, usual, whole = (run("identify", *layer).out for layer in (["--quiet"], [], ["--explain"]))
     for text in (quiet, usual, whole):
@@ -167,6 +169,7 @@ def test_two_layers_at_once_are_refused(command):
     assert ending.complaint == "sysid-trib: --explain prints more and --quiet prints less: choose one."
 
 
+@pytest.mark.slow
 def test_what_warns_is_printed_by_default(tmp_path):
     time = np.arange(0.0, 12.0, 0.01)
     angle = 0.4 * np.exp(-0.05 * time) * np.cos(9.0 * time - 0.4 * np.exp(-0.1 * time))
@@ -176,6 +179,7 @@ def test_what_warns_is_printed_by_default(tmp_path):
     assert "The residuals of direct are correlated" in ending.out
 
 
+@pytest.mark.slow
 def test_alpha_is_the_papers(simulated, tmp_path):
     result = tmp_path / "result.nc"
     arguments = (simulated, "--window", ":9", "--omega0", "8.87±0.02", "--forces", "zeta,delta,nu,epsilon")
@@ -202,6 +206,7 @@ def test_reference_frequency_is_held_and_makes_alpha_an_unknown(simulated):
             assert abs(one["value"] - truth) < 4.5 * one["standard_error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".csv", ".nc"])
 def test_simulated_forces_are_identified(tmp_path, ending):
     path, truth = tmp_path / f"run{ending}", {"lambda": 2e-4, "zeta": 0.006, "epsilon": 0.25}

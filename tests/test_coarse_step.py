@@ -33,6 +33,7 @@ def verdict(decay: xr.Dataset, forces: list[str]) -> str:
     return st.cross_check(decay, *results)["comparison"].attrs["explained"]
 
 
+@pytest.mark.slow
 def test_rounding_alone_is_explained_and_a_missing_force_is_not(decay):
     assert verdict(decay, ["zeta", "delta"]) == "yes"
     assert verdict(decay, ["zeta"]) != "yes"

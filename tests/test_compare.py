@@ -153,6 +153,7 @@ def test_forces_of_one_signature_are_one_to_averaging():
     assert found.attrs["averaging_cannot_see"] == "even"
 
 
+@pytest.mark.slow
 def test_a_method_that_does_not_apply_keeps_its_row(tmp_path):
     library = FORCES.select(["zeta", "epsilon"])
     tree = compare(RUN.decay(7), library, [WuDecrement(), LinearDecrement(), Direct()])
@@ -221,6 +222,7 @@ def test_a_missing_force_is_told():
     np.testing.assert_allclose(drawn.error, errors.sel({"method": drawn.method.values}))
 
 
+@pytest.mark.slow
 def test_a_prediction_that_is_good_by_accident_is_told():
     methods = {name: every_method()[name] for name in ("averaging", "averaging (printed rule)", "direct")}
     tree = compare(RUN.decay(7), FORCES.select(["lambda", "zeta"]), methods)
@@ -324,6 +326,7 @@ def _rows(tree):
     return [text.get_text() for text in plots.comparison(tree).axes[0].get_yticklabels()]
 
 
+@pytest.mark.slow
 def test_figure_shows_the_table():
     tree, found = paper()[0], table()
     axes = _panel(tree, r"\zeta")
@@ -338,6 +341,7 @@ def test_figure_shows_the_table():
     assert "10^{-3}" in axes.get_xlabel()
 
 
+@pytest.mark.slow
 def test_command(tmp_path):
     files = ("--window", ":9", "-o", tmp_path / "example.nc")
     ending = run("compare", *files, "--omega0", "8.87±0.02", "--explain")
@@ -407,6 +411,7 @@ def of_two_runs():
     return compare(two_runs(), FORCES, every_method())
 
 
+@pytest.mark.slow
 def test_several_runs_are_identified_together():
     tree = of_two_runs()
     found = tree["comparison"].to_dataset()
@@ -443,6 +448,7 @@ def test_rms_are_over_the_runs_and_each_ones_noise():
     assert of(found, "direct (strong form)").holdout_p_value.item() < 0.01
 
 
+@pytest.mark.slow
 def test_runs_are_saved_told_and_drawn(tmp_path):
     tree = of_two_runs()
     save(tree, tmp_path / "result.nc")
@@ -456,6 +462,7 @@ def test_runs_are_saved_told_and_drawn(tmp_path):
     assert axis.get_major_formatter().get_useOffset() is False
 
 
+@pytest.mark.slow
 def test_a_method_that_does_not_apply_has_a_remark_and_no_other_row():
     methods = [LogarithmicDecrement(), Direct()]
     tree = compare(two_runs(), FORCES.select(FIVE), methods)

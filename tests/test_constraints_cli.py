@@ -13,6 +13,7 @@ def tied():
     return run("identify", *QUICK, "--fix", "lambda=0", "--tie", "nu=-2.356*delta", "--json")
 
 
+@pytest.mark.slow
 def test_a_fixed_value_and_a_tie_come_back_exactly(tied):
     data = json.loads(tied.out)
     for method in data["methods"].values():
@@ -27,6 +28,7 @@ def test_a_fixed_value_and_a_tie_come_back_exactly(tied):
     assert data["cross_check"]["degrees_of_freedom"] == 4
 
 
+@pytest.mark.slow
 def test_it_is_told_in_the_table_and_in_a_sentence():
     told = " ".join(run("identify", *QUICK, "--fix", "lambda=0", "--bound", "zeta=0.02:").out.split())
     assert "0 (fixed)" in told
@@ -34,6 +36,7 @@ def test_it_is_told_in_the_table_and_in_a_sentence():
     assert "Constraints: lambda is fixed (0); zeta is at its bound (0.02)." in told
 
 
+@pytest.mark.slow
 def test_a_method_that_takes_no_constraint_keeps_its_row():
     ending = run("compare", *QUICK, "--fix", "lambda=0", "--tie", "zeta=delta**2", "--json")
     methods = json.loads(ending.out)["methods"]

@@ -122,6 +122,7 @@ def test_coefficients_of_a_displacement_are_printed_with_its_unit(tmp_path):
     assert re.search(r"noise: 0\.00\d+ mm", ending.out)
 
 
+@pytest.mark.slow
 def test_a_pendulum_has_its_gravity(tmp_path):
     import sysid_trib as st
 

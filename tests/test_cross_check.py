@@ -32,6 +32,7 @@ def paper_check():
     return checked(paper_run(FIVE).decay(7))
 
 
+@pytest.mark.slow
 def test_groups_and_labels():
     tree = paper_check()
     assert set(tree.children) == GROUPS
@@ -64,7 +65,7 @@ def test_the_difference_is_taken_at_one_reference_frequency():
     np.testing.assert_allclose(tree["comparison"].difference.values[:-1], expected, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_p_values_are_those_of_chance():
     run, exact, p_values = paper_run(FIVE), paper_run(FIVE).angle, []
     for seed in range(8):
@@ -75,6 +76,7 @@ def test_p_values_are_those_of_chance():
     assert chi2.ppf(1e-3, 16) < -2.0 * np.sum(np.log(p_values)) < chi2.ppf(1.0 - 1e-3, 16)
 
 
+@pytest.mark.slow
 def test_a_missing_force_shows():
     tree = checked(paper_run(FIVE).decay(7), FORCES.select(["lambda", "zeta", "delta", "epsilon"]))
     compared = tree["comparison"]
@@ -96,6 +98,7 @@ def test_first_order_bias_is_stated_where_it_is_not_removed():
     assert np.all(np.abs(corrected) < 0.05 * paper_check()["comparison"].standard_error)
 
 
+@pytest.mark.slow
 def test_same_seed_same_result():
     record = paper_run(FIVE).decay(7)
     again, other = checked(record, draws=3, seed=1), checked(record, draws=3, seed=2)
@@ -112,6 +115,7 @@ def test_saved_and_read_back_the_same(tmp_path):
         assert back[name].attrs == node.attrs
 
 
+@pytest.mark.slow
 def test_two_of_one_method_keep_apart():
     record = paper_run(FIVE).decay(7)
     pair = [m.identify(record, FORCES) for m in (Direct(refine=False), Direct())]
@@ -137,6 +141,7 @@ def test_a_dropped_force_is_compared_by_the_others():
     assert np.all(np.isfinite(compared.standard_error.values))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_is_said():
     library = library_of_formulas(zeta="2*v", delta="v*abs(v)", positional="x**2*sign(v)")
     run = Run(Model(library, {"zeta": 0.0097, "delta": 0.037}, 9.91), paper_run().time)
@@ -156,6 +161,7 @@ def test_what_is_no_library_or_method_is_told(library, method):
         identify(paper_run(FIVE).decay(0), library, method)
 
 
+@pytest.mark.slow
 def test_methods_with_options_that_are_no_text_are_held_against_each_other():
     record, start = paper_run(FIVE).decay(0), Model(FORCES, FIVE, W)
     first = identify(record, FORCES, Trajectory(start=start, constraints={"zeta": (0.0, 1.0)}))

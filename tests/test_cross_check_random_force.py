@@ -58,6 +58,7 @@ def test_wander_is_that_of_kicked_motions():
     assert np.all(drawn[:, 0] == 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.simulated_pairs
 def test_records_of_a_result_with_a_random_force_are_pushed(record, pair):
     free, known = pair
@@ -99,6 +100,7 @@ class Failing:
         return self.method.identify(decay, library)
 
 
+@pytest.mark.slow
 @pytest.mark.simulated_pairs
 @pytest.mark.parametrize(("most", "verdict"), [(7, "unknown"), (8, "agree")])
 def test_records_that_were_identified_are_counted(record, pair, most, verdict, monkeypatch):
@@ -153,6 +155,7 @@ def long_record(periods):
     return xr.Dataset({"angle": angle + NOISE * np.random.default_rng(0).standard_normal(len(time))})
 
 
+@pytest.mark.slow
 def test_a_long_record_is_compared_on_stretches():
     record = long_record(130)
     pair = [st.identify(record, FORCES, method) for method in (Averaging(), Direct())]
@@ -181,6 +184,7 @@ def test_what_depends_on_time_or_is_short_is_compared_whole():
         assert compared_part(whole) is whole
 
 
+@pytest.mark.slow
 def test_runs_of_one_experiment_agree_in_forces_and_in_the_random_force():
     runs = [pushed(seed, angle) for seed, angle in ((2, 0.3), (3, 0.25))]
     together = st.identify(runs, FORCES, AUTO)
@@ -195,6 +199,7 @@ def test_runs_of_one_experiment_agree_in_forces_and_in_the_random_force():
     assert unknowing.attrs["verdict"] == "disagree"
 
 
+@pytest.mark.slow
 def test_a_random_force_that_grew_is_said():
     runs = [pushed(2), pushed(3, density=9.0 * DENSITY)]
     found = st.validation.run_agreement(runs, st.identify(runs, FORCES, AUTO))
@@ -213,6 +218,7 @@ def test_deviance_of_densities():
         assert np.isnan(density_agreement(forces)["density_p_value"][1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("periods", "per_period", "said"), [(4, 15, True), (20, 60, False)])
 def test_a_record_too_short_to_tell_the_noises_apart_is_named(periods, per_period, said):
     time = np.arange(periods * per_period) * 2.0 * np.pi / W / per_period

@@ -75,7 +75,7 @@ def test_without_noise_its_own_model_is_found(case):
     assert result.attrs["assumes"] == case.method.scope.assumes
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_standard_errors_tell_the_scatter(case):
     run, exact = case.run, case.run.angle
     pulls, birge_ratios = [], []
@@ -90,6 +90,7 @@ def test_standard_errors_tell_the_scatter(case):
     assert 0.9 < np.mean(birge_ratios) < 1.1
 
 
+@pytest.mark.slow
 def test_symbols_mean_nothing(case):
     renamed = replace(FORCES, forces=tuple(replace(f, symbol=f"f_{f.symbol}") for f in FORCES))
     record = case.run.decay(0)
@@ -160,6 +161,7 @@ def test_turning_points_that_are_none_are_refused():
         feeny_liang_decrement([3.0, 1.0, 5.0, 1.0])
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=10)
 @given(factor=st.floats(0.1, 4.0), later=st.floats(-100.0, 100.0))
 def test_a_larger_swing_scales_what_is_an_angle(factor, later):

@@ -21,6 +21,7 @@ def example():
     return st.free_decay(st.records.paper_twin())
 
 
+@pytest.mark.slow
 def test_identify_gives_what_the_command_gives(example, tmp_path):
     assert run("identify", "-o", tmp_path / "command.nc").status == 0
     by_command, here = st.load(tmp_path / "command.nc"), st.identify(example)

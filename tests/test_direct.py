@@ -41,7 +41,10 @@ def bound(run, **options):
     "case",
     [
         "paper",
-        *(pytest.param(case, marks=pytest.mark.slow) for case in ("strong dry friction", "frequency fitted")),
+        *(
+            pytest.param(case, marks=pytest.mark.in_full)
+            for case in ("strong dry friction", "frequency fitted")
+        ),
     ],
 )
 def test_errors_reach_the_bound_and_intervals_cover(case):
@@ -173,6 +176,7 @@ def test_forces_with_a_shape_or_a_past_are_exact_without_noise(symbol):
     np.testing.assert_allclose(values(result, truth), list(truth.values()), rtol=1e-7)
 
 
+@pytest.mark.in_full
 @pytest.mark.parametrize("symbol", ["stribeck", "jenkins", "masing"])
 def test_errors_of_forces_with_a_shape_or_a_past_tell_the_scatter(symbol):
     run, method = run_with(symbol)
@@ -184,6 +188,7 @@ def test_errors_of_forces_with_a_shape_or_a_past_tell_the_scatter(symbol):
     assert np.all(rms(errors) / bound(run) < (2.0 if symbol == "masing" else 1.0) * high)
 
 
+@pytest.mark.slow
 def test_correlated_noise_is_allowed_for():
     """White noise of this size would give a third of the error; Newey and West see most of it."""
     run, pulls, lags = paper_run(FIVE), [], []

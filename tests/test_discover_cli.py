@@ -259,6 +259,7 @@ def plain(folder):
     return ending, load(folder / "plain.nc")
 
 
+@pytest.mark.slow
 def test_the_story_of_a_record_that_lacks_nothing_names_nothing(plain):
     assert plots.story(plain[1]).axes[-1].get_title(loc="left") == "(d) no effect named"
 
@@ -286,6 +287,7 @@ def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, plain):
     assert len(dots.get_xdata()) == beyond.sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [plots.disagreement, plots.forecast, plots.overview])
 def test_a_figure_of_a_column_is_whole(twin, draw):
     figure = draw(twin[0], width=3.46)
@@ -375,6 +377,7 @@ def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
     assert "The omnibus test rejects" in told
 
 
+@pytest.mark.slow
 def test_a_held_out_window_takes_no_part(folder, tmp_path):
     path = tmp_path / "cubic.nc"
     ending = small(folder, folder / "cubic.csv", "--holdout", "6:", "-o", path, "--max-effects", "1")
@@ -388,6 +391,7 @@ def test_a_held_out_window_takes_no_part(folder, tmp_path):
     assert f"Written: {path}" in ending.out
 
 
+@pytest.mark.slow
 def test_runs_that_differ_are_told(folder, tmp_path):
     ending = small(folder, folder / "plain.csv", folder / "worn.csv", "-o", tmp_path / "both.nc")
     assert ending.status == 0

@@ -90,7 +90,7 @@ def test_candidates_and_the_omnibus_test_share_the_level():
     assert corrected(0.01 / 8.0) == pytest.approx(0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_the_omnibus_test_keeps_its_level_on_short_records():
     """Thirty columns beside ninety rows explain more of noise than a chi-square."""
     time = np.arange(267) / 50.0
@@ -101,7 +101,7 @@ def test_the_omnibus_test_keeps_its_level_on_short_records():
     assert np.mean(np.array(p_values) < 0.05) <= share_range(40, 0.05)[1]
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_gains_of_noise_are_noise():
     """Scores are standard normal, and the least p-value of all is below 0.05 in a twentieth of records."""
     seeds, z, least, generic = 20, [], [], []
@@ -152,6 +152,7 @@ def test_nothing_is_missing_from_the_truth():
     assert found.converged
 
 
+@pytest.mark.slow
 def test_a_random_force_is_no_effect():
     """Wander of ten noise levels: forces that imitate it must win against it."""
     smooth = {symbol: value for symbol, value in FIVE.items() if symbol != "lambda"}
@@ -211,7 +212,7 @@ def test_the_papers_own_elastic_forces_are_both_named():
     assert "epsilon" in credible_set(found, other)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_effects_that_imitate_one_of_no_library_are_not_believed():
     """Quintic and detent forces together imitate the missing x*abs(x)."""
     few = EFFECTS.select(["quintic", "detent", "magnet", "cubic_damping"])
@@ -405,6 +406,7 @@ def test_what_rings_on_is_predicted_from_what_came_before():
     assert whole.rms < 1.2 * NOISE < anew.rms
 
 
+@pytest.mark.slow
 def test_discover_is_blind_to_the_last_third_unless_asked():
     run = with_effect({"even_spring": 1e-2}, seed=4)
     blind, again = (discover(run, BASE, FEW, refit=refit) for refit in (False, True))

@@ -76,7 +76,17 @@ def test_what_a_page_says_is_printed_is_printed(page, command, generated):
         np.testing.assert_allclose(*numbers, rtol=0.03, atol=0.11)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+# Pages whose code takes seconds; that of the others is slow.
+QUICK_PAGES = {"adding_a_method", "forces", "start"}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.stem, marks=[pytest.mark.slow] * (page.stem not in QUICK_PAGES))
+        for page in PAGES
+    ],
+)
 def test_code_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = page.read_text(encoding="utf-8")
@@ -135,6 +145,7 @@ def test_no_method_is_chosen_by_a_keyword_of_xarrays_own():
     assert 'sel({"method": "direct"})' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_json_keys_are_those_documented(generated):
     page = (DOCS / "files.md").read_text(encoding="utf-8")
     results = generated.small_results()

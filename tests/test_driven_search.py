@@ -44,6 +44,7 @@ def driven() -> xr.Dataset:
     return record(TRUTH)
 
 
+@pytest.mark.slow
 def test_a_search_begins_with_what_drives_and_finds_the_cubic_spring(driven):
     tree = st.discover(driven, max_effects=1)
     assert tree["before"].force.values.tolist() == ["gain", "zeta"]

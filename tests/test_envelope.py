@@ -146,6 +146,7 @@ def test_errors_grow_where_the_extrema_scatter():
     assert 0.4 < np.sqrt(np.mean(error**2)) < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [15, 77])
 def test_white_noise_is_no_scatter(count):
     """Errors are raised by chance in under 0.15 % of the records, for extrema as for their times."""

@@ -52,6 +52,7 @@ def test_a_linear_oscillator_is_found_exactly(zeta, w, per_period, start):
     np.testing.assert_allclose(found.window_amplitude.values, exact, rtol=1e-5)
 
 
+@pytest.mark.in_full
 @pytest.mark.parametrize("sampling_rate", [40.0, 400.0])
 def test_standard_errors_tell_the_scatter(sampling_rate):
     run = paper_run(LINEAR, duration=6.0, sampling_rate=sampling_rate)

@@ -65,6 +65,7 @@ def deviance_along(model, symbol, parts):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("symbol", "coefficient", "shape"),
     [("power_damping", 0.1, 1.4), ("power_damping", 0.02, 1.4), ("dahl", 4e-3, 0.06)],
@@ -136,6 +137,7 @@ def test_a_strong_effect_is_alone_in_its_set():
     assert credible_set(found, "inertia") == {"inertia"}
 
 
+@pytest.mark.slow
 def test_two_effects_do_not_take_each_others_place_without_end():
     base = {"lambda": 1.7e-4, "zeta": 0.005, "nu": 0.22}
     run = with_effect({"dahl": 3e-4}, seed=0, base=base, shapes={"dahl.s": 0.042})

@@ -119,6 +119,7 @@ def test_a_table_for_latex(tree):
     assert len(lines) == len(FIVE) + 2
 
 
+@pytest.mark.slow
 def test_many_methods_are_rows(tree):
     record = tree["record"].to_dataset()[["angle"]]
     methods = [

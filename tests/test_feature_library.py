@@ -132,6 +132,7 @@ def test_sensors_are_no_features():
         ForceFeatures(remembering("scale")).fit(states())
 
 
+@pytest.mark.slow
 def test_the_package_does_not_import_pysindy():
     modules = "sysid_trib, sysid_trib.simulation.internal_states, sysid_trib.cycles.envelope_prediction"
     code = f"import sys, {modules}; sys.exit('pysindy' in sys.modules)"

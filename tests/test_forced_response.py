@@ -60,6 +60,7 @@ def test_a_linear_oscillator_has_its_exact_curve_and_an_honest_band(linear, base
     assert width == pytest.approx(1.96 * linear.standard_error.item() / zeta, rel=0.25)
 
 
+@pytest.mark.slow
 def test_duffing_has_its_backbone_and_both_folds(duffing):
     (zeta, epsilon), force = duffing.coefficient.values, 0.003
     w = around(duffing, 0.97, 1.03, 241)
@@ -106,6 +107,7 @@ def test_a_model_is_driven_by_its_own_input():
         st.forced_response(result, 0.1, [9.0], driven_by="base")
 
 
+@pytest.mark.slow
 def test_a_displacement_is_answered_in_its_unit(duffing):
     meters = identified({"zeta": 0.005, "epsilon": 0.5}, scale=1e-6)
     w = around(duffing, 0.97, 1.03, 21)
@@ -162,6 +164,7 @@ def test_a_response_that_nothing_bounds_is_refused(linear):
         st.forced_response(undamped, 0.1, around(linear, 1.0, 1.0 + 1e-9, 2))
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_table_a_figure_and_the_curves(duffing, tmp_path):
     st.save(duffing, tmp_path / "decay.nc")
     words = ["response", str(tmp_path / "decay.nc"), "--drive", "0.003", "--points", "41"]

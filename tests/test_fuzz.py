@@ -47,7 +47,7 @@ def test_hostile_input_ends_in_a_result_or_in_a_sentence(tmp_path, kind, count):
     assert ends_of(tmp_path, kind, range(count)) == []
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 @pytest.mark.parametrize(
     ("kind", "count"),
     [("binary", 60), ("damaged", 20), ("store", 20), ("page", 4), ("command", 30), ("discover", 10)],
@@ -117,6 +117,7 @@ def test_references_in_circles(tmp_path):
         st.read_record(tmp_path / "a.h5")
 
 
+@pytest.mark.slow
 def test_a_reader_that_crashes_or_hangs_ends_in_a_sentence(tmp_path, monkeypatch):
     place = written(tmp_path / "a.h5", "any")
     process = probe._ReadingProcess()
@@ -275,6 +276,7 @@ def test_letters_where_numbers_are_asked_for(tmp_path):
     assert "too long" in command_line.run("look", tmp_path / ("a" * 5000)).complaint
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
 def test_a_name_that_is_no_text(tmp_path):
     place = command_line.write_csv(tmp_path / "a\udcff.csv")
@@ -331,6 +333,7 @@ def test_a_tiny_angle_has_the_coefficients_of_its_size(method, exponent):
     assert tiny.unit.values.tolist() == usual.unit.values.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of another kind")
 @pytest.mark.parametrize(
     ("shell", "status", "said"),
@@ -350,6 +353,7 @@ def test_terminals_and_limits(shell, status, said):
     assert len(done.stderr.splitlines()) == (1 if said else 0)
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_left_is_cleared_at_the_next_write(tmp_path):
     script = (
         "import os, sys, sysid_trib.results.files as files\n"

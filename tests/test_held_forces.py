@@ -52,6 +52,7 @@ def test_what_is_no_force_of_the_model_is_not_held(pendulum):
         discover(pendulum, library("zeta"), library("lambda"), constraints={"zeta": 0.01})
 
 
+@pytest.mark.slow
 def test_the_command_holds_what_the_system_has(pendulum, tmp_path):
     path = tmp_path / "swing.csv"
     np.savetxt(path, np.stack([pendulum.time, pendulum.angle], axis=1), "%.9g", ",", header="t,angle (rad)")

@@ -41,6 +41,7 @@ def _works(names, folder):
                 assert ending.status == 0, f"{example}: {ending.err}"
 
 
+@pytest.mark.slow
 def test_examples_that_are_quick_work(tmp_path):
     _works([name for name in EXAMPLES if name not in SLOW | {"report"}], tmp_path)
 

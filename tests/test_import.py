@@ -55,6 +55,7 @@ def test_help_waits_for_nothing_that_computes():
     assert ended.stdout == "[]\n"
 
 
+@pytest.mark.slow
 def test_no_module_sets_what_is_the_whole_processs():
     touched = [
         (path.relative_to(PACKAGE).as_posix(), node.lineno, node.attr)

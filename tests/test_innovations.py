@@ -39,6 +39,7 @@ def pushed():
     return motion, decay, identified(decay, DENSITY)
 
 
+@pytest.mark.slow
 def test_noise_of_a_long_memory_has_few_states(pushed):
     """Each tap was a state: of 1/f noise sampled finely a filter took seconds and gigabytes."""
     _, decay, result = pushed
@@ -129,6 +130,7 @@ def test_a_gap_is_a_long_step(pushed):
     assert found.ljung_box_p_value > 0.001
 
 
+@pytest.mark.slow
 def test_a_long_record_is_linear_in_its_samples():
     import time as clock
 
@@ -162,6 +164,7 @@ def test_bands_hold_what_was_measured(pushed):
     assert (bands.predicted_standard_error.mean("origin") > 0.9 * wander).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symbol", ["delta", "sensor_curve"])
 def test_the_band_holds_what_another_coefficient_predicts_of_the_same_record(symbol, pushed):
     """With another curve of the sensor, or another force, the same samples are those of another motion."""

@@ -373,6 +373,7 @@ def test_a_parameter_of_a_force_named_u_is_no_input() -> None:
     assert not force.channels
 
 
+@pytest.mark.slow
 def test_the_friction_of_a_measured_axis_is_that_of_its_publication(data_folder) -> None:
     record = st.read_record(
         data_folder / "emps" / "DATA_EMPS.mat",

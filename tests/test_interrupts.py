@@ -29,6 +29,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_an_answer_is_that_to_its_own_question(tmp_path, monkeypatch):
     time = np.arange(600) * 0.02
     with h5py.File(tmp_path / "good.h5", "w") as file:
@@ -87,6 +88,7 @@ def test_an_interrupt_within_a_text_that_is_executed(tmp_path):
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "sysid-trib: interrupted.\n")
 
 
+@pytest.mark.slow
 def test_what_is_compiled_logs_nothing_where_there_is_no_home(tmp_path):
     command = [sys.executable, "-m", "sysid_trib", "simulate", "-o", "a.csv", "--duration", "5"]
     environment = {

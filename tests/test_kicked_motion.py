@@ -25,6 +25,7 @@ def test_the_variance_of_a_free_oscillator_grows_as_the_theory_says():
         assert np.abs(np.mean(motion - mean, axis=0)[1:] / np.sqrt(variance)).max() < 4.0 / np.sqrt(2000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.3, 0.03])
 def test_without_kicks_it_is_the_exact_motion_with_its_stop(start):
     # The second stops after seven periods.

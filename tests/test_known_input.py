@@ -98,7 +98,7 @@ def test_without_its_input_a_drive_is_taken_for_something_else() -> None:
     assert np.max(wrong) > 20.0
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_errors_of_driven_records_are_those_stated() -> None:
     method = METHODS["direct beside a random force"]
     scores = []
@@ -110,6 +110,7 @@ def test_errors_of_driven_records_are_those_stated() -> None:
     assert np.all((rms > 0.6) & (rms < 1.4))
 
 
+@pytest.mark.slow
 def test_random_force_beside_a_known_input() -> None:
     density = 1e-4
     records = [driven_record(seed, density) for seed in range(2)]

@@ -50,7 +50,7 @@ def test_what_was_once_read_wrongly(name, tmp_path):
 PUMPED = pytest.param("pumped", marks=pytest.mark.xfail(strict=True, reason="one decay is found, not two"))
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 @pytest.mark.parametrize("name", [PUMPED if name == "pumped" else name for name in KINDS])
 def test_every_kind_in_further_draws(name, tmp_path):
     assert [drawn(name, tmp_path, seed=11, number=number)[1] for number in range(2)] == ["", ""]

@@ -96,7 +96,7 @@ def test_segment_of_a_matlab_file(data_folder, pendulum):
     assert frequencies[0] == pytest.approx(frequencies[1], rel=5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_far_beyond_weak_nonlinearity_there_is_a_verdict_or_a_reason(data_folder):
     """The whole record, released at 2.4 rad: no model of the six follows it, and this must be said."""
     path = data_folder / "single_pendulum" / "free_swing.csv"

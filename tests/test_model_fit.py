@@ -129,6 +129,7 @@ def test_errors_are_the_bound_and_cover_the_truth(coefficients):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effects", "shapes"),
     [
@@ -179,6 +180,7 @@ def test_a_shape_is_held_at_the_end_of_its_range():
     assert model.shape_errors()["power.p"] == 0.0
 
 
+@pytest.mark.slow
 def test_several_runs_share_coefficients_alone():
     starts, seeds = (0.3, 0.15), range(3)
     z, errors, levels = [], [], []
@@ -197,6 +199,7 @@ def test_several_runs_share_coefficients_alone():
     assert np.all(np.array(errors)[:, 0] < np.array(errors)[:, 1])
 
 
+@pytest.mark.slow
 def test_runs_that_agree_differ_by_chance_alone():
     """What runs of their own explain of noise is a chi-square of as many degrees of freedom."""
     total, freedom, before = 0.0, 0, exact(model_of(FIVE))
@@ -243,6 +246,7 @@ def test_a_random_force_has_its_density_and_coefficients_their_errors():
     assert np.all((rms(z) > low) & (rms(z) < high))
 
 
+@pytest.mark.slow
 def test_noise_alone_needs_no_random_force():
     """Twice the gain of the likelihood is half a chi-square: it is beyond 4 in one of 44."""
     before = exact(model_of(FIVE))
@@ -324,6 +328,7 @@ def test_a_narrow_resonance_stays_where_it_is_with_another_reference_frequency()
     assert np.all(np.abs(deviations(again, truth)) < 4.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", np.linspace(-0.5, 0.5, 7))
 def test_a_phase_is_fitted_wherever_it_is(turns):
     """A phase has no end: from 3 rad on the way to -3 rad is short. Half a turn off, the sign changes."""

@@ -85,6 +85,7 @@ def test_derivatives_of_a_stiff_state_do_not_grow(length):
         assert off < 1e-6, (name, quantity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.0, 1e-13, 9e-10])
 def test_starts_next_to_a_switching_are_exact(shift):
     """A look ahead says where such a motion goes before it has gone."""

@@ -80,6 +80,7 @@ def test_a_record_that_is_not_explained_leads_to_discover():
     assert next_step(unexplained()).command == "discover"
 
 
+@pytest.mark.slow
 def test_a_search_starts_from_the_forces_that_were_given(tmp_path):
     time = np.arange(0.0, 12.0, 0.02)
     moved = st.simulate(st.Model(FORCES, {"lambda": 1e-3, "zeta": 0.01, "nu": -0.4}, W), time, 0.4, 0.0).angle
@@ -92,6 +93,7 @@ def test_a_search_starts_from_the_forces_that_were_given(tmp_path):
     assert command_after(next_step(compared), [given]) == "sysid-trib discover --forces lambda,zeta"
 
 
+@pytest.mark.slow
 def test_a_record_that_decides_nothing_leads_to_fewer_forces_and_then_to_a_longer_one():
     tree = undetermined()
     assert tree["comparison"].attrs["verdict_on_record"] == "undetermined"
@@ -146,6 +148,7 @@ def test_the_next_command_takes_over_what_was_given(tmp_path):
     assert f"{shlex.quote(str(record))} b.csv" in other
 
 
+@pytest.mark.slow
 def test_the_last_line_is_the_next_command_and_runs(tmp_path):
     path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
     ending = run("identify", path, "--forces", "zeta", "--quiet", "-o", tmp_path / "result.nc")

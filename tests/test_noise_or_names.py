@@ -23,7 +23,7 @@ def flicker_noise(count: int, seed: int):
 
 
 # Of these what is slow was named as an ambient vibration, where its colour without any name is as likely.
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 6, 10))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.in_full) for seed in (5, 6, 10))])
 def test_slow_noise_is_not_named(seed):
     angle = exact(model_of({"zeta": 4e-3}), TIME) + 2e-3 * flicker_noise(len(TIME), seed)
     found = discover(decay(TIME, angle, seed), CONTACT.select(["zeta"]), EFFECTS)
@@ -45,6 +45,7 @@ def test_a_model_beside_noise_of_the_likeliest_colour_stays_as_it_is():
     assert start_model.recoloured(model) is model
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", range(MAX_COLOUR + 1))
 def test_the_colour_is_of_the_order_that_the_rows_ask_for(order):
     """Where the first partial autocorrelation shows nothing as well."""

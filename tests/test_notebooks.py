@@ -90,6 +90,7 @@ def test_a_notebook_that_fails_is_named_with_its_cell(tmp_path):
     assert run(tmp_path, "02_works").returncode == 0
 
 
+@pytest.mark.slow
 def test_a_notebook_that_does_not_exist_is_told():
     done = run(FOLDER, "nope")
     assert done.returncode == 2

@@ -40,7 +40,7 @@ def test_errors_are_widened_by_the_scores_where_the_test_rejects(z, p_value, fac
     assert OmnibusTest(names, np.array(z), p_value).widening(LEVEL) == pytest.approx(factor)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
     """By the noise alone some half of 95 % intervals do."""
     library, inside = BASE.select(KNOWN), []

@@ -96,6 +96,7 @@ def test_sign_of_a_speed_that_is_not_known_exactly_is_its_mean():
     assert mean == pytest.approx(erf(speed / (error * np.sqrt(2.0))), abs=0.06)
 
 
+@pytest.mark.slow
 def test_direct_settles_on_records_that_friction_stops():
     truth = {"lambda": 1e-3, "zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
     library, time = FORCES.select(truth), np.arange(400) * 2.0 * np.pi / W / 20

@@ -76,6 +76,7 @@ def test_weights_rows_that_are_not_numbers_and_several_targets():
     np.testing.assert_allclose(WhitenedLeastSquares().fit(columns, holed).coef_, without.coef_, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_significance_selects_in_sindy():
     states, _, target, _, _ = noisy(count=4000)
     without = list(SIX).index("alpha")

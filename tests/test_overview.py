@@ -142,6 +142,7 @@ def test_another_unit_is_drawn_as_it_is(tree):
     assert any(text == "displacement (mm)" for text in texts(figure))
 
 
+@pytest.mark.slow
 def test_overview_of_a_comparison_and_of_a_discovery(tree):
     record = tree["record"].to_dataset()[["angle"]]
     compared = st.compare(record, FORCES, [st.methods.Direct(), st.methods.Averaging()])

@@ -56,6 +56,7 @@ def test_an_accelerometer_on_the_axis_feels_gravity_alone():
     np.testing.assert_allclose(further - on_axis, 0.1 * motion.acceleration, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", KINDS)
 def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
     decay = decay_of(tmp_path / "phone.csv", quantity, 3)
@@ -75,7 +76,7 @@ def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
     assert measured_part(half)[1][-1] <= half.time.values[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 @pytest.mark.parametrize("quantity", KINDS)
 def test_errors_of_what_was_measured_cover_the_truth(tmp_path, quantity):
     z = [

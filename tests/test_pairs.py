@@ -24,6 +24,7 @@ def tree() -> xr.DataTree:
     return discover(run, library("zeta"), FEW)
 
 
+@pytest.mark.slow
 def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
     (step,) = (tree["steps"].to_dataset().isel(step=at) for at in range(tree["steps"].attrs["count"]))
     assert step.symbol.item() == "power_damping"

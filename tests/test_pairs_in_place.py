@@ -32,7 +32,7 @@ def test_a_pair_is_taken_where_the_effect_is_outside_of_its_set(excess, max_effe
     assert pairs.likelier_pair(screen(start, [EVERY["bias"]]), ("lugre",), fits, max_effects) is None
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_friction_of_three_kinds_is_told_apart(seed):
     """LuGre friction, of three shapes, stands in their place until a pair is seen to be likelier."""

@@ -140,7 +140,7 @@ QUANTITIES = {
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_propagated_errors_are_the_scatter_of_drawn_identifications(quantity):
     function, names = QUANTITIES[quantity]
     draws = 120

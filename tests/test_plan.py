@@ -85,6 +85,7 @@ def test_what_cannot_be_planned_is_refused(tree, options, words):
         plan(tree, **options)
 
 
+@pytest.mark.slow
 def test_the_command_plans_from_a_result(tmp_path, tree):
     save(tree, tmp_path / "r.nc")
     ending = command("plan", str(tmp_path / "r.nc"), "--amplitude", "0.1:0.5", "--plot", str(tmp_path))

@@ -168,6 +168,7 @@ def test_the_error_is_of_second_order_in_the_forces():
     np.testing.assert_allclose(gaps[1:] / gaps[:-1], 0.25, atol=0.04)
 
 
+@pytest.mark.slow
 @given(
     st.fixed_dictionaries(
         {"lambda": st.floats(0, 0.01), "zeta": st.floats(0, 0.2), "delta": st.floats(0, 0.5)}

@@ -87,6 +87,7 @@ def test_coefficients_beside_a_random_force(truth, per_period):
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.8]], ids=["white", "coloured"])
 def test_no_random_force_is_found_where_there_is_none(filter_):
     scores, told = [], 0
@@ -99,6 +100,7 @@ def test_no_random_force_is_found_where_there_is_none(filter_):
     assert told == 0
 
 
+@pytest.mark.slow
 def test_an_exact_record_has_exact_coefficients():
     library = st.load_library("contact_forces").select(TRUTH)
     time = np.arange(900) * 2.0 * np.pi / W / 45
@@ -159,6 +161,7 @@ def test_innovations_of_coloured_noise_are_white():
     assert innovations.innovation_rms.item() < 0.8 * result.noise.item()
 
 
+@pytest.mark.slow
 def test_trajectory_takes_no_coloured_noise_for_a_random_force():
     for seed in (5,):
         decay, library, _ = record(TRUTH, 40, filter_=(1.0, -0.8), seed=seed)

@@ -221,7 +221,7 @@ def test_coloured_noise_beside_a_random_force_is_refused():
         st.methods.Trajectory(random_force=1e-4, noise="coloured")
 
 
-@pytest.mark.parametrize("friction", [pytest.param(0.0, marks=pytest.mark.slow), 1e-3])
+@pytest.mark.parametrize("friction", [pytest.param(0.0, marks=pytest.mark.in_full), 1e-3])
 def test_a_fit_tells_the_two_noises_apart(friction):
     truth = {"zeta": 1e-4, "delta": 2e-3, "epsilon": -0.1} | ({"lambda": friction} if friction else {})
     model, time, noise = model_with(**truth), np.arange(500) * 2.0 * np.pi / W / 25, 2e-4
@@ -246,6 +246,7 @@ def test_a_fit_tells_the_two_noises_apart(friction):
     assert (plain.standard_error < 0.5 * result.standard_error).all()
 
 
+@pytest.mark.slow
 def test_a_fit_settles_where_friction_holds_the_body_for_half_the_record():
     truth = {"lambda": 1e-3, "zeta": 5e-5}
     model, time, noise = model_with(**truth), np.arange(800) * 2.0 * np.pi / W / 40, 2e-4
@@ -311,7 +312,7 @@ def test_gravity_of_a_measured_pendulum_is_one():
     assert np.abs(result.autocorrelation.values).max() < 0.08
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_direct_tells_the_two_noises_apart():
     truth = {"zeta": 1e-4, "delta": 2e-3, "epsilon": -0.1}
     model, time, noise = model_with(**truth), np.arange(1000) * 2.0 * np.pi / W / 50, 2e-4

@@ -48,6 +48,7 @@ def pushed():
     return decay, identified(decay)
 
 
+@pytest.mark.slow
 def test_a_random_force_alone_depends_on_nothing():
     values = []
     for seed in range(4):
@@ -59,6 +60,7 @@ def test_a_random_force_alone_depends_on_nothing():
     assert 0.5 < (tested.chi_square / tested.degrees_of_freedom).mean() < 1.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("symbol", "coefficient", "on"),
     [
@@ -79,6 +81,7 @@ def test_a_force_that_is_left_out_shows_on_what_it_depends(symbol, coefficient, 
     assert tested.dependence_p_value.sel(aspect="force", on=on) < 1e-4
 
 
+@pytest.mark.slow
 def test_a_size_that_follows_the_amplitude_is_seen():
     time = np.arange(1500) * 2.0 * np.pi / W / 25
     model = st.Model(FORCES, {"zeta": 1e-2}, W)
@@ -95,6 +98,7 @@ def test_a_size_that_follows_the_amplitude_is_seen():
     assert tested.p_value < 1e-3
 
 
+@pytest.mark.slow
 def test_a_coefficient_that_was_held_wrong_is_no_random_force():
     decay = measured(MODEL.with_coefficients({"zeta": 5e-3}))
     method = st.methods.Trajectory(random_force="estimated", constraints={"epsilon": -0.05}, start=MODEL)
@@ -102,6 +106,7 @@ def test_a_coefficient_that_was_held_wrong_is_no_random_force():
     assert tested.dependence_p_value.sel(aspect="force", on="angle") < 1e-6
 
 
+@pytest.mark.slow
 def test_a_density_by_hand_that_the_record_contradicts(pushed):
     decay, result = pushed
     assert st.validation.random_force_dependence(decay, result).density_p_value > 0.5
@@ -116,6 +121,7 @@ def test_without_a_random_force_there_is_nothing_to_test(pushed):
         st.validation.random_force_dependence(pushed[0], identified(pushed[0], random_force="off"))
 
 
+@pytest.mark.slow
 def test_a_long_record_takes_seconds():
     time = np.arange(100_000) * 2.0 * np.pi / W / 100
     model = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 1e-5, "delta": 1e-4}, W)
@@ -134,6 +140,7 @@ def checked(pushed):
     return st.cross_check(pushed[0], identified(pushed[0], random_force="off"), pushed[1], draws=1)
 
 
+@pytest.mark.slow
 def test_a_cross_check_says_that_a_random_force_explains(checked):
     assert checked["comparison"].attrs["verdict_on_record"] == "explained with a random force"
     assert {"random_force", "innovations", "prediction_bands"} <= set(checked.children)
@@ -152,6 +159,7 @@ def test_a_cross_check_says_that_a_random_force_explains(checked):
     assert data["innovations"]["rms"] == pytest.approx(NOISE, rel=0.5)
 
 
+@pytest.mark.slow
 def test_a_cross_check_says_that_a_force_is_missing():
     damped = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 5e-3, "delta": 5e-2}, W)
     decay = measured(damped)
@@ -165,6 +173,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
     assert "agree within their errors" not in told
 
 
+@pytest.mark.slow
 def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
     free = measured(MODEL)
     for decay, verdict in ((free, "explained"), (pushed[0], "approximate")):
@@ -174,6 +183,7 @@ def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
         assert "random_force" not in tree.children
 
 
+@pytest.mark.slow
 def test_a_random_force_is_named_where_methods_are_compared():
     decay = measured(MODEL, density_of(20.0), 3)
     methods = {"direct": st.methods.Direct(random_force="estimated")}
@@ -230,6 +240,7 @@ def test_figures_show_the_numbers(checked):
     assert predicted.get_ylabel().endswith("(mrad)")
 
 
+@pytest.mark.slow
 def test_noise_that_is_larger_than_the_sensors_hides_no_force():
     whole = {f.symbol: f for f in st.load_library("candidate_effects")}
     library = st.forces.ForceLibrary("whole", (*FORCES, whole["structural_damping"]))

@@ -50,6 +50,7 @@ def test_finer_test_functions_resolve_more(name):
     assert fine < 1.0
 
 
+@pytest.mark.slow
 def test_beside_a_random_force_a_kinked_force_gains_no_more_than_the_smooth_one_that_acts():
     """Rows that resolve its stiffness badly see the random force badly: that is no gain of the model."""
     base = {"zeta": 6e-4, "nu": -0.54, "epsilon": -0.57}

@@ -39,6 +39,7 @@ def cut_short(descriptor):
     os.ftruncate(descriptor, 10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fault", "reason"), [(full, "No space left"), (cut_short, "read back")])
 @pytest.mark.parametrize("name", NAMES)
 def test_a_disk_that_fills_up_leaves_the_older_file(tmp_path, monkeypatch, fault, reason, name):

@@ -28,7 +28,7 @@ def two_runs(seed: int) -> list[xr.Dataset]:
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_errors_of_two_runs_are_what_is_stated(method):
     seeds = 12 if isinstance(method, Trajectory) else SEEDS
     found = [identify(two_runs(seed), LIBRARY, method).sel(force=list(FIVE)) for seed in range(seeds)]
@@ -42,12 +42,14 @@ def test_errors_of_two_runs_are_what_is_stated(method):
     assert found[0].run_noise.values == pytest.approx([1e-4, 3e-4], rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
 def test_a_list_of_one_is_the_run_itself(method):
     decay = LONG.decay(3)
     assert identify([decay], LIBRARY, method).identical(identify(decay, LIBRARY, method))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: type(m).__name__)
 def test_order_of_the_runs_does_not_matter(method):
     runs = two_runs(4)
@@ -86,6 +88,7 @@ def test_runs_of_one_experiment_agree():
     assert kstest(np.array(each)[:, 0], "uniform").pvalue > 1e-3
 
 
+@pytest.mark.slow
 def test_a_force_that_differs_is_named():
     worn = replace(SHORT, model=SHORT.model.with_coefficients(FIVE | {"lambda": 2e-4}))
     runs = [LONG.decay(1), worn.decay(2)]
@@ -104,6 +107,7 @@ def test_a_run_that_alone_decides_nothing_says_so():
     assert "amplitudes cannot decide" in found.reason.values[1]
 
 
+@pytest.mark.slow
 def test_difference_is_what_the_contact_adds():
     """A contact run minus a contactless one: friction, and the shift of the frequency."""
     free = Run(replace(LONG.model, coefficients={"zeta": 0.004}, reference_frequency=8.87), LONG.time)
@@ -141,6 +145,7 @@ def test_difference_wants_identifications():
         difference(LONG.decay(1), LONG.decay(2))
 
 
+@pytest.mark.slow
 def test_command_line_takes_several_records(tmp_path):
     for name, run, seed in (("a.csv", replace(SHORT, start=0.4), 1), ("b.csv", SHORT, 2)):
         run.decay(seed).to_dataframe().to_csv(tmp_path / name)

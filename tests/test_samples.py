@@ -60,6 +60,7 @@ def test_answers_of_identify_and_what_is_none(samples):
     assert difference(first, other).attrs["first_method"] == "direct"
 
 
+@pytest.mark.in_full
 def test_equal_samples_differ_as_often_as_the_level_says():
     first, second = (identified(RUN, *range(at, at + 12)) for at in (100, 200))
     p_values = [difference(a, b).p_value_of_all.item() for a, b in zip(first, second, strict=True)]
@@ -68,6 +69,7 @@ def test_equal_samples_differ_as_often_as_the_level_says():
     assert np.mean(np.array(p_values) < 0.5) < 0.95
 
 
+@pytest.mark.slow
 def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     for name, run, seed in (("a.csv", RUN, 1), ("b.csv", MORE_FRICTION, 2), ("c.csv", MORE_FRICTION, 3)):
         run.decay(seed).to_dataframe().to_csv(tmp_path / name)

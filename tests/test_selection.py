@@ -42,7 +42,7 @@ def significant(columns, y, level):
     return selected(SignificanceSelection(level, removed_columns=1), columns, y)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_exactly_the_true_five_of_fourteen_are_kept():
     seeds, exact = 40, PAPER.angle
     results = [STRICT.identify(decay(PAPER.time, exact, seed), FOURTEEN) for seed in range(seeds)]
@@ -123,6 +123,7 @@ def test_strong_form_selects_as_well():
     assert "lambda" not in names(result.force.values, result.active.values)
 
 
+@pytest.mark.slow
 def test_nothing_is_kept_of_noise():
     random = np.random.default_rng(0)
     kept = [
@@ -140,6 +141,7 @@ def test_significance_finds_a_pair_that_cancels():
     assert significant(columns, y, 0.01).tolist() == [True, True, False]
 
 
+@pytest.mark.slow
 def test_a_looser_level_keeps_more():
     random = np.random.default_rng(3)
     columns = random.normal(size=(200, 30))

@@ -42,7 +42,7 @@ def test_a_record_without_noise_has_the_coefficients(method):
     assert result.coefficient.values == pytest.approx(truth, rel=1e-4)
 
 
-@pytest.mark.parametrize("density", [0.0, pytest.param(1e-4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("density", [0.0, pytest.param(1e-4, marks=pytest.mark.in_full)])
 def test_errors_are_those_that_are_stated(density):
     method = Direct(random_force="estimated" if density else "off")
     seeds = range(8)
@@ -55,6 +55,7 @@ def test_errors_are_those_that_are_stated(density):
     assert np.all(size < high)
 
 
+@pytest.mark.slow
 def test_both_methods_agree_beside_a_random_force():
     library, decay = LIBRARY.select(TRUTH | TERMS), record(1, density=1e-4)
     direct, trajectory = (m(random_force="estimated").identify(decay, library) for m in (Direct, Trajectory))

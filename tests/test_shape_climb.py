@@ -16,7 +16,7 @@ def screened(seed):
     return screen(start_model([with_effect({"lugre": 0.01}, shapes=SHAPES, seed=seed)]), [LUGRE, DAHL])
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.in_full)])
 def test_a_fit_of_three_shapes_settles_at_the_truth(seed):
     screening = screened(seed)
     fits = Fits(screening.model)

@@ -57,6 +57,7 @@ def hum(request):
     return request.param, cross_check(decay, *identifications(decay, FORCES, methods)[::-1], draws=4)
 
 
+@pytest.mark.slow
 def test_hum_is_said_and_where_the_motion_is_explains_nothing(hum):
     frequency, tree = hum
     assert f"{frequency:.4g} Hz of 4.2" in line_sentences(tree)[0]

@@ -52,6 +52,7 @@ def test_a_random_force_has_no_profile_of_the_free_motion(decay):
         profile(decay, pushed, ["zeta"])
 
 
+@pytest.mark.slow
 def test_constraints_of_the_result_are_those_of_the_profile(decay):
     tied = identify(decay, LIBRARY, Direct(), constraints={"nu": "-10.8*delta"})
     found = profile(decay, tied, ["delta"]).isel(parameter=0)
@@ -61,6 +62,7 @@ def test_constraints_of_the_result_are_those_of_the_profile(decay):
     assert found.deviance.min().item() >= 0.0
 
 
+@pytest.mark.slow
 def test_every_fit_is_of_the_same_forces_at_one_reference(decay, result):
     found = sensitivity(decay, result)
     assert set(found.kind.values) == {"window", "start", "sampling", "noise", "method"}
@@ -72,6 +74,7 @@ def test_every_fit_is_of_the_same_forces_at_one_reference(decay, result):
     assert np.nanmax(np.abs(found.change)) < 5.0
 
 
+@pytest.mark.slow
 def test_a_fit_that_fails_says_why(decay, result):
     drift = (*LIBRARY, library_of_formulas(drift="t").forces[0])
     library = ForceLibrary("with a drift", (*drift[:-1], replace(drift[-1], kind="sensor")))
@@ -81,6 +84,7 @@ def test_a_fit_that_fails_says_why(decay, result):
     assert np.isnan(failed.coefficient).all()
 
 
+@pytest.mark.slow
 def test_the_command_prints_both_and_keeps_them(tmp_path, decay):
     decay.to_dataframe().to_csv(tmp_path / "a.csv")
     asked = ("identify", str(tmp_path / "a.csv"), "--profile", "epsilon", "--sensitivity")

@@ -33,7 +33,7 @@ SEEDS = 20
 
 
 @pytest.mark.parametrize("truth", [SIX, STOPPING], ids=["paper", "stop inside the record"])
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_errors_reach_the_bound_and_intervals_cover(truth):
     run = paper_run(truth)
     errors, reported = over_seeds(run, lambda d: Trajectory(W).identify(d, FORCES), SEEDS)
@@ -69,7 +69,7 @@ def test_exact_without_noise_and_with_an_offset():
     assert found.offset.item() == pytest.approx(5e-3, abs=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_coloured_noise_is_whitened():
     run, errors, reported = paper_run(), [], []
     exact = run.angle

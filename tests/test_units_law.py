@@ -73,7 +73,7 @@ def discovered(power, time_power):
     return st.discover(decay, FORCES.select(["lambda", "zeta"]), FORCES.select(["delta", "nu"]))
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 @pytest.mark.parametrize(("power", "time_power"), [(-40, 10), (20, -40)])
 def test_a_discovery_is_the_same_in_every_unit(power, time_power):
     one, other = discovered(0, 0), discovered(power, time_power)

@@ -51,6 +51,7 @@ def fitted(run: xr.Dataset, warm_up: float, scale: float = 1.0) -> xr.Dataset:
     return method.identify(run, LIBRARY)
 
 
+@pytest.mark.slow
 def test_hysteresis_is_fitted_to_the_noise_once_its_beginning_is_forgotten():
     run = record()
     result = fitted(run, WARM_UP)
@@ -64,6 +65,7 @@ def test_hysteresis_is_fitted_to_the_noise_once_its_beginning_is_forgotten():
     assert fitted(run, 0.0).residual_rms.item() > 1.05 * result.residual_rms.item()
 
 
+@pytest.mark.slow
 def test_a_start_is_in_the_unit_of_the_record():
     result = fitted(record(1e-3), WARM_UP, 1e-3)
     assert result.residual_rms.item() == pytest.approx(1e-3 * NOISE, rel=0.08)

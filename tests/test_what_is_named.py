@@ -79,6 +79,7 @@ def test_what_is_tied_has_the_plainest_name(excess, named):
         assert final.rivals["epsilon"]["quintic"] == -excess
 
 
+@pytest.mark.slow
 def test_a_ripple_of_the_angle_is_not_explained_by_what_a_random_force_leaves():
     """Springs stand in its place, and the rest is blamed on a random force, which goes with the angle."""
     ripple = library_of_formulas(zeta="2*v", ripple="sin(40*x)")
@@ -89,6 +90,7 @@ def test_a_ripple_of_the_angle_is_not_explained_by_what_a_random_force_leaves():
     assert verdict_sentences(tree)[0].startswith("Unknown effect")
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_limit_leaves_out_is_not_unknown():
     run = with_effect({"cubic_damping": 0.2, "even_spring": 1e-2}, seed=8)
     few = EFFECTS.select(["cubic_damping", "even_spring", "bias"])

@@ -51,6 +51,7 @@ def test_what_is_no_record_is_named_with_what_shows_it(folder, name):
     assert ending.status == 1
 
 
+@pytest.mark.slow
 def test_every_command_that_reads_records_says_so(folder):
     assert SHOWN["by_command.nc"] in run("discover", folder / "by_command.nc").complaint
     assert SHOWN["from_python.nc"] in run("identify", folder / "from_python.nc", "--units", "deg").complaint

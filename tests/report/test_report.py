@@ -197,6 +197,7 @@ def test_decimated_curve_keeps_its_extremes():
     assert drawn_samples(values[:MOST_POINTS]).size == MOST_POINTS
 
 
+@pytest.mark.slow
 def test_page_of_a_long_record_with_a_model_that_diverges(results, pages):
     """It is small, says that it is decimated, and leaves that model out."""
     tree = lengthened(results["cross_check"], 50_000)

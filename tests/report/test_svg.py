@@ -30,6 +30,7 @@ def drawn():
     return inline_svg(figure(), "a", "caption")
 
 
+@pytest.mark.slow
 def test_bytes_are_the_same_each_time(drawn):
     assert inline_svg(figure(), "a", "caption") == drawn
 
