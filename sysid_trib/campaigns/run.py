@@ -18,8 +18,6 @@ from sysid_trib.campaigns.task import Task, rows_of
 from sysid_trib.campaigns.variables import Row
 from sysid_trib.errors import UsageError
 
-# Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
-AHEAD = 3
 # How often it is looked whether workers are there, s; on a busy machine one that starts anew takes more than
 # the 15 s after which dask gives its place up.
 LOOKED_AFTER, STARTS_WITHIN = 20.0, "120s"
@@ -71,7 +69,8 @@ def finished_blocks(
     with _without_current_folder(), _client(workers, memory) as client:
         # On this machine not all may have started yet.
         count = workers if isinstance(workers, int) else len(client.nthreads())
-        yield from _through(client, task, blocks, record_at, AHEAD * max(1, count))
+        # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
+        yield from _through(client, task, blocks, record_at, 3 * max(1, count))
 
 
 def _through(

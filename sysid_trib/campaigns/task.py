@@ -51,10 +51,6 @@ MODELS = ("before", "after")
 IDENTIFIED, REFUSED, FAILED = 1, 2, 3
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
-# Of a discovery, behind its verdict.
-ENDED_EARLY = " (its search ended before it had converged)"
-# Competing effects that a store has by name, the most probable of each effect.
-MOST_TIED = 10
 
 
 def decays_of_file(path: str) -> list[xr.Dataset]:
@@ -269,7 +265,8 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
-        early = "" if tree.attrs["converged"] == "True" else ENDED_EARLY
+        # Of a discovery, behind its verdict.
+        early = "" if tree.attrs["converged"] == "True" else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.symbols)
     return row
 
@@ -279,7 +276,8 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> Row:
     table = tree["steps"].to_dataset()
     steps = [table.isel(step=at) for at in range(table.attrs["count"])]
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
-    tied = [tied_name(step, MOST_TIED) for step in steps if others_in_place(step)]
+    # Competing effects that a store has by name, the most probable of each effect.
+    tied = [tied_name(step, 10) for step in steps if others_in_place(step)]
     return {
         "named": ", ".join(p_values),
         TIED: "; ".join(tied),

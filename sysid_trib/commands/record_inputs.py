@@ -14,11 +14,6 @@ from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageErro
 if TYPE_CHECKING:
     import xarray as xr
 
-RESULT_ENDINGS = (".nc", ".nc4", ".cdf")
-# Bytes; what a command prints with --json is far smaller.
-MOST_JSON = 2**24
-# Of either version of Zarr.
-STORE_FILES = ("zarr.json", ".zgroup")
 PROGRAM = "sysid-trib"
 
 
@@ -32,7 +27,8 @@ def what_else(path: Path) -> str:
     """
     name, page = path.name, f"{path.stem}.html"
     if path.is_dir():
-        store = any((path / file).is_file() for file in STORE_FILES)
+        # Of either version of Zarr.
+        store = any((path / file).is_file() for file in ("zarr.json", ".zgroup"))
         return (
             f"{name}: this is the store of a campaign, no record; its page {page} shows it." if store else ""
         )
@@ -50,14 +46,15 @@ def what_else(path: Path) -> str:
             f"{name}: this is what a command printed with --json, no record; -o RESULT.nc keeps what "
             f"{PROGRAM} report shows."
         )
-    if path.suffix.lower() in RESULT_ENDINGS and (maker := _maker_of(path)):
+    if path.suffix.lower() in (".nc", ".nc4", ".cdf") and (maker := _maker_of(path)):
         return f"{name}: this is a result of {maker}, no record; {PROGRAM} report {name} -o {page} shows it."
     return ""
 
 
 def _is_printed(path: Path) -> bool:
     """Whether a file is the JSON that a command printed."""
-    if path.stat().st_size > MOST_JSON:
+    # Bytes; what a command prints with --json is far smaller.
+    if path.stat().st_size > 2**24:
         return False
     try:
         data = json.loads(path.read_bytes())
@@ -82,8 +79,6 @@ def _maker_of(path: Path) -> str:
 # Options that say how a record is to be read.
 READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length", "distance")
 OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
-# A frequency within this part of the record's own in Hz is meant in Hz.
-HERTZ_TOLERANCE = 0.3
 # Hz and rad/s differ by more; a contact of 24 times the stiffness of the oscillator does not.
 MOST_RATIO = 5.0
 # What is left to do without the option.
@@ -249,7 +244,8 @@ def _check_frequency(frequency: float, flag: str, decay: "xr.Dataset") -> None:
         return
     in_hertz = swing / (2.0 * np.pi)
     beginning = f"{flag} '{frequency:g}': the record swings at {swing:.4g} rad/s, "
-    if abs(frequency / in_hertz - 1.0) < HERTZ_TOLERANCE:
+    # A frequency within this part of the record's own in Hz is meant in Hz.
+    if abs(frequency / in_hertz - 1.0) < 0.3:
         raise UsageError(f"{beginning}which is {in_hertz:.4g} Hz; give it in rad/s.")
     if frequency > MOST_RATIO * swing:
         raise UsageError(f"{beginning}less than a fifth of that; {INSTEAD[flag]}.")

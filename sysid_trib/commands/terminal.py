@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from sysid_trib.printing.blocks import Block, Layer
     from sysid_trib.printing.next_step import NextStep
 
-# Columns of a table that is not cut short.
-WIDEST = 2000
-
 
 def print_table(table: "Table") -> None:
     """Print a table whole."""
@@ -39,7 +36,8 @@ def print_table(table: "Table") -> None:
     console = Output(highlight=False, markup=False, emoji=False)
     # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
     if not console.is_terminal:
-        console.width = console.measure(table, options=console.options.update(width=WIDEST)).maximum
+        # Columns of a table that is not cut short.
+        console.width = console.measure(table, options=console.options.update(width=2000)).maximum
     console.print(table, crop=False)
 
 

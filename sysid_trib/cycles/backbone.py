@@ -17,8 +17,6 @@ from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.variables import Variables, variable, with_error
 
 WHOLE_TURN = 2.0 * np.pi
-# The first and last half-sine take their frequency from their neighbours: left out where there are so many.
-FEWEST_WITHOUT_ENDS = 9
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
 # the other less. Few half periods leave one side.
 BOTH_SIDES, ONE_SIDE = (0.5, 0.5, -0.5, -0.5), (1.0, 0.0, -1.0)
@@ -60,7 +58,9 @@ def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) ->
         Derivatives of both curves by the log amplitude: an amplitude that is off moves a row along its curve.
     """
     b, t = measured.extremum.values, measured.extremum_time.values
-    ends = 1 if len(b) >= FEWEST_WITHOUT_ENDS else 0
+    # The first and last half-sine take their frequency from their neighbours: left out where there are so
+    # many.
+    ends = 1 if len(b) >= 9 else 0
     change = np.array(BOTH_SIDES if ends else ONE_SIDE)
     fall, middle, later = (
         _sliding(weights, len(b), ends)

@@ -19,17 +19,10 @@ from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Formula
 
 QUARTER = 0.5 * np.pi
-# On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
-HALF_CYCLE_POINTS = 97
-# A piece is accepted when doubling its nodes changes it by less than this part of the mean of |h|.
-INTEGRAL_TOLERANCE = 3e-13
 # So much of an average may be rounding of its formula,
 ROUNDING_ERROR = 1e-6
 # plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
 CANCELLATION = 1e-14
-# Part of the mean of |h| below which an average is rounding.
-NEGLIGIBLE = 1e-14
-MAX_BISECTIONS = 60
 MAX_PIECES = 20_000
 
 
@@ -62,7 +55,8 @@ def cycle_averages(
     else:
         means = _means_of_history(force, a, time, shape_values)
     # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
-    means[np.abs(means) < NEGLIGIBLE * means[:, 2:]] = 0.0
+    # Part of the mean of |h| below which an average is rounding.
+    means[np.abs(means) < 1e-14 * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
 
 
@@ -104,7 +98,8 @@ class _Cycles:
     def pieces(self) -> tuple[Index, Array, Array]:
         """Rows, cut at the quarter point and where a switching surface is crossed: (row, low, high)."""
         halves = np.repeat((0.0, np.pi), self.a.size)
-        phi = halves[:, None] + np.linspace(0.0, np.pi, HALF_CYCLE_POINTS)
+        # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
+        phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
         every = np.arange(halves.size)
         names = self.names(every[:, None], phi)
         cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
@@ -136,7 +131,7 @@ class _Cycles:
         row, low, high = self.pieces()
         total = np.zeros((2 * self.a.size, 3))
         before = np.full(len(total), np.inf)
-        for turn in range(MAX_BISECTIONS):
+        for turn in range(60):
             phi = low[:, None] + (high - low)[:, None] * nodes
             h = self.force.formula.evaluate(self.names(row[:, None], phi))
             terms = _terms(np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None]), phi)
@@ -145,7 +140,9 @@ class _Cycles:
             # The size is computed anew at every turn: the first may miss a narrow peak.
             size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
             error = np.abs(fine - coarse)[:, :2].max(axis=1)
-            done = error <= INTEGRAL_TOLERANCE * size[row]
+            # A piece is accepted when doubling its nodes changes it by less than this part of the mean of
+            # |h|.
+            done = error <= 3e-13 * size[row]
             remaining = np.bincount(row[~done], error[~done], len(total))
             # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
             rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(self.a, 2)

@@ -24,7 +24,6 @@ from sysid_trib.forces.formulas import Formula, parse
 # Amplitudes between which a balance is looked for; the least one is so small a part of what the drive would
 # do at rest.
 AMPLITUDES_TRIED, LEAST_TRIED = 400, 1e-3
-MOST_DOUBLINGS = 40
 # A force whose dependence on the frequency is no power is averaged at so many, a polynomial between them.
 NODES = 5
 # Newton's steps to an amplitude, and the part of it over which slopes are taken.
@@ -102,7 +101,7 @@ class DescribingFunctions:
             Nothing bounds the response.
         """
         top = 4.0 * float(np.max(drive))
-        for _ in range(MOST_DOUBLINGS):
+        for _ in range(40):
             sine, cosine = np.einsum("i,ikfa->kfa", coefficients, self.over(np.array([top])))[:, :, 0]
             along = top * (1.0 - self.ratio**2) + cosine
             if np.all(np.abs(sine) > drive) or np.all(np.hypot(along, sine) > 4.0 * drive):

@@ -18,13 +18,9 @@ from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import Force
 from sysid_trib.simulation.model import Model
 
-# Below this part of the first amplitude the signatures are continued by a power of the amplitude.
-SMALLEST_PART = 1e-9
 LARGEST_ENVELOPE = 1e3
 ENVELOPE_TOLERANCE = 1e-11
 CHEBYSHEV_NODES = 16
-# Of an octave: a signature with a kink, as where a slip begins, is halved no further.
-SHORTEST_PART = 0.01
 
 OctavePart = tuple[float, float, Array]
 
@@ -148,7 +144,8 @@ class Averaged:
         # Beside the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
         size = max(np.abs(series).max(initial=1e-300), CANCELLATION / ENVELOPE_TOLERANCE * 2.0**high)
         last = np.abs(series[-3:]).max() / size
-        if last < ENVELOPE_TOLERANCE or high - low < SHORTEST_PART or 0.5 * before < last < ROUNDING_ERROR:
+        # Of an octave: a signature with a kink, as where a slip begins, is halved no further.
+        if last < ENVELOPE_TOLERANCE or high - low < 0.01 or 0.5 * before < last < ROUNDING_ERROR:
             yield low, high, series
         else:
             middle = 0.5 * (low + high)
@@ -159,7 +156,8 @@ class Averaged:
 def _decay(averaged: Averaged, time: Array, amplitude: float) -> tuple[Array, Array, float]:
     """Amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
     end = max(float(time[-1]), 1e-9)
-    least = SMALLEST_PART * amplitude
+    # Below this part of the first amplitude the signatures are continued by a power of the amplitude.
+    least = 1e-9 * amplitude
 
     def rates(t: float, y: Array) -> tuple[float, float]:
         slope, frequency = averaged.rates(np.maximum(y[0], 0.5 * least), t)

@@ -16,9 +16,6 @@ KICKS = 8
 """Kicks in each half period that stand for white acceleration."""
 SPAN = 4
 """Half periods before and after a kick whose extrema it moves otherwise than for good."""
-# Of the swing that is kicked.
-SAMPLES_PER_HALF_PERIOD = 64
-HALF_PERIODS_AROUND = 10
 # Of the swing's amplitude.
 KICK_SIZE = 1e-5
 
@@ -55,7 +52,8 @@ def kick_response(curve: EnvelopeCurve) -> KickResponse:
     With x = a cos(phi), v = -a sin(phi), a kick of v at the phase phi adds -sin(phi) to a, and -cos(phi)/a to
     the phase. A curve through the half period of the kick takes part of it, found here by trying.
     """
-    around, samples = HALF_PERIODS_AROUND, SAMPLES_PER_HALF_PERIOD
+    # Of the swing that is kicked.
+    around, samples = 10, 64
     number = np.arange(-around, around + 2)
     crossing = np.pi * (np.append(number, around + 2) - 0.5)
     halves = HalfPeriods(crossing, np.where(number % 2, -1, 1), np.ones(len(number)))

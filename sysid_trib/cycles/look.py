@@ -26,13 +26,6 @@ from sysid_trib.results.variables import Variables, group_names, variable
 # By formula, as libraries may name them otherwise; in words.
 FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "drag"}
 ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
-# Beside the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives leave
-# open.
-OPEN_PART = 0.1
-# Decrements go with the square of the period: averages of first order leave that open.
-OF_SHIFT = 2.0
-# A curve that is nowhere known better than so says nothing.
-LEAST_KNOWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -97,13 +90,17 @@ def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) ->
     frequency, half = curves.by_name["frequency"].mean, curves.half_width("frequency")
     shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
     ratio = curves.by_name["damping_ratio"].mean
-    width = curves.half_width("damping_ratio") + OF_SHIFT * shift / frequency * np.abs(ratio)
-    known = np.min(width / np.abs(ratio)) < LEAST_KNOWN
+    # Decrements go with the square of the period: averages of first order leave that open.
+    width = curves.half_width("damping_ratio") + 2.0 * shift / frequency * np.abs(ratio)
+    # A curve that is nowhere known better than so says nothing.
+    known = np.min(width / np.abs(ratio)) < 0.5
     friction = _fewest(damping, ratio, width, np.empty((len(a), 0))) if known else ()
     if _within({}, frequency, half, np.ones((len(a), 1))):
         return Pointed(friction)
     swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
-    half = half + OPEN_PART * shift
+    # Beside the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
+    # leave open.
+    half = half + 0.1 * shift
     if angle and a[-1] < np.pi and _within({}, frequency, half, swing[:, None]):
         return Pointed(friction, pendulum=True)
     shifts = {formula: tables[formula][1] / a for formula in ELASTIC if formula in tables}
@@ -147,10 +144,6 @@ def _listed(words: list[str]) -> str:
 USUAL_LIBRARY, PENDULUM = "contact_forces", "pendulum"
 # Points of a spectrum that are kept: it is drawn, not computed with.
 SPECTRUM_POINTS = 2000
-# Instants at either end from which the rate of decay there is taken.
-END_INSTANTS = 8
-# A step beside the noise of sixth differences, of a motion that takes many samples to the next step at most.
-MOST_STEP = 30.0
 # The middle between extrema of both sides; decays of either sign cancel in it to third order.
 MIDDLE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
@@ -202,9 +195,9 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
     step = sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
-    step = (
-        step if step <= MOST_STEP * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
-    )
+    # A step beside the noise of sixth differences, of a motion that takes many samples to the next step at
+    # most.
+    step = step if step <= 30.0 * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
     scalars: Variables = {
         "start": variable((), time[0], "first sample", "s"),
         "stop": variable((), time[-1], "last sample", "s"),
@@ -266,7 +259,8 @@ def _drift(curve: xr.Dataset) -> float:
 
 
 def _ends(count: int) -> tuple[slice, slice]:
-    part = min(END_INSTANTS, max(2, count // 2))
+    # Instants at either end from which the rate of decay there is taken.
+    part = min(8, max(2, count // 2))
     return slice(0, part), slice(count - part, count)
 
 

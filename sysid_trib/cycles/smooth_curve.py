@@ -20,15 +20,10 @@ CURVE_SPLINES, CURVE_DEGREE = 40, 3
 # What is tried: variances of the bends in units of the noise, and of the walk in units of the sensor's.
 BENDS = np.logspace(-5, 9, 15)
 WALKS = np.append(0.0, np.logspace(-2, 3, 11))
-# The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise (Hall
-# 1992).
-UNDERSMOOTHED = 10.0
 # A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
 # smaller than a part of all.
 NEAREST, LEAST_BEND = 5, 0.1
 BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
-# Likelihoods below this part of the greatest do not count.
-NEGLIGIBLE_WEIGHT = 0.01
 ROUNDING_PART = 1e-10
 
 
@@ -146,10 +141,13 @@ def smooth_curve(
     prior = 0.5 * np.log(np.append(0.5 * walks[1], walks[1:]))
     deviance = np.array([d for d, _ in tried]) - prior[:, None]
     weight = np.exp(-0.5 * (deviance - deviance.min()))
-    weight[weight < NEGLIGIBLE_WEIGHT] = 0.0
+    # Likelihoods below this part of the greatest do not count.
+    weight[weight < 0.01] = 0.0
     weight /= weight.sum()
+    # The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise
+    # (Hall 1992).
     likely = [
-        _likely(weight[k, b], tried[k][1][b], white[k], at, UNDERSMOOTHED * BENDS[b] * unit)
+        _likely(weight[k, b], tried[k][1][b], white[k], at, 10.0 * BENDS[b] * unit)
         for k, b in np.argwhere(weight)
     ]
     best = np.unravel_index(int(np.argmax(weight)), weight.shape)

@@ -22,13 +22,6 @@ from sysid_trib.simulation.stepped_states import FROZEN, begun_with, history_on_
 # Where a cycle begins and ends: not where the angle or its rate is zero.
 FIRST_PHASE = 1.0
 PERIOD = 2.0 * np.pi
-MOST_CYCLES = 60
-# A cycle repeats itself where its states and memory come back to this part of their size.
-REPEATS = 1e-13
-# What a period changes by no more than this part is kept as it is.
-NEUTRAL = 1e-12
-# A state that still moves by this part of its size after so many cycles drifts.
-STILL_DRIFTS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -106,7 +99,7 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> SteadyC
     begin[:, :2] = np.outer(a, [np.cos(FIRST_PHASE), -np.sin(FIRST_PHASE)])
     # What a period does of a small change: of a memory the columns are the last.
     last, by_start = np.full(len(a), np.inf), begin.shape[1] if force.memory else first
-    for _ in range(MOST_CYCLES):
+    for _ in range(60):
         begin[:, sums] = 0.0
         ends = _followed(force, model, begin, PERIOD, by_start)
         shift = ends.end[:, of_history] - begin[:, of_history]
@@ -114,9 +107,9 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> SteadyC
         size = np.maximum(np.abs(ends.end[:, of_history]).max(axis=1), a)
         change, drift = (np.abs(part).max(axis=1) / size for part in (step, shift))
         # What hardly forgets its start is known to rounding over what it forgets.
-        if np.all(
-            (np.maximum(change, drift) <= REPEATS) | ((change >= 0.5 * last) & (drift <= STILL_DRIFTS))
-        ):
+        # A cycle repeats itself where its states and memory come back to this part of their size.
+        # A state that still moves by this part of its size after so many cycles drifts.
+        if np.all((np.maximum(change, drift) <= 1e-13) | ((change >= 0.5 * last) & (drift <= 1e-9))):
             scale = np.stack([a, a, np.ones_like(a)], axis=1)
             starts = dict(zip(names, begin[:, of_history].T, strict=True))
             return SteadyCycles(force, a, shapes, starts, ends.end[:, sums] / scale)
@@ -147,7 +140,8 @@ def _followed(force: Force, model: Model, begin: Array, length: float, by_start:
 def _newton_step(map_: Array, shift: Array) -> Array:
     """Step to what a period does not move, (amplitude, state), the least where it is not unique."""
     left, sizes, right = np.linalg.svd(np.eye(map_.shape[-1]) - map_)
-    inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > NEUTRAL)
+    # What a period changes by no more than this part is kept as it is.
+    inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 1e-12)
     return np.asarray(np.einsum("rji,rj,rkj,rk->ri", right, inverse, left, shift))
 
 

@@ -40,10 +40,6 @@ def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
     return np.sqrt(squares / np.sum([np.sum(rows.path.stiffness_column**2) for rows in model.rows]))
 
 
-# Distance of ratios between those tried, in their logarithm, at which single columns are judged.
-COARSE_STEP = 0.1
-
-
 @dataclass(frozen=True)
 class Beside:
     """What single columns do beside a model.
@@ -242,7 +238,8 @@ def correlation_of(products: Array) -> Array:
 def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
     """Least deviance of each column, by splines over the ratios, and its place among them, (column,) each."""
     logs = np.log(ratios[1:])
-    fine = np.linspace(logs[0], logs[-1], 1 + round((logs[-1] - logs[0]) / COARSE_STEP))
+    # Distance of ratios between those tried, in their logarithm, at which single columns are judged.
+    fine = np.linspace(logs[0], logs[-1], 1 + round((logs[-1] - logs[0]) / 0.1))
     between = CubicSpline(logs, deviances[1:])(fine)
     best = np.argmin(between, axis=0)
     least = between[best, np.arange(between.shape[1])]

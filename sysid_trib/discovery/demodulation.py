@@ -74,12 +74,6 @@ def _integral(rate: Array, tau: Array, run: Array) -> Array:
     return np.asarray(total)
 
 
-# Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
-MOST_SPANS = 24
-# The residual exceeds the noise where its mean square over half a period is so many times the noise's.
-EXCEEDS = 4.0
-# A part of the residual counts if it is significant at this level.
-DEPARTURE_LEVEL = 1e-3
 # Terms of the residual: what they are, the harmonic of the motion whose noise they take, and their part.
 DEMODULATED = {
     "offset": ("mean of the residual", 0, "offset"),
@@ -131,7 +125,8 @@ def _departure(run: FreeMotion) -> float:
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = (total[width:] - total[:-width]) / width
     # A level that half a period of noise passes once in a hundred records.
-    level = max(EXCEEDS, float(chi2.isf(0.01 * width / len(x), width)) / width)
+    # The residual exceeds the noise where its mean square over half a period is so many times the noise's.
+    level = max(4.0, float(chi2.isf(0.01 * width / len(x), width)) / width)
     high = np.flatnonzero(local > level * run.noise.standard_deviation**2)
     return float(run.time[high[0]]) if len(high) else float("nan")
 
@@ -143,7 +138,8 @@ def _demodulated(number: int, run: FreeMotion) -> xr.Dataset:
     x, v = run.x[:moving], run.v[:moving]
     phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
-    spans = np.array_split(np.arange(moving), int(max(1, min(MOST_SPANS, periods))))
+    # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
+    spans = np.array_split(np.arange(moving), int(max(1, min(24, periods))))
     step = float(np.median(np.diff(run.time)))
     harmonics = np.array([harmonic for _, harmonic, _ in DEMODULATED.values()])
     per_sample = min(1.0, run.model.reference_frequency * step)
@@ -203,7 +199,8 @@ def _parts(spans: xr.Dataset) -> list[str]:
         names = [name for name, (*_, other) in DEMODULATED.items() if other == part]
         values = np.stack([spans[name].values for name in names])
         z = values / np.stack([spans[f"{name}_standard_error"].values for name in names])
-        if float(np.sum(z**2)) > chi2.isf(DEPARTURE_LEVEL, z.size):
+        # A part of the residual counts if it is significant at this level.
+        if float(np.sum(z**2)) > chi2.isf(1e-3, z.size):
             scaled = values * spans.amplitude.values if part == "phase" else values
             size[part] = float(np.sqrt(np.mean(np.sum(scaled**2, axis=0))))
     ordered = sorted(size, key=lambda part: -size[part])

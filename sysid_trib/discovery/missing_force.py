@@ -20,8 +20,6 @@ from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 
 # Cells of the map, each way.
 CELLS = 11
-# Drawings of noise, for the errors of the map.
-DRAWS = 32
 
 
 def mean_missing_force(runs: Sequence[FreeMotion]) -> xr.Dataset:
@@ -88,7 +86,8 @@ def _force(run: FreeMotion) -> Array:
 
 def _force_of_noise(run: FreeMotion) -> Array:
     """The same of drawings of the noise, (draw, sample); what it does to the model's forces is small."""
-    drawn = run.noise.draws(len(run.time), DRAWS)
+    # Drawings of noise, for the errors of the map.
+    drawn = run.noise.draws(len(run.time), 32)
     angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
     return np.asarray(-(curvature + angle).T)
 
@@ -130,10 +129,6 @@ def collinear_effects(
     return collinear
 
 
-# An effect of this many standard errors is detected.
-DETECTED = 5.0
-
-
 def detectability(screening: Screening) -> xr.Dataset:
     """Detectable coefficient of each candidate, and which are alike, from what the model cannot explain.
 
@@ -162,7 +157,8 @@ def detectability(screening: Screening) -> xr.Dataset:
     np.fill_diagonal(cosine, 1.0)
     nearest = np.sqrt(1.0 - screening.model.settings.outside_of_set / NAMED**2)
     alike = (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(symbols), dtype=bool)
-    detectable = np.where(testable, DETECTED * screening.errors[places], np.nan)
+    # An effect of this many standard errors is detected.
+    detectable = np.where(testable, 5.0 * screening.errors[places], np.nan)
     single, both = "candidate", ("candidate", "other")
     reasons = [screening.reasons[i] for i in at]
     fraction = "part of its column that the model's cannot make"

@@ -16,9 +16,6 @@ from sysid_trib.likelihood.weak_form import cholesky_factor
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.variables import chi_square_test, text_variable, variable
 
-# Directions so much shorter than the longest are what a run alone cannot tell.
-DISTINCT = 1e-10
-
 
 def homogeneity(models: Sequence[FittedModel]) -> xr.Dataset:
     """Test of each model for runs that differ, by small deviations.
@@ -90,7 +87,8 @@ def _explained(tables: Sequence[Array], columns: Sequence[int]) -> tuple[float, 
 def _squares_left(design: Array, target: Array) -> tuple[float, int]:
     """Squares that least squares leave, and the rank of the design."""
     basis, singular, _ = np.linalg.svd(design, full_matrices=False)
-    basis = basis[:, singular > DISTINCT**0.5 * singular[0]]
+    # Directions so much shorter than the longest are what a run alone cannot tell.
+    basis = basis[:, singular > 1e-5 * singular[0]]
     return float(target @ target - np.sum((basis.T @ target) ** 2)), basis.shape[1]
 
 

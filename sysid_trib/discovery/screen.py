@@ -31,8 +31,6 @@ from sysid_trib.likelihood.trials import TrialEffect, frequencies_of, has_freque
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 # Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
 NOISE_DRAWS, TAIL = 4000, 0.01
-# Part of the variance of a column that those before it leave, below which it is a mixture of these.
-LEAST_OWN = 1e-4
 NOT_FINITE = "it is not finite on this motion"
 TOO_FINE = "not testable on this record: it acts more finely than the motion is known beside a random force"
 
@@ -261,7 +259,8 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
     if not len(correlation):
         return 1.0
     # Columns that are nearly alike need few draws; in which order they come is of no account.
-    whole, _, rank, _ = pstrf(correlation, tol=LEAST_OWN, lower=True)
+    # Part of the variance of a column that those before it leave, below which it is a mixture of these.
+    whole, _, rank, _ = pstrf(correlation, tol=1e-4, lower=True)
     factor = np.tril(whole)[:, :rank]
     # What rounding has left of columns that the model can nearly make may correlate by more than one.
     factor /= np.maximum(1.0, np.linalg.norm(factor, axis=1))[:, None]

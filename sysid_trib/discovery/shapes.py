@@ -25,9 +25,6 @@ from sysid_trib.likelihood.trials import (
     trials_of,
 )
 
-# Times a cell of a grid is halved at most.
-HALVINGS = 4
-
 
 def refined(
     model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array]
@@ -54,7 +51,8 @@ def refined(
     added: dict[str, int] = {}
     base = base_of(model)
     outside, part = _directions(model, base, tables)
-    for _ in range(HALVINGS):
+    # Times a cell of a grid is halved at most.
+    for _ in range(4):
         pairs = [
             (float(outside[:, at] @ outside[:, other]), trial)
             for at, other, trial in neighbours(every)
@@ -106,8 +104,6 @@ def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialE
 FINER = 9
 # Others that a fit starts from where that from the best fails.
 STARTS = 3
-# First step, over the last.
-FIRST_STEP = 2.0
 
 
 class Climb(NamedTuple):
@@ -163,7 +159,8 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
     least = max(settings.outside_of_set, (1.0 - settings.kin) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
-    climbs = [Climb(float(gains[at]), grid[at], FIRST_STEP * settings.shape_step) for at in promising]
+    # First step, over the last.
+    climbs = [Climb(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
     ends = list[Climb]()
     while climbs:
         aside = [_aside(climb.trial, climb.step) for climb in climbs]

@@ -12,10 +12,6 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.validation.holdout import first_held_out, stretches, up_to_held_out
 
-# A decay shows every amplitude once, a driven record the same ones again and again: the time that a candidate
-# takes grows with the periods, and after so many in each of three stretches names do not change.
-PERIODS_OF_STRETCH = 60
-
 
 class RecordPart(NamedTuple):
     """A part of a run.
@@ -101,7 +97,10 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         yield part
         return
     try:
-        duration = 2.0 * np.pi / swing_frequency(run) * PERIODS_OF_STRETCH
+        # A decay shows every amplitude once, a driven record the same ones again and again: the time that a
+        # candidate takes grows with the periods, and after so many in each of three stretches names do not
+        # change.
+        duration = 2.0 * np.pi / swing_frequency(run) * 60
     except DecayError:
         # Where nothing swings there are no periods to be counted.
         yield part

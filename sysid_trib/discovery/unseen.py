@@ -17,9 +17,6 @@ from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 from sysid_trib.simulation.internal_states import begun_after
 
-# Rounds of the path of a part that is predicted.
-PATH_ROUNDS = 3
-
 
 @dataclass(frozen=True)
 class Prediction:
@@ -100,7 +97,8 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
     ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
     guess = np.append(model.coefficients, model.stiffness)
     sensors = [at for at, trial in enumerate(model.trials) if trial.force.kind == "sensor"]
-    for _ in range(PATH_ROUNDS):
+    # Rounds of the path of a part that is predicted.
+    for _ in range(3):
         rows = run_rows(path, model.trials, guess)
         unexplained = rows.target - rows.columns(model.trials) @ model.coefficients
         unexplained = unexplained - model.stiffness * path.stiffness_column

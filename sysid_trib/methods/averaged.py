@@ -17,9 +17,6 @@ from sysid_trib.records.half_sines import EnvelopeCurve, instant_derivatives
 from sysid_trib.results.significance import birge_ratio
 from sysid_trib.simulation.model import Model
 
-# A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
-NODES_PER_OCTAVE = 64
-
 
 def averaged_equations(
     measured: xr.Dataset, library: ForceLibrary, shapes: ShapeValues
@@ -67,7 +64,8 @@ def _signature_columns(
 @lru_cache(maxsize=64)
 def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: float) -> CubicSpline:
     """Signature against log2 of the amplitude: a history-dependent force takes a millisecond an amplitude."""
-    nodes = np.linspace(low, high, max(2, round(NODES_PER_OCTAVE * (high - low))) + 1)
+    # A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
+    nodes = np.linspace(low, high, max(2, round(64 * (high - low))) + 1)
     shapes = {f"{force.symbol}.{name}": value for name, value in held}
     return CubicSpline(nodes, np.stack(averages(force, 2.0**nodes, shapes), axis=1))
 

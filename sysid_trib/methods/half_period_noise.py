@@ -27,8 +27,6 @@ from sysid_trib.records.half_periods import IntArray
 from sysid_trib.records.half_sines import EnvelopeCurve
 
 DENSITY = "random_force_density"
-# Of tau: largest kicks tried are those that hide the sensor's noise within so short a time.
-SHORTEST_KICK = 0.1
 
 
 @dataclass(frozen=True)
@@ -193,4 +191,5 @@ def random_force_ratio(
     if not isinstance(option, str):
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
     times = measured.extremum_time.values
-    return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), SHORTEST_KICK))
+    # Of tau: largest kicks tried are those that hide the sensor's noise within so short a time.
+    return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), 0.1))

@@ -34,9 +34,6 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, 
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
-MAX_CORRECTIONS = 20
-# Corrections by whose differences the next is shortened or lengthened.
-MIXED_CORRECTIONS = 4
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
 # Rounds in which values and random force follow each other. A smaller step of the density, of its standard
@@ -186,7 +183,7 @@ def _corrected(
     values = first.values
     tried: list[Array] = []
     steps: list[Array] = []
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(20):
         model = auxiliary.model(values)
         motions = [_begun(model, part, frequency, last) for part, last in zip(beginnings, begun, strict=True)]
         begun = motions
@@ -234,7 +231,8 @@ def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) ->
 
     Of a motion that is pushed far the steps themselves converge slowly, or lead away.
     """
-    recent = slice(-1 - MIXED_CORRECTIONS, None)
+    # Corrections by whose differences the next is shortened or lengthened.
+    recent = slice(-5, None)
     by_values, by_steps = (np.diff(np.array(known[recent]), axis=0).T for known in (tried, steps))
     part = np.linalg.lstsq(by_steps / unit[:, None], steps[-1] / unit, rcond=None)[0]
     return np.asarray(tried[-1] + steps[-1] - (by_values + by_steps) @ part)

@@ -21,8 +21,6 @@ Equation i holds nothing but half periods i to i + m, where m is the number of h
 equations.
 """
 
-# The covariance depends on the parameters, weakly.
-REWEIGHTINGS = 2
 # Relative to an extremum and to a half period.
 DIFFERENCE_STEP = 1e-5
 ROUNDING = 1e-14
@@ -86,7 +84,8 @@ def solve(equations: Equations, measured: xr.Dataset) -> EquationSolution:
         raise DecayError("The half periods cannot tell these forces apart; offer fewer.")
     parameters = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
     rounded = _with_rounding(measured)
-    for _ in range(REWEIGHTINGS):
+    # The covariance depends on the parameters, weakly.
+    for _ in range(2):
         linear = _linear(equations, measured, parameters)
         noise = linear.noise(rounded)
         factor = whitener(noise)

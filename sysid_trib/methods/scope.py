@@ -15,8 +15,6 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 
 MOTION = "the motion"
-# Of the largest force on the cycle; below it a signature is rounding.
-SMALLEST_SIGNATURE = 1e-9
 
 
 class Method(Protocol):
@@ -217,5 +215,6 @@ def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> t
     except SysidTribError:
         return True, True
     # Internal states are zero here: a force that is made of them alone has its own averages for a size.
-    least = SMALLEST_SIGNATURE * max(float(size), sine, cosine)
+    # Of the largest force on the cycle; below it a signature is rounding.
+    least = 1e-9 * max(float(size), sine, cosine)
     return sine > least, cosine > least

@@ -38,13 +38,6 @@ from sysid_trib.simulation.initial_conditions import MEASURED, first_guess, meas
 from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
 
-# Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
-NOISE_ROUNDS = 3
-# In which the errors of a driven record are taken whose residual is not white.
-ERROR_BLOCKS = 24
-# Samples that a warm-up leaves at least.
-FEWEST_COUNTED = 20
-
 
 @dataclass(frozen=True)
 class Trajectory(Constrained):
@@ -154,7 +147,8 @@ class Trajectory(Constrained):
             pushed = _with_random_force(self, problem, first, quick)
             return pushed_identification(self, problem, runs, library, pushed)
         fit = fitted(problem, grown(problem, first))
-        for _ in range(NOISE_ROUNDS if self.noise == "coloured" or len(runs) > 1 else 0):
+        # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
+        for _ in range(3 if self.noise == "coloured" or len(runs) > 1 else 0):
             problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
         while stopped := stopped_by_bounds(problem.parameters, fit, problem.parameters.constraints.bounds):
@@ -168,7 +162,8 @@ def _record(decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> Whitene
     observation, time, values = measured_part(decay)
     swing = None if observation.quantity == "angle" else float(np.max(np.abs(decay.angle.values)))
     inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
-    if len(time) - uncounted < FEWEST_COUNTED:
+    # Samples that a warm-up leaves at least.
+    if len(time) - uncounted < 20:
         raise UsageError(
             f"A warm-up of {warm_up:g} s leaves {len(time) - uncounted} samples; give a shorter one."
         )
@@ -326,9 +321,8 @@ def _identification(
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
         noises = [min(noise, rms(residual)) for noise, residual in zip(noises, residuals, strict=True)]
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
-            covariance = parameters.clustered_covariance(
-                fit.sensitivity, fit.residual, fit.values, ERROR_BLOCKS
-            )
+            # In which the errors of a driven record are taken whose residual is not white.
+            covariance = parameters.clustered_covariance(fit.sensitivity, fit.residual, fit.values, 24)
     estimate = FitEstimate(problem, fit.values, covariance, noises)
     units = _units(runs)
     extra: dict[str, tuple[ArrayLike, str, str]]

@@ -15,8 +15,6 @@ from sysid_trib.results.variables import variable, with_error
 
 # Periods that count as recent: as many as the longest predictions that are asked for go ahead.
 RECENT_PERIODS = 10
-# Significance level of predictions that are worse than they claim.
-WIDENING_LEVEL = 0.01
 
 
 def widening(scores: Array, known_at: Array, origins: Array) -> Array:
@@ -47,7 +45,8 @@ def widening(scores: Array, known_at: Array, origins: Array) -> Array:
     factors = np.ones(len(origins))
     for at, due in enumerate(np.searchsorted(known_at, origins, side="right")):
         recent = squares[max(0, due - RECENT_PERIODS) : due]
-        if len(recent) and chi2.sf(np.sum(recent), len(recent)) < WIDENING_LEVEL:
+        # Significance level of predictions that are worse than they claim.
+        if len(recent) and chi2.sf(np.sum(recent), len(recent)) < 0.01:
             factors[at] = np.sqrt(np.mean(recent))
     return factors
 

@@ -84,13 +84,9 @@ class FitEstimate:
 WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
 # A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
 FOLLOWED = 0.1
-# One this near has not slipped out of phase.
-NEARBY_PART = 0.5
 MAX_EVALUATIONS = 60
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
-# A parameter that is nearer to a bound than this part of its standard error is stopped by it.
-NEAR_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -121,7 +117,8 @@ def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -
     away = _missed(problem, values)
     if away < FOLLOWED:
         return values
-    if away < NEARBY_PART:
+    # One this near has not slipped out of phase.
+    if away < 0.5:
         tried = fitted(problem, values, tolerance=tolerance).values
         if _missed(problem, tried) < FOLLOWED:
             return tried
@@ -198,7 +195,8 @@ def stopped_by_bounds(
     stopped = {}
     for name, (low, high) in bounds.items():
         value, i = fit.values[parameters.index(name)], parameters.index(name)
-        near = NEAR_BOUND * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
+        # A parameter that is nearer to a bound than this part of its standard error is stopped by it.
+        near = 1e-3 * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
         if i in free and not low + near < value + step[i] < high - near:
             stopped[name] = low if value - low < high - value else high
     return stopped

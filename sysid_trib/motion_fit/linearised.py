@@ -16,9 +16,6 @@ from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import sensor_error
 
-# A step so many times the usual one is a gap, over which no spline is laid.
-LONG_STEP = 2.5
-
 
 @dataclass(frozen=True)
 class Derivatives:
@@ -63,7 +60,8 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
 def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
     """Smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
     steps = np.diff(tau)
-    gaps = np.flatnonzero(steps > LONG_STEP * np.median(steps)) + 1
+    # A step so many times the usual one is a gap, over which no spline is laid.
+    gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1
     x, v = angle.copy(), np.zeros_like(angle)
     for at in np.split(np.arange(len(tau)), gaps):
         try:
@@ -145,10 +143,6 @@ def sensor_on(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tup
 RESONANT_DEGREES = 3
 OTHER_DEGREES = 2
 HARMONICS = (2, 3)
-# Of the amplitude over time.
-TREND_DEGREE = 5
-# Steps longer than this (rad of tau) are gaps: no path is known within them.
-LONGEST_STEP = 1.6
 # Of the diffusion of a free step: below it friction holds the body, and no force moves it.
 HELD = 1e-9
 
@@ -194,7 +188,8 @@ def trial_forces(linear: LinearModel, tau: Array) -> TrialForces:
     first, last = _polar(linear.path[:-1]), _polar(linear.steps.end)
     last[0] = first[0] + (last[0] - first[0] + np.pi) % (2.0 * np.pi) - np.pi
     # A slow trend stands for the amplitude: its wander is what the random force has made.
-    trend = Legendre.fit(tau[:-1], first[1], TREND_DEGREE)
+    # Of the amplitude over time.
+    trend = Legendre.fit(tau[:-1], first[1], 5)
     span = trend(tau).min(), trend(tau).max()
 
     def at(polar: Array, when: Array) -> tuple[Array, list[str]]:
@@ -207,7 +202,8 @@ def trial_forces(linear: LinearModel, tau: Array) -> TrialForces:
     by_x = weight * (np.sin(step)[:, None] * start + 4.0 * np.sin(0.5 * step)[:, None] * middle)
     by_v = weight * (np.cos(step)[:, None] * start + 4.0 * np.cos(0.5 * step)[:, None] * middle + end)
     moves = linear.steps.diffusion[:, 1, 1] > HELD * step
-    by_column = np.stack([by_x, by_v], axis=1) * (moves & (step < LONGEST_STEP))[:, None, None]
+    # Steps longer than this (rad of tau) are gaps: no path is known within them.
+    by_column = np.stack([by_x, by_v], axis=1) * (moves & (step < 1.6))[:, None, None]
     return TrialForces(by_column, -by_column[:, :, :1], np.array(on))
 
 

@@ -20,8 +20,6 @@ from sysid_trib.simulation.simulate import trajectory
 OUT_OF_PROPORTION = 10.0
 # Part of a parameter by which a penalty is differenced.
 PENALTY_STEP = 1e-5
-# The shortest part of a record that is tried where a motion cannot be computed to the end.
-FIRST_SAMPLES = 20
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,8 @@ class WhitenedRecord:
             return _penalty(far, excess - 1.0, len(self.time))
         if (motion := self._motion(model, per_run)) is not None:
             return self._difference(motion, per_run)
-        count, first = FIRST_SAMPLES, None
+        # The shortest part of a record that is tried where a motion cannot be computed to the end.
+        count, first = 20, None
         while count < len(self.time) and (motion := self._motion(model, per_run, count)) is not None:
             count, first = 2 * count, self._difference(motion, per_run)
         if first is None:

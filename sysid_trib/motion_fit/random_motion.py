@@ -45,11 +45,6 @@ from sysid_trib.records.inputs import KnownInput
 from sysid_trib.results.significance import birge_ratio
 from sysid_trib.results.variables import variable
 
-MAX_ITERATIONS = 24
-# A step this small, in standard errors, changes nothing.
-SETTLED = 0.02
-# What may be left after so many iterations, where they hop between branches; it is then among the errors.
-NEARLY_SETTLED = 0.2
 PATIENCE = 10
 # By what the relaxation changes where a step turns back, and where it goes on, by the cosine of their angle.
 SHORTER, LONGER, TURNED = 0.5, 1.5, 0.3
@@ -119,7 +114,7 @@ def fit_random_motion(
     now: Iterate | None = None
     best: Iterate | None = None
     part = 1.0
-    for number in range(MAX_ITERATIONS):
+    for number in range(24):
         try:
             linear = _linear_models(parameters, records, values, paths, by, inputs)
             if filters is not None:
@@ -130,7 +125,10 @@ def fit_random_motion(
             raise DecayError(f"No motion of these forces follows the record ({error})") from None
         before, now = now, iterate(parameters, values, linear, densities, now)
         best = now if best is None or now.remaining < best.remaining else best
-        if best.remaining <= (SETTLED if number < PATIENCE else NEARLY_SETTLED):
+        # A step this small, in standard errors, changes nothing.
+        # What may be left after so many iterations, where they hop between branches; it is then among the
+        # errors.
+        if best.remaining <= (0.02 if number < PATIENCE else 0.2):
             return _fit(parameters, best, densities)
         part = _relaxed(part, before, now)
         filtered = [(run.linear.path, *run.filtered_motion()) for run in now.runs]

@@ -48,8 +48,6 @@ class Steps:
     diffusion: Array
 
 
-# In tau; longer intervals are followed in parts.
-LONGEST_INTERVAL = 0.5
 GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
 GAUSS_POINTS = GAUSS_POINTS + 0.5
 
@@ -76,7 +74,8 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
     SimulationError
         The motion diverges within an interval, or switches without end.
     """
-    parts = np.maximum(1, np.ceil(length / LONGEST_INTERVAL).astype(int))
+    # In tau; longer intervals are followed in parts.
+    parts = np.maximum(1, np.ceil(length / 0.5).astype(int))
     whole = _followed(model, tau, length / parts, states, by)
     for done in range(1, int(parts.max(initial=1))):
         at = np.flatnonzero(parts > done)

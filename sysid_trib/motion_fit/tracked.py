@@ -17,11 +17,6 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.model import Model
 
-MAX_SMOOTHINGS = 12
-# The path is settled where it moves by less than this part of the sensor's noise.
-PATH_SETTLED = 0.01
-# Where friction holds and frees the body in turn, changes come back: after so many without a smaller one.
-SMOOTHINGS_WITHOUT_GAIN = 3
 # Of noise as 1/f so many taps: each is a state, and further ones change little at the frequency of a swing.
 MOST_TAPS = 49
 # Angle and rate at the first sample, zero of the sensor.
@@ -175,9 +170,10 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
 
 def _settled(tracked: TrackedRecord) -> TrackedRecord:
     """The record about the motion at which its smoothing comes to rest."""
-    tolerance = PATH_SETTLED * tracked.noise
+    # The path is settled where it moves by less than this part of the sensor's noise.
+    tolerance = 0.01 * tracked.noise
     changes: list[float] = []
-    for _ in range(MAX_SMOOTHINGS):
+    for _ in range(12):
         linear = tracked.linear
         deviation, _ = linear.rows(tracked.ratio).solution()
         change = linear.smoothed_motion(tracked.ratio, deviation) - linear.path
@@ -186,7 +182,9 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
         if np.max(np.abs(change[:, 0])) <= tolerance and abs(deviation[2]) <= tolerance:
             return replace(tracked, deviation=deviation)
         changes.append(float(np.max(np.abs(change))))
-        if np.argmin(changes) < len(changes) - SMOOTHINGS_WITHOUT_GAIN:
+        # Where friction holds and frees the body in turn, changes come back: after so many without a smaller
+        # one.
+        if np.argmin(changes) < len(changes) - 3:
             break
         tracked = _linear_about(tracked, linear.path + change, tracked.zero + deviation[2])
     raise DecayError(

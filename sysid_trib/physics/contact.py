@@ -113,8 +113,6 @@ SLIP_RATIO = -0.75 * np.pi
 # Part of it by which the six forces may miss it: on simulated slip (kappa 0.005 to 0.2, zeta 0.002 and 0.01)
 # they give -2.0 to -2.3, because the loops of a decay do not close and epsilon takes its share of nu.
 ALLOWED = 0.1
-# Below this p-value the ratio is another one.
-FINGERPRINT_LEVEL = 0.01
 # A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
 SIGNIFICANT_FRICTION = 3.0
 SHARP = 1.0 / 3.0
@@ -194,7 +192,8 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     p_value = 2.0 * norm.sf(abs(z))
     known = abs(significance) >= SIGNIFICANT_FRICTION and error <= SHARP * abs(SLIP_RATIO)
     # Slip takes energy: a quadratic friction that feeds it in is another thing.
-    other = p_value < FINGERPRINT_LEVEL or significance <= -SIGNIFICANT_FRICTION
+    # Below this p-value the ratio is another one.
+    other = p_value < 0.01 or significance <= -SIGNIFICANT_FRICTION
     verdict = "not compatible" if other else "compatible" if known else "undecided"
     numbers = (
         ("slip_ratio", SLIP_RATIO, "ratio of partial slip"),

@@ -19,9 +19,6 @@ from sysid_trib.physics.model_estimate import (
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.simulation.simulate import trajectory
 
-# Of periods: a longer motion is not simulated to its end.
-LONGEST = 20_000
-
 
 def dissipated_energy(
     result: xr.Dataset,
@@ -134,7 +131,8 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
 
 def _exact_stop(estimate: ModelEstimate, start: float, averaged: float) -> float:
     period = 2.0 * np.pi / estimate.frequency
-    if not averaged < LONGEST * period:
+    # Of periods: a longer motion is not simulated to its end.
+    if not averaged < 20_000 * period:
         return np.nan
     # Averaging errs by no more than a few periods and a part of the whole.
     time = np.array([0.0, 1.2 * averaged + 5.0 * period])

@@ -14,10 +14,6 @@ from sysid_trib.results.schema import asymptotic_frequency, library_of, shape_va
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.simulation.model import Model, rescaling_factors
 
-# Of a standard error, and of the value itself: the step of a numerical derivative.
-STEP_OF_ERROR = 1e-3
-STEP_OF_VALUE = 1e-7
-
 
 def propagate(
     function: Callable[[Array], ArrayLike], values: Array, covariance: Array
@@ -43,7 +39,8 @@ def propagate(
     slopes = np.zeros((*result.shape, len(values)))
     for i in np.flatnonzero(errors > 0):
         step = np.zeros(len(values))
-        step[i] = max(STEP_OF_ERROR * errors[i], STEP_OF_VALUE * abs(values[i]))
+        # The step of a numerical derivative: of a standard error, and of the value itself.
+        step[i] = max(1e-3 * errors[i], 1e-7 * abs(values[i]))
         above, below = (np.asarray(function(values + s * step), dtype=float) for s in (1.0, -1.0))
         slopes[..., i] = (above - below) / (2.0 * step[i])
     variance = np.einsum("...i,ij,...j->...", slopes, covariance, slopes)

@@ -13,10 +13,6 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.equilibrium import find_swing
 from sysid_trib.records.units import ACCELEROMETER, INTEGRATIONS, METRES, STANDARD_GRAVITY, SignalUnit
 
-# Correlation of axes that see one motion, noise included.
-IN_PHASE = 0.8
-# Of its range: a magnitude comes back to zero as near as this in every swing.
-NEAR_ZERO = 0.05
 _AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<=acc)[xyz]$|(?<=gyro)[xyz]$")
 
 
@@ -32,7 +28,8 @@ def in_phase(first: Array, second: Array) -> bool:
         return False
     good = np.isfinite(first) & np.isfinite(second)
     x, y = first[good], second[good]
-    return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > IN_PHASE)
+    # Correlation of axes that see one motion, noise included.
+    return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > 0.8)
 
 
 def is_magnitude(values: Array) -> bool:
@@ -41,12 +38,11 @@ def is_magnitude(values: Array) -> bool:
     if good.size < 2 or good.min() < 0.0:
         return False
     parts = [part for part in np.array_split(good, 4) if part.size]
-    allowed = NEAR_ZERO * max(float(part.max()) for part in parts)
+    # Of its range: a magnitude comes back to zero as near as this in every swing.
+    allowed = 0.05 * max(float(part.max()) for part in parts)
     return all(part.min() < allowed for part in parts)
 
 
-# Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias wanders.
-DRIFT_PERIODS_PER_KNOT = 2.0
 DRIFT_DEGREE = 3
 
 
@@ -82,7 +78,9 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
 
 
 def _drift(time: Array, signal: Array, period: float) -> Array:
-    spans = max(1, int((time[-1] - time[0]) / (DRIFT_PERIODS_PER_KNOT * period)))
+    # Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias
+    # wanders.
+    spans = max(1, int((time[-1] - time[0]) / (2.0 * period)))
     knots = np.linspace(time[0], time[-1], spans + 1)
     padded = np.concatenate((np.full(DRIFT_DEGREE, knots[0]), knots, np.full(DRIFT_DEGREE, knots[-1])))
     slow = BSpline.design_matrix(time, padded, DRIFT_DEGREE).tocsr()
@@ -134,10 +132,6 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
         "translation_factor": factor,
     }
     return scaled
-
-
-# An accelerometer that feels less of gravity than this part shows no angle.
-LEAST_FELT = 0.02
 
 
 def as_position(
@@ -201,7 +195,8 @@ def as_felt(time: Array, values: Array, attrs: dict[str, Any], distance: float, 
     if swing is None:
         raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")
     felt = STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
-    if felt < LEAST_FELT * STANDARD_GRAVITY:
+    # An accelerometer that feels less of gravity than this part shows no angle.
+    if felt < 0.02 * STANDARD_GRAVITY:
         raise RecordError(
             f"{source}: at {distance:g} m from the axis an accelerometer feels next to nothing of this swing "
             f"along its path ({felt:.3g} m/s^2 of 9.81): correct --distance, or choose another axis."

@@ -25,9 +25,6 @@ from sysid_trib.records.units import (
 ROUND = 0.02
 # and its unit is one in which gravity comes out right, within this part.
 GRAVITY_TOLERANCE = 0.05
-# Stamps that count from 1970, in the years 1990 to 2100.
-# MATLAB's days from the year 0 and spreadsheets' from 1900 are of the same years.
-LONGEST_DAY_STEP = 1e-2
 SERIAL_DAYS = ((32874.0, 73051.0), (726834.0, 767011.0))
 EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
 # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
@@ -35,8 +32,6 @@ REST_IN_G = (0.5, 1.2)
 # rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it decays, by
 # more than this part of what it should.
 FROM_AMPLITUDE, STEADY = 1.0, 0.25
-# deg; what is not named as an angle and swings farther is none.
-LARGEST_ANGLE = 180.0
 _ARBITRARY = SignalUnit("au", "displacement", "au", 1.0)
 # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
 LONGEST_PERIOD, LONGEST_OF_WHOLE, SHORTEST_PERIOD = 1000.0, 60.0, 5e-5
@@ -96,7 +91,9 @@ def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str | None,
         if low < middle < high:
             return text, TIME_UNITS[text], f"time in {text}: it counts from 1970"
     for low, high in SERIAL_DAYS:
-        if 0.0 < usual < LONGEST_DAY_STEP and low < np.nanmin(stamps) and np.nanmax(stamps) < high:
+        # Stamps that count from 1970, in the years 1990 to 2100.
+        # MATLAB's days from the year 0 and spreadsheets' from 1900 are of the same years.
+        if 0.0 < usual < 1e-2 and low < np.nanmin(stamps) and np.nanmax(stamps) < high:
             return "d", TIME_UNITS["d"], "time in days: it counts them as a calendar does"
     whole = "unit of time not stated: taken as s, though its stamps are whole"
     return None, 1.0, whole if are_whole(stamps) else ""
@@ -178,7 +175,8 @@ def assumed_unit(
     if radius is not None and quantity in ("", "displacement"):
         return _on_circle(time, values, radius)
     if quantity in ("", "angle"):
-        if not quantity and half > LARGEST_ANGLE:
+        # deg; what is not named as an angle and swings farther is none.
+        if not quantity and half > 180.0:
             return _ARBITRARY, "unit not stated: coefficients are in its unit, au"
         if half > np.pi:
             return _unit(

@@ -13,26 +13,13 @@ from sysid_trib.records.signal import LONGEST_FILLED
 
 Indices: TypeAlias = NDArray[np.int64]
 
-# Off what its neighbours say by this part of the swing: neither motion nor impact does this in one sample.
-SPIKE_SHARE = 0.2
 # Weights of the four neighbours of a sample (cubic), and of the four that follow the first.
 INSIDE = np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
 AT_END = np.array([4.0, -6.0, 4.0, -1.0])
-# Noise levels.
-SPIKE_NOISE = 15.0
-# Most a new frame moves, in steps of the sensor, where repeated values are its quantisation.
-QUANTISED_STEPS = 3.0
 WRAP_SHARE = 0.75
-# Part of the cuts at which the motion goes on on either side, and fewest of them.
-LEAST_AGAINST = 0.6
-FEWEST_CUTS = 4
 # Samples on either side that show how the motion goes on.
 CUT_REACH = 3
-# Pulses are so many times shorter than what is between them; a swing's two sides last alike.
-PULSE_RATIO = 3.0
 FEWEST_CROSSINGS = 12
-# Samples in a row that are bad together, at most.
-MOST_ROUNDS = 4
 
 
 def spikes(time: Array, signal: Array) -> Indices:
@@ -47,11 +34,14 @@ def spikes(time: Array, signal: Array) -> Indices:
     if signal.size < 20:
         return np.zeros(0, dtype=np.int64)
     swing = float(np.ptp(np.percentile(signal, [1.0, 99.0])))
-    least = max(SPIKE_SHARE * swing, SPIKE_NOISE * noise_level(time, signal))
+    # Off what its neighbours say by this part of the swing: neither motion nor impact does this in one
+    # sample; and off the noise.
+    least = max(0.2 * swing, 15.0 * noise_level(time, signal))
     kept = np.arange(signal.size)
     bad = np.zeros(signal.size, dtype=bool)
     # A spike disturbs what is expected of its neighbours: the largest goes first, then they are judged anew.
-    for _ in range(MOST_ROUNDS):
+    # At most so many samples in a row are bad together.
+    for _ in range(4):
         if kept.size < 20:
             return np.zeros(0, dtype=np.int64)
         off = _off_neighbours(signal[kept])
@@ -96,7 +86,8 @@ def new_frames(signal: Array) -> Indices | None:
     if change.size < 20 or np.median(np.diff(change)) < 2.0:
         return None
     usual_step = float(np.median(np.abs(np.diff(signal)[change - 1])))
-    if usual_step <= QUANTISED_STEPS * quantisation_step(signal):
+    # Most a new frame moves, in steps of the sensor, where repeated values are its quantisation.
+    if usual_step <= 3.0 * quantisation_step(signal):
         return None
     return np.concatenate(([0], change))
 
@@ -164,7 +155,8 @@ def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
     apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
     beside = 0.5 * (before + after) / CUT_REACH
     against = (before * after > 0.0) & (beside * step[cut] < 0.0)
-    if np.count_nonzero(against & apart) < max(FEWEST_CUTS, LEAST_AGAINST * np.count_nonzero(apart)):
+    # Part of the cuts at which the motion goes on on either side, and fewest of them.
+    if np.count_nonzero(against & apart) < max(4, 0.6 * np.count_nonzero(apart)):
         return signal, float("nan"), 0
     # The step beside a cubic through the samples on either side.
     near = np.lib.stride_tricks.sliding_window_view(signal, 2 * CUT_REACH + 2)[cut - CUT_REACH]
@@ -189,7 +181,8 @@ def pulses(signal: Array) -> bool:
     # By medians: a single long rest, before a release or after a stop, is none of them.
     lasts, up = np.diff(clear[crossings]), above[crossings[:-1] + 1]
     high_for, low_for = np.median(lasts[up]), np.median(lasts[~up])
-    return bool(max(high_for, low_for) > PULSE_RATIO * min(high_for, low_for))
+    # Pulses are so many times shorter than what is between them; a swing's two sides last alike.
+    return bool(max(high_for, low_for) > 3.0 * min(high_for, low_for))
 
 
 # Of the spline: its degree, knots in a period, and fewest samples between knots.
@@ -198,13 +191,8 @@ OUTLIER_DEGREE, KNOTS, SAMPLES_PER_INTERVAL = 5, 12, 3
 OUTLIER_NOISE, OUTLIER_SHARE = 8.0, 3e-4
 # An impact bends the motion: it leaves its neighbours off as well, by more than this part.
 NEIGHBOURS, NEIGHBOURS_PART = 3, 0.2
-# More of its neighbours are bad only where they hold one value, as of a sensor that drops out or freezes.
-MOST_TOGETHER = 2
 # Noise with so many samples in its tails has no outliers.
 MOST_OUTLIERS = 0.05
-MOST_REMOVALS = 12
-# Samples that are looked at together.
-LONGEST_PART = 20_000
 
 
 def outliers(time: Array, signal: Array, period: float) -> Indices:
@@ -226,7 +214,8 @@ def outliers(time: Array, signal: Array, period: float) -> Indices:
     """
     gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * period) + 1
     pieces = np.split(np.arange(time.size), gaps)
-    parts = [part for piece in pieces for part in np.array_split(piece, 1 + piece.size // LONGEST_PART)]
+    # Samples that are looked at together.
+    parts = [part for piece in pieces for part in np.array_split(piece, 1 + piece.size // 20_000)]
     least = OUTLIER_SHARE * float(np.ptp(signal))
     step = quantisation_step(signal)
     parts_off = [part[_off_the_others(time[part], signal[part], period, (least, step))] for part in parts]
@@ -245,7 +234,7 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
     repeated = np.append(False, np.diff(signal) == 0.0)
     if np.mean(repeated) < MOST_OUTLIERS:
         bad = repeated
-    for _ in range(MOST_REMOVALS):
+    for _ in range(12):
         try:
             spline = make_lsq_spline(
                 time, signal, clamped, OUTLIER_DEGREE, w=np.where(bad, 1e-6, 1.0), method="norm-eq"
@@ -273,5 +262,6 @@ def _is_by_itself(at: int, signal: Array, off: Array, bad: Mask) -> bool:
     """Whether a bad sample is among good ones, or is one of several that hold one value."""
     near = slice(max(0, at - NEIGHBOURS), at + NEIGHBOURS + 1)
     values, others = signal[near][bad[near]], off[near][~bad[near]]
-    few = values.size <= MOST_TOGETHER or np.ptp(values) == 0.0
+    # More of its neighbours are bad only where they hold one value, as of a sensor that drops out or freezes.
+    few = values.size <= 2 or np.ptp(values) == 0.0
     return bool(few and np.all(others <= NEIGHBOURS_PART * off[at]))

@@ -13,12 +13,6 @@ LACKING_STEP = 1.5
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
 UNEVEN_PART = 1e-9
-# Part of a step; less is not worth a word.
-NO_JITTER = 1e-4
-# s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
-LONGEST_COUNTED = 1e6
-# s; of shorter steps numbers lose their digits.
-SHORTEST_STEP = 1e-100
 
 
 @dataclass(frozen=True)
@@ -84,14 +78,16 @@ def read_clock(
     if back.size:
         where = ", ".join(f"{given[b - 1] * factor:.6g} s" for b in back[:3])
         sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
-    if factor * float(np.mean(np.abs(np.diff(given)))) < SHORTEST_STEP:
+    # s; of shorter steps numbers lose their digits.
+    if factor * float(np.mean(np.abs(np.diff(given)))) < 1e-100:
         raise RecordError(
             f"{source}: its samples are {factor * (given[1] - given[0]):.3g} s apart: no clock has such "
             "steps; give its unit (--time-units), or the sampling rate (--sampling-rate HZ)."
         )
     time, said = even or _without_rounding(given, np.append(0, back), decimal_step(given))
     time = time * factor
-    if abs(time[0]) > LONGEST_COUNTED:
+    # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
+    if abs(time[0]) > 1e6:
         sentences.append(f"counted from the first stamp, {given[0]:.10g}")
         time = time - time[0]
     still = np.flatnonzero(np.diff(time) <= 0.0)
@@ -178,7 +174,8 @@ def _without_rounding(
         rounded = f"stamps rounded to {rounding:g}"
         return line + (given[0] - line[0]), f"{rounded}; {lack}" if lack else rounded
     worst = float(np.max(np.abs(steps - counts * slope)))
-    if worst < NO_JITTER * slope:
+    # Part of a step; less is not worth a word.
+    if worst < 1e-4 * slope:
         return given, lack
     jitter = f"stamps jitter by up to {100.0 * worst / slope:.2g} % of a step, and are used as they are"
     return given, jitter

@@ -25,16 +25,6 @@ from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, witho
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import INTEGRATIONS, TIME_UNITS, SignalUnit, signal_unit
 
-# Of columns in one unit, one is the signal if it swings so many times as far as any other.
-DOMINANT = 5.0
-# What is so many times as large as the column that swings is no noise beside it, and is asked about.
-FAR_LARGER = 50.0
-# Two columns are one signal twice.
-SAME_SIGNAL = 0.9999
-# Columns that are looked at.
-MOST_JUDGED = 40
-# Of the range of times: runs below each other begin as near to each other as this.
-SAME_BEGINNING = 0.01
 LISTED = 12
 FEWEST_NUMBERS = 3
 DERIVATIVE_TOLERANCE = 0.2
@@ -162,7 +152,8 @@ def _choose(
     names: list[str], times: list[str], table: FileTable, signal: str | None, source: str
 ) -> tuple[str, str]:
     """The column that alone can be meant, and why."""
-    made = (_candidate(table, name, time_of(name, times, table), source) for name in names[:MOST_JUDGED])
+    # Columns that are looked at.
+    made = (_candidate(table, name, time_of(name, times, table), source) for name in names[:40])
     candidates = [candidate for candidate in made if candidate is not None]
     if not candidates:
         # Each of them holds a text: the refusal says where.
@@ -234,7 +225,8 @@ def _starts_anew(values: object) -> bool:
         return False
     steps = np.diff(column.astype(float))
     back = np.flatnonzero(steps <= 0.0) + 1
-    begins = np.abs(column[back] - column[0]) <= SAME_BEGINNING * np.ptp(column.astype(float))
+    # Of the range of times: runs below each other begin as near to each other as this.
+    begins = np.abs(column[back] - column[0]) <= 0.01 * np.ptp(column.astype(float))
     return bool(0 < back.size <= MOST_SET_BACK and begins.all())
 
 
@@ -288,7 +280,8 @@ def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> t
         return pool[0], f"of the columns that swing alike, {others}"
     units = {c.unit.text if c.unit else "" for c in pool}
     largest, second = sorted(pool, key=lambda c: c.amplitude)[:-3:-1]
-    if len(units) == 1 and largest.amplitude > DOMINANT * second.amplitude:
+    # Of columns in one unit, one is the signal if it swings so many times as far as any other.
+    if len(units) == 1 and largest.amplitude > 5.0 * second.amplitude:
         return largest, f"it swings {largest.amplitude / second.amplitude:.2g} times as far as any other"
     if not any(c.swing for c in pool):
         raise RecordError(_no_decay(named or pool, source))
@@ -303,7 +296,8 @@ def _ask_of_larger(swinging: _Candidate, moving: list[_Candidate], source: str) 
     for other in moving:
         unit = other.unit and swinging.unit and other.unit.text == swinging.unit.text
         alike = unit or are_axes(other.base, swinging.base)
-        if alike and other.swing is None and other.amplitude > FAR_LARGER * swinging.amplitude:
+        # What is so many times as large as the column that swings is no noise beside it, and is asked about.
+        if alike and other.swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
                 f"{source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far as "
                 f"{swinging.name}, but is no free decay ({other.reason}): cut that out, or name the column, "
@@ -367,7 +361,8 @@ def _repeats(column: _Candidate, other: _Candidate) -> bool:
     good = np.isfinite(column.values) & np.isfinite(other.values)
     if not np.count_nonzero(good) or not np.ptp(column.values[good]) or not np.ptp(other.values[good]):
         return False
-    return bool(abs(np.corrcoef(column.values[good], other.values[good])[0, 1]) > SAME_SIGNAL)
+    # Two columns are one signal twice.
+    return bool(abs(np.corrcoef(column.values[good], other.values[good])[0, 1]) > 0.9999)
 
 
 def _listed(pool: list[_Candidate]) -> str:

@@ -18,9 +18,6 @@ from sysid_trib.records.inputs import refuse_inputs
 from sysid_trib.records.parts import Part, free_part
 from sysid_trib.records.signal import Piece, checked_signal, unit_of_signal
 
-# Samples of a period that are kept of an integrated signal: integration leaves next to no noise above them.
-INTEGRATED_POINTS_PER_PERIOD = 32
-
 
 @dataclass(frozen=True)
 class CutDecay:
@@ -65,7 +62,9 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
             signal = integrated(time, signal, period)
         if "felt_per_sine" in record.attrs:
             signal = np.arcsin(np.clip(signal / float(record.attrs["felt_per_sine"]), -1.0, 1.0))
-        every = max(1, int(period / INTEGRATED_POINTS_PER_PERIOD * (time.size - 1) / (time[-1] - time[0])))
+        # Samples of a period that are kept of an integrated signal: integration leaves next to no noise above
+        # them.
+        every = max(1, int(period / 32 * (time.size - 1) / (time[-1] - time[0])))
         every = every if record.attrs["integrations"] else 1
         time, signal = time[::every], signal[::every]
         equilibrium, centred_in = (0.0, np.nan), str(record[measured].attrs["units"])
@@ -99,10 +98,6 @@ def _sentence(time: Array, part: Part, swing: Swing, units: str, mended: str) ->
     return f"Free decay: {kept}; cut {cut or 'nothing'}{done}; {middle}."
 
 
-# Half periods from which a stop for good can be seen.
-FEWEST_SEEN = 3
-# Part of the motion that a damped sine may leave: what leaves more is no swing.
-LARGEST_LEFT = 0.5
 # Exponents, over the frequency, from which the damped sine is fitted.
 FIRST_EXPONENTS = (-0.02, 0.02, 0.2, 0.6)
 
@@ -139,7 +134,8 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> CutDe
 def _part(piece: Piece, swing: Swing) -> Part:
     """All of it, or what comes before a stop for good."""
     whole, peak = Part(0, piece.time.size, "", ""), swing.halves.peak[swing.run]
-    if peak.size < FEWEST_SEEN or peak[-1] > peak[0]:
+    # Half periods from which a stop for good can be seen.
+    if peak.size < 3 or peak[-1] > peak[0]:
         return whole
     seen = free_part(piece.time, piece.signal - swing.equilibrium, swing)
     return replace(seen, start=0, before="") if np.isfinite(seen.stop_time) else whole
@@ -166,7 +162,8 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
         except (RuntimeError, ValueError):
             continue
     residuals = [float(np.std(y - motion(at, *values))) for values, _ in fits]
-    if not fits or min(residuals) > LARGEST_LEFT:
+    # Part of the motion that a damped sine may leave: what leaves more is no swing.
+    if not fits or min(residuals) > 0.5:
         return None
     values, covariance = fits[int(np.argmin(residuals))]
     return float(values[0] * size), float(np.sqrt(covariance[0, 0]) * size)

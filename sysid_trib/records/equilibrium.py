@@ -25,9 +25,6 @@ SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
 KEPT_DECAYS = 64
 # Half periods that are summed at once: of a hundred samples each, their terms fit into the cache of a core.
 HALF_PERIODS_AT_ONCE = 64
-# The swing is what moves so many times as far as the line of the most travel, in so many half periods.
-HUM = 2.0
-FEWEST_REGULAR = 5
 
 
 @dataclass(frozen=True)
@@ -61,13 +58,14 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
     travels = max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
     if travels is None:
         return None
-    # Mains hum travels far on small ways: a swing is what is several times as large.
+    # Mains hum travels far on small ways: the swing is what moves several times as far as the line of the
+    # most travel, in some half periods.
     larger = [
         swing
         for swing in swings
-        if swing.run.stop - swing.run.start >= FEWEST_REGULAR
+        if swing.run.stop - swing.run.start >= 5
         and swing.oscillation.period > travels.oscillation.period
-        and _largest(swing) > HUM * _largest(travels)
+        and _largest(swing) > 2.0 * _largest(travels)
     ]
     return max(larger, key=_largest, default=travels)
 

@@ -83,8 +83,6 @@ SIGNIFICANT_DIGITS = range(3, 8)
 # Steps of the rounding within which stamps are a line's, cut off or rounded; its slope is known to a little
 # less, and less well where the steps differ.
 WITHIN, WITHIN_UNEQUAL = 1.02, 1.5
-# Of the largest stamp; a step of a smaller one is no digit of a clock.
-SMALLEST_STEP = 1e-100
 # A row follows at once if it comes within this part of the mean step; in packets most do.
 AT_ONCE = 0.5
 # Longest steps by which packets are late, and most by which the long and the short steps differ.
@@ -106,7 +104,8 @@ def even_rows(given: Array, rows: "NDArray[np.int64]", values: Array | None) -> 
     index = (rows - rows[0]).astype(float)
     for step, said in roundings(given):
         # Of stamps next to zero beside others no line is weighted.
-        if np.min(step) < SMALLEST_STEP * np.max(np.abs(given)):
+        # Of the largest stamp; a step of a smaller one is no digit of a clock.
+        if np.min(step) < 1e-100 * np.max(np.abs(given)):
             continue
         line = _line(index, given, step)
         allowed = WITHIN if np.ndim(step) == 0 else WITHIN_UNEQUAL

@@ -16,11 +16,8 @@ from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_
 # In any unit; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-150
 # What is left of a record is searched for another decay if it is of this part of the first one's amplitude,
+# of the same period, and lasts for some periods.
 SMALLEST_FURTHER = 0.2
-# of the same period within this part,
-PERIOD_TOLERANCE = 0.25
-# and lasts for so many periods.
-FEWEST_PERIODS = 4.0
 MOST_DECAYS = 60
 
 
@@ -212,7 +209,7 @@ def _beside(decay: CutDecay) -> list[Piece]:
 def _further(piece: Piece, decays: list[CutDecay], value: float | None, source: str) -> list[CutDecay]:
     """The decay of a piece, if it is one like those that are known."""
     known = decays[0].swing.oscillation.period if decays else 0.0
-    if piece.time.size < 20 or piece.time[-1] - piece.time[0] < FEWEST_PERIODS * known:
+    if piece.time.size < 20 or piece.time[-1] - piece.time[0] < 4.0 * known:
         return []
     if decays and np.ptp(piece.signal) < SMALLEST_FURTHER * np.ptp(decays[0].piece.signal):
         return []
@@ -223,7 +220,7 @@ def _further(piece: Piece, decays: list[CutDecay], value: float | None, source: 
     if not decays:
         return [decay]
     halves, first = decay.swing.halves.peak[decay.swing.run], decays[0].swing.halves.peak[decays[0].swing.run]
-    alike = abs(decay.swing.oscillation.period / known - 1.0) < PERIOD_TOLERANCE
+    alike = abs(decay.swing.oscillation.period / known - 1.0) < 0.25
     return [decay] if alike and halves.max() > SMALLEST_FURTHER * first.max() else []
 
 

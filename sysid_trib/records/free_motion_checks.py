@@ -11,28 +11,18 @@ from sysid_trib.records.half_periods import IntArray
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
-# Each half-sine has two unknowns.
-FEWEST_PER_HALF_PERIOD = 2.5
 # A drive holds the amplitude for so many half periods at least, and within this part.
 DRIVEN_HALF_PERIODS = 8
 DRIVEN_TOLERANCE = 0.03
 # A beat rises over so many half periods at least, in this part of them, and swings on in this part.
 FEWEST_RISING = 5
 RISING_PART = 0.8
-# What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
-SHAKEN = 0.25
 # Between its maxima the amplitude of a beat falls by this part of the largest one at least.
 TROUGH = 0.3
 SWINGING_ON = 0.7
-# Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
-HOLLOW = 0.8
 # Noise levels within which a sample is at the end of the sensor's range; part of the samples within four
 # times that which are at it in a flat top (of a parabola it is half of them); fewest flat tops of one sign.
 CLIPPED_NOISE, FLAT_PART, FEWEST_CLIPPED = 6.0, 0.75, 2
-# A hand takes a few periods at most.
-HAND_HALF_PERIODS = 8
-# Friction alone stops a swing that, at its last pace, would end within so many half periods.
-NATURAL_HALF_PERIODS = 4.0
 PACE_TOLERANCE = 0.03
 
 
@@ -61,7 +51,8 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
     run = swing.run
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
-    if per_half_period < FEWEST_PER_HALF_PERIOD:
+    # Each half-sine has two unknowns.
+    if per_half_period < 2.5:
         raise DecayError(f"{source}: only {per_half_period:.2g} samples in a half period; sample faster.")
     count = run.stop - run.start
     if count < FEWEST_EXTREMA:
@@ -127,7 +118,8 @@ def _refuse_beats(swing: Swing, source: str) -> None:
         return
     lasts = swing.halves.duration[run.stop : run.stop + rise.size] / (0.5 * swing.oscillation.period)
     swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > SWINGING_ON
-    hollow = fall[-quarter - 1] - fall[-1] < HOLLOW * (fall[0] - fall[quarter])
+    # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
+    hollow = fall[-quarter - 1] - fall[-1] < 0.8 * (fall[0] - fall[quarter])
     top = int(np.argmax(rise))
     gradual = top >= FEWEST_RISING - 1 and np.mean(np.diff(rise[: top + 1]) > 0.0) > RISING_PART
     if swings_on and not hollow and gradual and rise[top] > 0.5 * fall[0]:
@@ -157,7 +149,8 @@ def _before_shaking(peak: Array, swing: Swing) -> Swing:
         return swing
     level = float(peak[rise[0] :].max())
     stop = int(np.argmax(peak <= level))
-    if level > SHAKEN * peak[0] or stop < FEWEST_EXTREMA:
+    # What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
+    if level > 0.25 * peak[0] or stop < FEWEST_EXTREMA:
         return swing
     return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
 
@@ -246,7 +239,8 @@ def before_the_hand(swing: Swing) -> slice | None:
     """
     run = swing.run
     end = run.stop
-    for half in range(max(run.stop - HAND_HALF_PERIODS, run.start + 4), run.stop):
+    # A hand takes a few periods at most.
+    for half in range(max(run.stop - 8, run.start + 4), run.stop):
         if _disturbed(swing, half):
             end = half
             break
@@ -273,4 +267,5 @@ def _nearly_stopped(swing: Swing, half: int) -> bool:
     """Whether the amplitude, at its pace, is about to end or to be off_pace in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
-    return bool(peak[half] < NATURAL_HALF_PERIODS * pace + 4.0 * swing.oscillation.floor)
+    # Friction alone stops a swing that, at its last pace, would end within so many half periods.
+    return bool(peak[half] < 4.0 * pace + 4.0 * swing.oscillation.floor)

@@ -226,7 +226,6 @@ def regular_run(halves: HalfPeriods, period: float) -> slice:
 # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half period
 # alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has 2.
 EXTREMUM_VARIANCE = 2.0
-DEGREE = 5
 
 
 def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
@@ -283,7 +282,7 @@ def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
 def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
     """Smooth trend of the logarithm of the amplitude."""
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
-    degree = min(DEGREE, halves.sign.size - 2)
+    degree = min(5, halves.sign.size - 2)
     trend = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
     return np.asarray(trend(grid))
 

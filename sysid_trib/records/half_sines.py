@@ -15,14 +15,8 @@ from sysid_trib.records.signal import unit_of_signal
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
-# The third round moves the frequency by less than 1e-6 of itself.
-FREQUENCY_ROUNDS = 3
-# A half-sine of known frequency has two unknowns.
-FEWEST_IN_HALF_PERIOD = 2
 # Half periods that differences for the scatter span; fewer than a few of these decide nothing.
 DIFFERENCE_SPAN, FEWEST_FOR_SCATTER = 8, 15
-# White noise scatters by more than 1 + this over sqrt(differences) in one record of a thousand, however long.
-WHITE_NOISE_EXCESS = 6.5
 
 
 def half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
@@ -37,7 +31,8 @@ def half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[A
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s, y = time[sample] - middle[half], angle[sample]
     w: Array = np.pi / halves.duration
-    for _ in range(FREQUENCY_ROUNDS):
+    # The third round moves the frequency by less than 1e-6 of itself.
+    for _ in range(3):
         phase = w[half] * s
         cc, cs, ss, cy, sy = harmonic_sums(phase, y, weight, first)
         normal = np.stack([cc, cs, cs, ss], axis=1).reshape(-1, 2, 2)
@@ -118,7 +113,8 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     if curve not in EXTREMA:
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
     time, angle, halves = with_half_periods(decay)
-    if np.diff(halves.samples(time)[0]).min() < FEWEST_IN_HALF_PERIOD:
+    # A half-sine of known frequency has two unknowns.
+    if np.diff(halves.samples(time)[0]).min() < 2:
         source = decay.attrs.get("source", "decay")
         raise DecayError(f"{source}: fewer than two samples in a half period; sample faster.")
     signed, extremum_time, extremum_error, time_error = EXTREMA[curve](time, angle, halves)
@@ -154,7 +150,9 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
     difference = np.convolve(value, weights, "valid")
     expected = np.sqrt(np.convolve(error**2, weights**2, "valid"))
     ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
-    return ratio if ratio > 1.0 + WHITE_NOISE_EXCESS / np.sqrt(value.size - DIFFERENCE_SPAN) else 1.0
+    # White noise scatters by more than 1 + this over sqrt(differences) in one record of a thousand, however
+    # long.
+    return ratio if ratio > 1.0 + 6.5 / np.sqrt(value.size - DIFFERENCE_SPAN) else 1.0
 
 
 def with_standard_error(

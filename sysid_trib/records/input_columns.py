@@ -23,9 +23,6 @@ from sysid_trib.records.row_times import row_times
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import signal_unit
 
-# An input that varies by less than this part of its size is constant.
-CONSTANT = 1e-12
-
 
 def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str) -> list[str]:
     """The columns of a table that are inputs, and so no signal."""
@@ -116,7 +113,8 @@ def with_inputs(
                 f"{source}: the input {name} is not a number at each time; cut the record (--window), or "
                 "fill it in."
             )
-        if np.ptp(values) <= CONSTANT * np.max(np.abs(values), initial=0.0):
+        # An input that varies by less than this part of its size is constant.
+        if np.ptp(values) <= 1e-12 * np.max(np.abs(values), initial=0.0):
             raise RecordError(
                 f"{source}: the input {name} is {values[0]:g} throughout and drives nothing; name another "
                 "column, or leave it out."

@@ -11,8 +11,6 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
 from sysid_trib.records.signal import LARGEST_NUMBER
 
-# Rows of a column by which its kind is judged.
-MOST_LOOKED_AT = 1000
 MISSING_TEXTS = {
     *(
         "",
@@ -115,7 +113,8 @@ def is_numeric(values: Any) -> bool:
     values = np.asarray(values)
     if values.dtype.kind in "fiub":
         return True
-    first = values[:MOST_LOOKED_AT].tolist()
+    # Rows of a column by which its kind is judged.
+    first = values[:1000].tolist()
     return not is_clock_time(values) and sum(map(is_number, first)) * 2 > len(first)
 
 

@@ -12,9 +12,6 @@ from sysid_trib.records.equilibrium import Swing
 from sysid_trib.records.half_periods import noise_level
 from sysid_trib.records.signal import FEWEST_SAMPLES
 
-# Of the largest swing: what is as near to where it rests does not move, where there is no noise at all.
-STILL = 3e-9
-
 
 @dataclass(frozen=True)
 class Part:
@@ -98,7 +95,8 @@ def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
     rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
     # In the rest itself there may be no noise at all, and on the way to it no repeated value.
     noise = noise_level(time[first:last], angle[first:last])
-    still = STILL * float(halves.peak[run].max())
+    # Of the largest swing: what is as near to where it rests does not move, where there is no noise at all.
+    still = 3e-9 * float(halves.peak[run].max())
     allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
     # Motion that a single sample's noise hides still shows in the averages: a sample long after is noise.
     oscillation = swing.oscillation

@@ -77,8 +77,6 @@ def _explains(step: float, spacing: Array, fewest: int) -> bool:
 
 # Motions that are rounded to know what rounding leaves.
 ROUNDED_MOTIONS = 40
-# Degree of the polynomials in time by which slow noise changes amplitude and phase.
-SLOW_DEGREE = 7
 
 
 def coarse_step(decay: xr.Dataset, noise: float) -> float:
@@ -125,7 +123,8 @@ class SlowPart:
     """The part of noise that changes amplitude and phase of a motion (x, v) little by little."""
 
     def __init__(self, x: Array, v: Array) -> None:
-        polynomials = legvander(np.linspace(-1.0, 1.0, len(x)), SLOW_DEGREE)
+        # Degree of the polynomials in time by which slow noise changes amplitude and phase.
+        polynomials = legvander(np.linspace(-1.0, 1.0, len(x)), 7)
         size = np.maximum(np.hypot(x, v), 1e-300)
         self.columns = np.hstack([polynomials * (part / size)[:, None] for part in (x, v)])
         self.products = self.columns.T @ self.columns

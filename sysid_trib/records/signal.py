@@ -153,8 +153,6 @@ def _check_units(record: xr.Dataset, source: str) -> None:
         )
 
 
-# Deviation of a step from the usual one that the methods take as it is.
-STEP_TOLERANCE = 0.02
 # A gap of more than this part of a period parts a record: no polynomial knows what was in it.
 LONGEST_FILLED = 0.25
 FILL_DEGREE = 7
@@ -212,7 +210,8 @@ def is_uniform(time: Array) -> bool:
     """Whether all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
-    return bool(np.abs(steps - median).max(initial=0.0) <= (1.0 + 1e-6) * STEP_TOLERANCE * median)
+    # Deviation of a step from the usual one that the methods take as it is.
+    return bool(np.abs(steps - median).max(initial=0.0) <= (1.0 + 1e-6) * 0.02 * median)
 
 
 def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece:

@@ -213,12 +213,6 @@ def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
     return design.tocsr()
 
 
-# Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
-KEPT_NOISES = 4
-# Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
-JUMPS = 1.2
-
-
 def swing_frequency(decay: xr.Dataset) -> float:
     """Frequency of a decay by the median of its half periods, rad/s.
 
@@ -274,7 +268,8 @@ def sensor_noise(decay: xr.Dataset) -> float:
         by_differences = noise_of_record(
             measured.measured_time.values.astype(float), measured.values.astype(float)
         )
-        noise = by_spline if by_spline < JUMPS * by_differences else by_differences
+        # Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
+        noise = by_spline if by_spline < 1.2 * by_differences else by_differences
         return float(noise / swing_frequency(decay) ** integrations)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     try:
@@ -290,4 +285,5 @@ def _noise(tau: bytes, angle: bytes) -> float:
 
 
 # A long record outlasts the records that are simulated of it.
-_about_spline, _about_long_spline = lru_cache(KEPT_NOISES)(_noise), lru_cache(1)(_noise)
+# Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
+_about_spline, _about_long_spline = lru_cache(4)(_noise), lru_cache(1)(_noise)

@@ -16,10 +16,6 @@ from sysid_trib.records.text import check_width, header_names, json_columns, jso
 
 # Attributes of HDF5 that hold a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
-# Rows of a summary below the numbers, at most.
-MOST_SUMMED = 20
-# Bytes of an archive in which the name of its first member is.
-NAME_OF_FIRST = 128
 ColumnValues = dict[str, Any]
 
 
@@ -145,7 +141,8 @@ def _reader(head: bytes, path: Path) -> Callable[[Path], FileTable]:
         raise RecordError(
             f"{path.name}: this is a workbook of the old format (.xls); save it as .xlsx or CSV."
         )
-    if head.startswith(b"PK") and b".npy" in head[:NAME_OF_FIRST]:
+    # Bytes of an archive in which the name of its first member is.
+    if head.startswith(b"PK") and b".npy" in head[:128]:
         return read_numpy
     readers = {
         b"MATLAB 5.0": read_matlab,
@@ -207,7 +204,8 @@ def read_excel(path: Path) -> FileTable:
 
 def _goes_on(numbers: pd.DataFrame, row: int) -> bool:
     """Whether more rows of numbers follow below a row than a summary has."""
-    return int(numbers.iloc[row:].any(axis=1).sum()) > MOST_SUMMED
+    # Rows of a summary below the numbers, at most.
+    return int(numbers.iloc[row:].any(axis=1).sum()) > 20
 
 
 def _has_texts(row: "pd.Series[Any]") -> bool:

@@ -19,8 +19,6 @@ FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parque
 WIDEST_TABLE = 4096
 # Rows beside which facts may stand.
 MOST_FACTS = 40
-# Letters of a column's name.
-LONGEST_NAME = 1000
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
@@ -198,7 +196,8 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         wider = not header and delimiter is not None and len(fields) > width
         if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
             break
-        header.append([field[:LONGEST_NAME] for field in fields])
+        # Letters of a column's name.
+        header.append([field[:1000] for field in fields])
     return header_names(header[::-1])
 
 

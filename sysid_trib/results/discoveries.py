@@ -10,12 +10,8 @@ from sysid_trib.forces.library import library_of_text
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
-# Standard errors by which a coefficient differs from the one that physics knows where it is another force's.
-MISNAMED = 2.58
 # Of an effect of this many standard errors the name is asked for.
 NAMED = 20.0
-# An effect that is more probable by so much than the one that was fitted has the name.
-LIKELIER = 0.5
 
 
 def candidates_of(tree: xr.DataTree) -> ForceLibrary:
@@ -33,11 +29,13 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
     """Effects of which the coefficient is not the one that physics knows, and that one."""
     offered, steps = candidates_of(tree), tree["steps"].to_dataset()
     known = {symbol: offered[symbol].coefficient for symbol in added_effects(tree)}
+    # Standard errors by which a coefficient differs from the one that physics knows where it is another
+    # force's.
     return {
         symbol: value
         for at, (symbol, value) in enumerate(known.items())
         if value is not None
-        and abs(steps.coefficient.values[at] - value) > MISNAMED * steps.standard_error.values[at]
+        and abs(steps.coefficient.values[at] - value) > 2.58 * steps.standard_error.values[at]
     }
 
 
@@ -90,7 +88,8 @@ def named_effect(step: xr.Dataset) -> str:
     """The effect that has the name."""
     symbol, likeliest = step.symbol.item(), likeliest_effect(step)
     # Fits that are as good as each other have no order.
-    better = credible_set(step)[likeliest] - credible_set(step)[symbol] > LIKELIER
+    # An effect that is more probable by so much than the one that was fitted has the name.
+    better = credible_set(step)[likeliest] - credible_set(step)[symbol] > 0.5
     return likeliest if better else symbol
 
 

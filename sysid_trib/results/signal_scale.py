@@ -26,8 +26,6 @@ from sysid_trib.results.variables import PER_FORCE_UNIT
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
-USUAL_SIZE = 0.5
 # rad; amplitudes for which a computation in radians loses no digit that counts.
 USUAL_ANGLES = 1e-4, 1e4
 # Variables in rad or rad/s that are no signal: phases and frequencies have no unit of length.
@@ -259,7 +257,8 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees, inputs)
     # What does not move, or is no number, is refused where it is used.
-    size = 2.0 ** np.ceil(np.log2(largest / USUAL_SIZE)) if 0.0 < largest < np.inf else 1.0
+    # The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
+    size = 2.0 ** np.ceil(np.log2(largest / 0.5)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])
     return _SignalScale(unit, float(size), degrees, inputs)
 

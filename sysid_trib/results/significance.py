@@ -26,8 +26,6 @@ def birge_ratio(chi_square: float, degrees_of_freedom: int) -> float:
 SIGNIFICANT_ERRORS = 3.0
 # The same as a probability.
 BY_CHANCE = float(chi2.sf(SIGNIFICANT_ERRORS**2, 1))
-# All choices among more forces are not gone through.
-MOST_CHOSEN_FROM = 10
 
 
 def significant(result: xr.Dataset) -> Mask:
@@ -73,7 +71,8 @@ def sufficient_forces(result: xr.Dataset) -> list[dict[str, tuple[float, float]]
     significant sum of squares (Wald 1943).
     """
     size, count = result.standard_error.values, result.sizes["force"]
-    if count > MOST_CHOSEN_FROM or not np.all(result.active.values & (size > 0.0) & np.isfinite(size)):
+    # All choices among more forces are not gone through.
+    if count > 10 or not np.all(result.active.values & (size > 0.0) & np.isfinite(size)):
         return []
     score, correlation = result.coefficient.values / size, result.covariance.values / np.outer(size, size)
     for kept in range(count + 1):

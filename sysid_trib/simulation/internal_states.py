@@ -28,8 +28,6 @@ from sysid_trib.simulation.stepped_states import (
 
 # Part by which a motion is larger, of which a force changes to this order.
 LARGER = 1e-5
-# Values of the shape parameters of a force that are followed at once and kept with their motion.
-MOST_FOLLOWED = 4
 
 
 class GivenMotion:
@@ -193,7 +191,8 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
         return None
     keys = [(force, tuple(force.shape_values(column).values())) for column in shapes]
     # The columns of a fit are asked for again, those of a screen are too many to keep.
-    followed = motion.followed if len(shapes) <= MOST_FOLLOWED else dict(motion.followed)
+    # Values of the shape parameters of a force that are followed at once and kept with their motion.
+    followed = motion.followed if len(shapes) <= 4 else dict(motion.followed)
     missing = [key for key in dict.fromkeys(keys) if key not in followed]
     if missing:
         values = dict(zip(force.shape, np.array([key[1] for key in missing]).T, strict=True))

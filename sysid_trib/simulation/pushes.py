@@ -43,8 +43,6 @@ class Pushes:
 
 
 UNPUSHED = Pushes(np.empty(0), np.zeros((0, 0, 1)), np.zeros((0, 2)))
-# Of what is given before and behind a knot: a larger difference is a jump.
-JUMP_PART = 1e-9
 
 
 def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Pushes:
@@ -106,7 +104,8 @@ def jumps_of(pushes: Pushes) -> Mask:
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
     jumps = np.zeros(len(pushes.knots), bool)
-    jumps[1:] = (rises > JUMP_PART * largest).any(axis=1)
+    # Of what is given before and behind a knot: a larger difference is a jump.
+    jumps[1:] = (rises > 1e-9 * largest).any(axis=1)
     return jumps
 
 

@@ -113,8 +113,6 @@ RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
 # Newton's iteration ends where what is not linear moves the state by less than this part of its size; the
 # steps themselves are not as good.
 NEWTON_TOLERANCE, MAX_NEWTON = 1e-6, 60
-# Steps that differ by no more than this part of themselves differ by rounding.
-SAME_STEP = 1e-9
 # LAPACK's, of banded triangular systems of real and of complex numbers.
 TRIANGULAR_SOLVERS = {kind: get_lapack_funcs("tbtrs", dtype=kind) for kind in "dD"}
 
@@ -217,7 +215,8 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     first = inverse @ [start[k] for k in rates]
     states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(push)
     # Where all steps are alike, so is what each does.
-    step = np.asarray(np.mean(step)) if np.ptp(step) <= SAME_STEP * abs(step[0]) else step
+    # Steps that differ by no more than this part of themselves differ by rounding.
+    step = np.asarray(np.mean(step)) if np.ptp(step) <= 1e-9 * abs(step[0]) else step
     for i in reversed(range(len(rates))):
         length = step * _stretch(step * triangle[i, i])
         driven = push[i] + sum(triangle[i, j] * stages[j] for j in range(i + 1, len(rates)))

@@ -24,8 +24,6 @@ from sysid_trib.validation.verdict import is_found, is_random
 
 # Significance level of a residual that is not white noise.
 RESIDUAL_LEVEL = 1e-3
-# From here on a residual may be that of a random force, which is then looked for.
-SUSPICION_LEVEL = 0.05
 # Where models are incomplete averaging is immune to most of what they lack: the other method is the answer
 # where it predicts better by more than this.
 CLEARLY_BETTER = 1.1
@@ -86,7 +84,8 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     # Decrements neglect forces: the last method of the whole motion decides.
     places = [at for at, method in enumerate(methods) if _is_open(method)]
     open_ones = sorted(places, key=lambda at: _family(methods[at]) in DECIDING)
-    if open_ones and residual_tests[open_ones[-1]][0] < SUSPICION_LEVEL:
+    # From here on a residual may be that of a random force, which is then looked for.
+    if open_ones and residual_tests[open_ones[-1]][0] < 0.05:
         pushed = _pushed(decay, together, library, methods, open_ones)
         results = [pushed.get(at, followed) for at, followed in enumerate(results)]
         residual_tests = [

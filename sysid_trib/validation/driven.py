@@ -28,10 +28,6 @@ from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
 SLIPPED_PART = 0.3
-# Part of the power of the rate.
-NEARLY_ALL = 0.95
-# A residual of so many times the noise is more than noise.
-MORE_THAN_NOISE = 1.5
 
 
 def is_driven(runs: Sequence[xr.Dataset]) -> bool:
@@ -79,7 +75,8 @@ def identified_driven(
         trajectory = replace(trajectory, reference_frequency=clock)
     tell("direct")
     fits = [_residuals(runs, replace(direct, random_force=_first(direct)).identify(decay, library))]
-    if direct.random_force == "auto" and _over_noise(fits[0]) > MORE_THAN_NOISE:
+    # A residual of so many times the noise is more than noise.
+    if direct.random_force == "auto" and _over_noise(fits[0]) > 1.5:
         fits.append(_residuals(runs, replace(direct, random_force="estimated").identify(decay, library)))
     best = min(fits, key=_size)
     pairs = {"direct": best}
@@ -107,7 +104,8 @@ def clock_of(record: xr.Dataset) -> float:
     step = float(np.median(np.diff(time)))
     rate = np.diff(np.interp(np.arange(time[0], time[-1], step), time, record.angle.values))
     power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
-    at = np.searchsorted(power, NEARLY_ALL * power[-1])
+    # Part of the power of the rate.
+    at = np.searchsorted(power, 0.95 * power[-1])
     return nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 

@@ -22,9 +22,6 @@ from sysid_trib.simulation.internal_states import begun_after
 from sysid_trib.validation.residuals import ModelResidual, fitted_motion, residual_of
 from sysid_trib.validation.simulated_pairs import with_held_random_force
 
-# A long run is compared on its beginning, its middle and its end: from three amplitudes what depends on
-# amplitude can be told, which a single stretch of a motion that hardly decays leaves undecided.
-STRETCHES = 3
 PERIODS_PER_STRETCH = 20
 # A run is long where identifying every simulated record whole would take longer than its stretches do, and
 # something is gained: three short records cost as much as one of twice their length.
@@ -107,7 +104,9 @@ def stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Datas
     whole = time[-1] - time[0]
     if whole <= longest:
         return [run]
-    starts = time[0] + np.linspace(0.0, 1.0, STRETCHES) * (whole - duration)
+    # A long run is compared on its beginning, its middle and its end: from three amplitudes what depends on
+    # amplitude can be told, which a single stretch of a motion that hardly decays leaves undecided.
+    starts = time[0] + np.linspace(0.0, 1.0, 3) * (whole - duration)
     ends = starts + duration
     bounds = zip(np.searchsorted(time, starts), np.searchsorted(time, ends, side="right"), strict=True)
     return [run.isel(time=slice(int(first), int(last))) for first, last in bounds]

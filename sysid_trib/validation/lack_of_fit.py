@@ -18,10 +18,6 @@ from sysid_trib.results.variables import Variables, variable
 from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 
-# A model is released so many half periods above the record: its first ones are left out.
-HALF_PERIODS_ABOVE = 4.0
-# A model that damps less takes longer to the record's last amplitude: up to so many times its length.
-LENGTHS_TRIED = (1.0, 3.0)
 BAND = 1.0
 SHORT = {"frequency": "frequency", "damping_ratio": "damping"}
 
@@ -163,9 +159,11 @@ def _model_rows(
 ) -> tuple[Array, Array, Array] | None:
     """Log amplitudes of a model's motion, increasing, with frequency and damping ratio; None without one."""
     top, low = float(backbone.rows.log_amplitude.max()), float(backbone.rows.log_amplitude.min())
-    above = HALF_PERIODS_ABOVE * np.pi * max(0.0, float(backbone.by_name["damping_ratio"].mean[-1]))
+    # A model is released so many half periods above the record: its first ones are left out.
+    above = 4.0 * np.pi * max(0.0, float(backbone.by_name["damping_ratio"].mean[-1]))
     largest = float(np.abs(decay.angle.values).max())
-    for times in LENGTHS_TRIED:
+    # A model that damps less takes longer to the record's last amplitude: up to so many times its length.
+    for times in (1.0, 3.0):
         try:
             rows = _motion_rows(decay, result, float(np.exp(top + above) / largest), times)
         except SysidTribError:

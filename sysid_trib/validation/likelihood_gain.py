@@ -23,8 +23,6 @@ from sysid_trib.validation.simulated_records import wander_about
 NEAR = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
 # Below these they double, down to so many e-folds; then comes none at all.
 E_FOLDS = 12.0
-# Part of a column that others must leave for it to be a further one.
-LEAST_NEW_PART = 1e-2
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,8 @@ def _independent(nuisances: Array, tried: Array) -> Index:
     unit = tried / np.where(size > 0.0, size, 1.0)
     basis = orthonormal(nuisances)
     _, r, order = qr(unit - basis @ (basis.T @ unit), mode="economic", pivoting=True)
-    return np.asarray(np.sort(order[np.abs(np.diag(r)) > LEAST_NEW_PART]))
+    # Part of a column that others must leave for it to be a further one.
+    return np.asarray(np.sort(order[np.abs(np.diag(r)) > 1e-2]))
 
 
 def _logarithms(null: VarianceRatio) -> Array:

@@ -22,8 +22,6 @@ from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import widening
 
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
-# Fewer samples tell nothing of a motion whose start and zero are fitted.
-FEWEST_HELD_OUT = 8
 
 
 def with_error_of_model(
@@ -151,7 +149,8 @@ def _held_out(
     """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
     kept, size = between(run, low, high), run.sizes["time"]
     for held_out in (slice(0, kept.start), slice(kept.stop, size)):
-        if held_out.stop - held_out.start < FEWEST_HELD_OUT:
+        # Fewer samples tell nothing of a motion whose start and zero are fitted.
+        if held_out.stop - held_out.start < 8:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
         yield _missed(rest, None if part is None else carried_on(part, library, before))

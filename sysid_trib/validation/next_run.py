@@ -29,10 +29,6 @@ RELEASES, DURATIONS = 7, 4
 AMPLITUDE_LIMITS, DURATION_LIMITS = (0.3, 1.5), (0.5, 2.0)
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
-# Drawings of what a run may say, for the entropy that is left.
-OUTCOMES = 400
-# A run has no more samples than this in the design: what it tells grows with them alike in all.
-MOST_DESIGN_SAMPLES = 4000
 
 
 class Sensor(NamedTuple):
@@ -214,7 +210,8 @@ def _between(limits: Span, parts: tuple[float, float], known: float, count: int,
 def _times(length: float, rate: float) -> tuple[Array, float]:
     """Times of a run, no more than the design needs, and of how many samples each stands for."""
     samples = int(length * rate) + 1
-    every = max(1, -(-samples // MOST_DESIGN_SAMPLES))
+    # A run has no more samples than this in the design: what it tells grows with them alike in all.
+    every = max(1, -(-samples // 4000))
     return np.arange(0, samples, every) / rate, float(every)
 
 
@@ -276,7 +273,8 @@ def _informed(probabilities: Array, apart: Array) -> tuple[float, float]:
     entropy = right = 0.0
     for at, probability in enumerate(probabilities):
         distance = apart[at]
-        normal = rng.standard_normal((OUTCOMES, count))
+        # Drawings of what a run may say, for the entropy that is left.
+        normal = rng.standard_normal((400, count))
         gains = -(0.5 * distance + np.sqrt(distance) * normal)
         gains[:, at] = 0.0
         logs = np.log(np.maximum(probabilities, 1e-300)) + gains

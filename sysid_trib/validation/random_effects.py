@@ -19,8 +19,6 @@ from sysid_trib.errors import UsageError
 TAILS = (0.975, 0.025)
 # Values of tau that an estimate of one value averages over, and the p-value of the largest.
 TAUS, LAST_P_VALUE = 100, 1e-4
-# A value whose leverage lacks this of one has no others that predict it.
-WHOLE_LEVERAGE = 1e-9
 
 
 class Heterogeneity(NamedTuple):
@@ -153,7 +151,8 @@ class RandomEffects:
         """Each value's distance from the fit of all others, standardised, and their chi-square."""
         fit = self.weighted(tau)
         leverage = fit.weights * np.einsum("ia,ab,ib->i", self.design, fit.covariance, self.design)
-        free = np.where(leverage < 1.0 - WHOLE_LEVERAGE, 1.0 - leverage, np.nan)
+        # A value whose leverage lacks this of one has no others that predict it.
+        free = np.where(leverage < 1.0 - 1e-9, 1.0 - leverage, np.nan)
         size = (self.values - self.design @ fit.effects) * np.sqrt(fit.weights / free)
         return size, fit.chi_square - size**2
 

@@ -82,8 +82,6 @@ def _disturbances(trial: TrialModel, ratio: float) -> Array:
 NULL_DRAWS = 60
 # Of longer records every second sample is taken (third, ...), but no fewer than so many a period.
 MOST_SAMPLES, LEAST_PER_PERIOD = 8000, 20
-# Part of a variance below which a direction of the parameters was held or tied.
-HELD_DIRECTION = 1e-12
 ON = ("angle", "speed", "amplitude", "time", "any")
 ASPECTS = ("force", "size")
 
@@ -216,7 +214,8 @@ def _free_directions(covariance: Array) -> Array:
     size = np.sqrt(np.diag(covariance))
     scaled = covariance / np.outer(np.where(size > 0.0, size, 1.0), np.where(size > 0.0, size, 1.0))
     values, vectors = np.linalg.eigh(scaled)
-    return np.asarray(size[:, None] * vectors[:, values > HELD_DIRECTION])
+    # Part of a variance below which a direction of the parameters was held or tied.
+    return np.asarray(size[:, None] * vectors[:, values > 1e-12])
 
 
 def _density_variables(linear: LinearModel, tracked: TrackedRecord, null: VarianceRatio) -> Variables:

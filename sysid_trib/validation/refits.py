@@ -18,8 +18,6 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.validation.model_error import between
 
-# Starts: so many periods of the record are left out before it.
-LATER_STARTS = (1.0, 3.0)
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
 # One fit: what it is, the method, the runs, and since when they last (s).
@@ -85,7 +83,8 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     for name, (low, high) in RECORD_PARTS.items():
         parts = [run.isel(time=between(run, low, high)) for run in runs]
         yield f"window: {name}", method, parts, _later(runs, parts)
-    for periods in LATER_STARTS:
+    # Starts: so many periods of the record are left out before it.
+    for periods in (1.0, 3.0):
         parts = [_from(run, 2.0 * np.pi * periods / reference) for run in runs]
         yield f"start: {periods:g} periods later", method, parts, _later(runs, parts)
     for first, label in enumerate(("first", "second")):

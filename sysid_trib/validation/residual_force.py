@@ -100,10 +100,6 @@ def _mean_and_error(means: Array) -> tuple[Array, Array]:
     return means[0], np.sqrt(np.mean(means[1:] ** 2, axis=0))
 
 
-# Significance level of the highest line among all.
-LINE_LEVEL = 1e-6
-# A line counts whose RMS is beyond this part of that of the rest: a fainter one changes nothing.
-LOUD_PART = 0.5
 # The level about a line is that of so many neighbours on either side, beyond those into which it leaks.
 LEVEL_LINES, LEAK = 48, 4
 # Up to this harmonic what is left of a motion is the motion's.
@@ -141,12 +137,14 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     count = np.maximum(count, 1.0)
     log_p = -count * np.log1p(power / np.maximum(total, 1e-300))
     at = int(np.argmin(np.where(excluded, 0.0, log_p)))
-    if log_p[at] + np.log(counted.sum()) > np.log(LINE_LEVEL):
+    # Significance level of the highest line among all.
+    if log_p[at] + np.log(counted.sum()) > np.log(1e-6):
         return NO_LINE
     frequency = resolution * (at + _between_bins(power, at))
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
     line = waves @ np.linalg.lstsq(waves, residual, rcond=None)[0]
-    loud = np.std(line) > LOUD_PART * np.std(residual - line)
+    # A line counts whose RMS is beyond this part of that of the rest: a fainter one changes nothing.
+    loud = np.std(line) > 0.5 * np.std(residual - line)
     return (frequency, float(np.sqrt(2.0) * np.std(line))) if loud else NO_LINE
 
 

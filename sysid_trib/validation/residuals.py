@@ -33,12 +33,6 @@ from sysid_trib.validation.residual_force import NO_LINE, spectral_line
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
-# Of the numbers of a slow residual so many are left to chance at least, whatever the fit has taken.
-LEAST_FREE = 4
-# The sensor's noise is that above so many times the frequency of the swing: a line below is no part of it.
-HIGHEST_HARMONIC = 6.0
-# In antiphase (rad) the residual says nothing more of the forces.
-ANTIPHASE = np.pi
 # Of each model: name of the variable, what it is, and its unit.
 RESIDUALS = {
     "residual_rms": ("RMS of record minus model", "rad"),
@@ -79,7 +73,8 @@ class ModelResidual:
         """Why the motion is not the record's, in a few words; empty if it is."""
         if np.isfinite(self.stop_time):
             return f"stops at {self.stop_time:.3g} s"
-        if self.phase_error > ANTIPHASE:
+        # In antiphase (rad) the residual says nothing more of the forces.
+        if self.phase_error > np.pi:
             return f"slips by {self.phase_error / (2.0 * np.pi):.2g} periods"
         return ""
 
@@ -218,7 +213,9 @@ def _of_free_motion(
 
 def _in_band(line: tuple[float, float], result: xr.Dataset) -> bool:
     """Whether there is a line where the motion has its harmonics."""
-    return line[0] < HIGHEST_HARMONIC * result.asymptotic_frequency.item()
+    # The sensor's noise is that above so many times the frequency of the swing: a line below is no part of
+    # it.
+    return line[0] < 6.0 * result.asymptotic_frequency.item()
 
 
 def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion) -> Array:
@@ -306,7 +303,8 @@ def _noise_p_value(
         means = values[: len(values) // width * width].reshape(-1, width).mean(axis=1) / noise
         return np.array([width * np.sum(means**2), slow.square(values / noise)])
 
-    scale, degrees = np.ones(2), np.array([len(residual) // width, max(LEAST_FREE, slow.numbers - fitted)])
+    # Of the numbers of a slow residual so many are left to chance at least, whatever the fit has taken.
+    scale, degrees = np.ones(2), np.array([len(residual) // width, max(4, slow.numbers - fitted)])
     if noises is not None:
         # The chi square of the same mean and variance.
         drawn = np.array([sizes(values) for values in noises])

@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 
-MEAN = "mean"
-
 
 def conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None, runs: int) -> pd.DataFrame:
     """The table of conditions, a row a run.
@@ -53,7 +51,7 @@ def columns_of(table: pd.DataFrame) -> tuple[dict[str, Array], list[str]]:
     if collinear:
         name, others = next(iter(collinear.items()))
         raise UsageError(f"Condition '{name}' goes with {others} in these runs; leave one of them out.")
-    columns, condition_of = {MEAN: np.ones(len(table))}, [""]
+    columns, condition_of = {"mean": np.ones(len(table))}, [""]
     for name, column in table.items():
         of_condition = _columns_of_condition(str(name), column)
         columns |= of_condition

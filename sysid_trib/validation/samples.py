@@ -37,8 +37,6 @@ from sysid_trib.validation.model_error import covariance_by_parts, error_parts, 
 from sysid_trib.validation.random_effects import RandomEffects
 
 Identified = xr.Dataset | xr.DataTree
-# A force without a degree in v is compared only where the frequencies differ by less than this part.
-SAME_FREQUENCY = 0.01
 FORCE_UNITS = "see the force's unit"
 SIDES = ("first", "second")
 
@@ -196,7 +194,8 @@ def _run(result: xr.Dataset, symbols: Sequence[str], reference: float) -> tuple[
     part[at[:-1]] = np.divide(of_noise, total, out=np.ones_like(total), where=total > 0.0)
     by_noise = covariance * np.outer(part, part)
     # A force without a degree keeps its size; its shape changes with the frequency, if only a little.
-    if abs(result.reference_frequency.item() / reference - 1.0) > SAME_FREQUENCY:
+    # A force without a degree in v is compared only where the frequencies differ by less than this part.
+    if abs(result.reference_frequency.item() / reference - 1.0) > 0.01:
         degrees = result.speed_degree.sel(force=kept).values
         values[[at[k] for k in np.flatnonzero(np.isnan(degrees))]] = np.nan
     return values, by_noise, covariance - by_noise

@@ -19,11 +19,7 @@ from sysid_trib.results.schema import library_of
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation.simulated_records import simulated_runs
 
-# What fewer records give is no covariance.
-FEWEST_RECORDS = 3
 EXCESS_LEVEL = 0.01
-# Where as many records as decide give a larger p-value, no others are drawn.
-CLEAR_AGREEMENT = 0.1
 
 # An identification, and its motion in each run.
 Truth: TypeAlias = tuple[xr.Dataset, Sequence[FittedMotion]]
@@ -149,7 +145,8 @@ def scatter(
     if any("error_of_model" in result for result in results):
         # What the models lack is not in records that are simulated by them.
         return Scatter(bias + without_noise, _stated(results, kept), 0, stated=True)
-    least = fewest_records(len(bias)) if pushed else FEWEST_RECORDS
+    # What fewer records give is no covariance.
+    least = fewest_records(len(bias)) if pushed else 3
     drawn: list[Array] = []
 
     def known() -> Scatter:
@@ -160,7 +157,8 @@ def scatter(
         with suppress(SysidTribError):
             drawn.append(identified(draw))
             enough = len(drawn) >= fewest_records(len(bias))
-            if enough and known().chi_square(np.subtract(*values(results)))[1] > CLEAR_AGREEMENT:
+            # Where as many records as decide give a larger p-value, no others are drawn.
+            if enough and known().chi_square(np.subtract(*values(results)))[1] > 0.1:
                 break
     return known() if len(drawn) >= least else Scatter.missing(len(bias), len(drawn))
 

@@ -73,10 +73,6 @@ def wander_about(linear: LinearModel, per_tau: float, normal: np.random.Generato
     return np.asarray(np.einsum("na,nad->nd", linear.observed, deviations))
 
 
-# Samples a period for the statistics of the difference: more would cost time and change nothing.
-SAMPLES_PER_PERIOD = 60
-
-
 @dataclass(frozen=True)
 class SimulatedRun:
     """A run of a known model, from which records are drawn.
@@ -138,7 +134,8 @@ def simulated_runs(
     pushes = np.random.default_rng([seed, 1])
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
         time, noise = run.time.values.astype(float), noise_of_run(result, at)
-        most = int(SAMPLES_PER_PERIOD * (time[-1] - time[0]) / period) + 2
+        # Samples a period for the statistics of the difference: more would cost time and change nothing.
+        most = int(60 * (time[-1] - time[0]) / period) + 2
         if len(time) > most:
             noise *= np.sqrt(most / len(time))
             time = np.linspace(time[0], time[-1], most)

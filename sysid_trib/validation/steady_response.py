@@ -26,8 +26,6 @@ PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
 # fallen to this part, and their amplitude is that of the last periods.
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
-# A simulated motion that is farther off, as a part of itself, has left its branch.
-LEFT_BRANCH = 0.2
 
 
 def forced_response(
@@ -127,7 +125,8 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
         curves[at] = picked(there, sweeps(len(w), row, there, rises))
     checks = _checks(model, w, drive, amplitude, phase)
     there = np.abs(checks[2] / checks[1] - 1.0)
-    left_open = float(np.max(there[there < LEFT_BRANCH], initial=0.0))
+    # A simulated motion that is farther off, as a part of itself, has left its branch.
+    left_open = float(np.max(there[there < 0.2], initial=0.0))
     # Where no draw has a motion there is none, and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)

@@ -21,8 +21,6 @@ from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence_on_m
 
 PARTS_OF_RECORD = ("first", "second", "last")
 DIVERGES = "its motion diverges"
-# Of the largest angle of the record; a motion that grows beyond is none of it.
-LARGEST_MOTION = 3.0
 NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
 
 
@@ -53,7 +51,8 @@ def breakdown(tree: xr.DataTree, model: str) -> str:
     groups = record_groups(tree)
     for at, group in enumerate(groups):
         simulated = np.abs(tree[group].simulated_angle.sel(model=model).values)
-        if not np.max(simulated) <= LARGEST_MOTION * np.max(np.abs(tree[group].angle.values)):
+        # Of the largest angle of the record; a motion that grows beyond is none of it.
+        if not np.max(simulated) <= 3.0 * np.max(np.abs(tree[group].angle.values)):
             return f"{DIVERGES}{f' in run {at + 1}' if len(groups) > 1 else ''}"
     return ""
 
