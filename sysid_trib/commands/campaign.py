@@ -13,6 +13,7 @@ from sysid_trib.commands.options import (
     ModelOptions,
     SearchOptions,
     option,
+    switch,
     with_options,
 )
 from sysid_trib.errors import RecordError, UsageError
@@ -54,7 +55,7 @@ class CampaignStore:
         "Zarr store of the results; its page is beside it (.html), in the place of one that is there.",
         flags=("-o", "--output"),
     )
-    as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
+    as_json: bool = switch("--json", "Print the result as JSON, and nothing else.")
 
 
 @with_options
@@ -75,6 +76,8 @@ def campaign(
         from sysid_trib.campaigns.records import CampaignRecords
         from sysid_trib.campaigns.store import counts_of
         from sysid_trib.commands.campaign_task import task_of
+        from sysid_trib.commands.destination import print_result
+        from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 
         check_extra()
         records = _records(given.records, asked.study, asked.conditions)
@@ -96,7 +99,12 @@ def campaign(
         from sysid_trib.reporting.campaign import write_campaign
 
         write_campaign(store, compared, table, page, command_line())
-    _print(store, counts, compared, (output, page), into.as_json)
+    print_result(
+        lambda: campaign_json(store, counts, compared),
+        lambda: campaign_blocks(store, counts, compared),
+        (output, page),
+        as_json=into.as_json,
+    )
     if not counts["done"]:
         raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
 
@@ -171,22 +179,3 @@ def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.
         conditions[laboratories] = rows[laboratories]
     compared = between_runs(estimates, conditions, laboratories=laboratories)
     return compared.assign_attrs(collinear=json.dumps(collinear))
-
-
-def _print(
-    store: "xr.Dataset",
-    counts: dict[str, int],
-    compared: "xr.Dataset | None",
-    written: tuple[Path, Path],
-    as_json: bool,
-) -> None:
-    """The end of a campaign, in words or as JSON."""
-    from sysid_trib.commands.terminal import print_blocks, print_written
-    from sysid_trib.printing.blocks import Layer
-    from sysid_trib.printing.campaign import campaign_blocks, campaign_json
-
-    if as_json:
-        print(json.dumps(campaign_json(store, counts, compared), indent=2, allow_nan=False))
-        return
-    print_blocks(campaign_blocks(store, counts, compared), Layer.DEFAULT)
-    print_written(*written)

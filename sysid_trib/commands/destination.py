@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, option
+from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, option, switch
 from sysid_trib.commands.terminal import command_line, print_blocks, print_written, progress
 from sysid_trib.errors import RecordError, UsageError, printable
 from sysid_trib.printing.blocks import Block, Layer
@@ -28,7 +28,7 @@ class Shown:
 
     title: ClassVar[str] = OUTPUT
 
-    as_json: bool = option(None, "Print the result as JSON, and nothing else.", False, flags=("--json",))
+    as_json: bool = switch("--json", "Print the result as JSON, and nothing else.")
     plot: Path | None = option("DIR", "Folder for the figures (PDF and PNG).")
 
     def check(self, records: Sequence[Path]) -> None:
@@ -47,6 +47,15 @@ class Shown:
             A place that cannot be written.
         """
         check_folder(self.plot)
+
+    @property
+    def places(self) -> "list[Path | None]":
+        """What is written, where it is asked for."""
+        return [self.plot]
+
+    def say(self, data: Callable[[], dict[str, Any]], blocks: Callable[[], Sequence[Block]]) -> None:
+        """Print a result, as JSON or in words."""
+        print_result(data, blocks, self.places, as_json=self.as_json)
 
     def draw(self, figures: "Figures", tell: "Tell") -> None:
         """Write the figures, if they are asked for.
@@ -104,8 +113,8 @@ class Destination(Files):
     """Where the result of an identification or a search goes, and how much is printed of it."""
 
     latex: Path | None = option("FILE", "Where to write the table and the equation for LaTeX.")
-    explain: bool = option(None, "Print all that was tested, and what follows.", False, flags=("--explain",))
-    quiet: bool = option(None, "Print the verdict and the table alone.", False, flags=("--quiet",))
+    explain: bool = switch("--explain", "Print all that was tested, and what follows.")
+    quiet: bool = switch("--quiet", "Print the verdict and the table alone.")
 
     @property
     def places(self) -> "list[Path | None]":
@@ -171,21 +180,19 @@ def figures_of_runs(
     return [(label, partial(draw, tree, run)) for run, label in enumerate(names)]
 
 
-def random_force_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
-    """The figures of a random force in each run, where the result has one."""
-    from sysid_trib.results.variables import group_names, record_groups
-
-    count = len(record_groups(tree))
-    kinds = (
-        ("innovations", plots.innovations),
-        ("prediction_bands", lambda data: plots.prediction_bands(data).figure),
-    )
-    return [
-        (name, partial(draw, tree[name].to_dataset()))
-        for kind, draw in kinds
-        for name in group_names(kind, count)
-        if name in tree.children
-    ]
+def print_result(
+    data: Callable[[], dict[str, Any]],
+    blocks: Callable[[], Sequence[Block]],
+    places: "Iterable[Path | None]",
+    *,
+    as_json: bool,
+) -> None:
+    """Print a result as JSON, or in words with where it was written."""
+    if as_json:
+        print(json.dumps(data(), indent=2, allow_nan=False))
+        return
+    print_blocks(blocks(), Layer.DEFAULT)
+    print_written(*places)
 
 
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = (), flag: str = "-o") -> None:

@@ -5,12 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from sysid_trib.commands.destination import (
-    Destination,
-    check_output,
-    figures_of_runs,
-    random_force_figures,
-)
+from sysid_trib.commands.destination import Destination, check_output, figures_of_runs
 from sysid_trib.commands.options import (
     MODEL,
     OUTPUT,
@@ -18,6 +13,7 @@ from sysid_trib.commands.options import (
     DecayOptions,
     ModelOptions,
     option,
+    switch,
     with_options,
 )
 from sysid_trib.commands.terminal import keep_next, print_written
@@ -75,11 +71,8 @@ class SurenessOptions:
     profile: str | None = option(
         "A,B,...", "Coefficients and shapes (dahl.s) whose intervals come from the profile likelihood."
     )
-    sensitivity: bool = option(
-        None,
-        "Fit the same forces over windows, starts, sampling, noise models and methods.",
-        False,
-        flags=("--sensitivity",),
+    sensitivity: bool = switch(
+        "--sensitivity", "Fit the same forces over windows, starts, sampling, noise models and methods."
     )
 
 
@@ -165,13 +158,9 @@ def identify(
             tell=tell,
         )
         predicted = _predicted(tree, tried, given, tell)
-        driven = is_driven(decays)
         _add_sureness(tree, decays, sure, tell)
-        if not driven:
+        if not is_driven(decays):
             keep_next(tree, given, model, constraint)
-    if driven:
-        _deliver_driven(tree, sources, predicted, destination)
-        return
     _deliver(tree, sources, predicted, scale, destination)
     paper.write(tree)
     if not destination.as_json:
@@ -196,14 +185,6 @@ def _add_sureness(
         tree["sensitivity"] = sensitivity(decays, answer, tell=tell)
 
 
-def _sureness_figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
-    return [
-        (name, partial(getattr(plots, name), tree[name].to_dataset()))
-        for name in ("profile", "sensitivity")
-        if name in tree.children
-    ]
-
-
 def _predicted(
     tree: "xr.DataTree", tried: TestOptions, given: DecayOptions, tell: "Tell"
 ) -> "list[xr.Dataset]":
@@ -226,57 +207,51 @@ def _deliver(
     scale: ScaleOptions,
     destination: Destination,
 ) -> None:
-    """Print and write an identification of free decays."""
-    from sysid_trib.commands.terminal import record_sentences
-    from sysid_trib.printing.blocks import Block
-    from sysid_trib.printing.driven import prediction_json, prediction_sentences
-    from sysid_trib.printing.identification import identification_blocks
-    from sysid_trib.printing.json_results import identification_json
-    from sysid_trib.printing.sureness import sureness_json
-
-    destination.deliver(
-        tree,
-        lambda: [
-            *identification_blocks(
-                tree, record_sentences(tree, sources), scale.inertia, scale.mass, scale.load
-            ),
-            Block(prediction_sentences(predicted)),
-        ],
-        lambda: (
-            identification_json(tree, scale.inertia, scale.mass, scale.load)
-            | prediction_json(predicted)
-            | sureness_json(tree)
-        ),
-        lambda plots: [
-            # A run with few half periods has none.
-            *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
-            *figures_of_runs(tree, "overview", plots.overview),
-            *figures_of_runs(tree, "half_periods", plots.half_periods),
-            *random_force_figures(tree, plots),
-            *_sureness_figures(tree, plots),
-        ],
-    )
-
-
-def _deliver_driven(
-    tree: "xr.DataTree",
-    sources: "list[str]",
-    predicted: "list[xr.Dataset]",
-    destination: Destination,
-) -> None:
-    """Print and write an identification with inputs."""
+    """Print and write an identification, of free decays or with inputs."""
     from sysid_trib.commands.terminal import record_sentences
     from sysid_trib.printing.blocks import Block
     from sysid_trib.printing.driven import driven_blocks, driven_json, prediction_json, prediction_sentences
+    from sysid_trib.printing.identification import identification_blocks
+    from sysid_trib.printing.json_results import identification_json
     from sysid_trib.printing.sureness import sureness_blocks, sureness_json
+    from sysid_trib.results.files import kind_of
 
-    destination.deliver(
-        tree,
-        lambda: [
-            *driven_blocks(tree, record_sentences(tree, sources)),
-            *sureness_blocks(tree),
-            Block(prediction_sentences(predicted)),
-        ],
-        lambda: driven_json(tree) | prediction_json(predicted) | sureness_json(tree),
-        lambda plots: [*figures_of_runs(tree, "driven", plots.driven), *_sureness_figures(tree, plots)],
-    )
+    driven, in_units = kind_of(tree) == "driven", (scale.inertia, scale.mass, scale.load)
+
+    def blocks() -> list[Block]:
+        sentences = record_sentences(tree, sources)
+        if driven:
+            said = [*driven_blocks(tree, sentences), *sureness_blocks(tree)]
+        else:
+            said = identification_blocks(tree, sentences, *in_units)
+        return [*said, Block(prediction_sentences(predicted))]
+
+    def data() -> dict[str, Any]:
+        whole = driven_json(tree) if driven else identification_json(tree, *in_units)
+        return whole | prediction_json(predicted) | sureness_json(tree)
+
+    destination.deliver(tree, blocks, data, partial(_figures, tree, driven))
+
+
+def _figures(tree: "xr.DataTree", driven: bool, plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
+    """The figures of each run, and of those groups that the result has."""
+    from sysid_trib.results.variables import group_names, record_groups
+
+    of_groups = {name: getattr(plots, name) for name in ("innovations", "profile", "sensitivity")}
+    of_groups["prediction_bands"] = lambda data: plots.prediction_bands(data).figure
+    count = len(record_groups(tree))
+    return [
+        # A run with few half periods has none.
+        *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
+        *(
+            figure
+            for name in (("driven",) if driven else ("overview", "half_periods"))
+            for figure in figures_of_runs(tree, name, getattr(plots, name))
+        ),
+        *(
+            (name, partial(draw, tree[name].to_dataset()))
+            for kind, draw in of_groups.items()
+            for name in dict.fromkeys([kind, *group_names(kind, count)])
+            if name in tree.children
+        ),
+    ]

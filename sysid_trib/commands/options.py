@@ -6,7 +6,7 @@ from copy import copy
 from dataclasses import Field, dataclass, field, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeAlias, get_type_hints
 
 import typer
 
@@ -14,7 +14,15 @@ DEFAULT_LIBRARY = "contact_forces"
 WHERE_TO_WRITE = "Where to write; replaces what is there."
 # Titles of groups of options that several dataclasses have.
 MODEL, OUTPUT = "Model", "Output"
-DEFAULT_RANDOM_FORCE = "auto"
+
+RESULT_FILE: TypeAlias = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RESULT.nc",
+        help="What identify, compare or discover wrote with -o.",
+        rich_help_panel="Result",
+    ),
+]
 
 
 def option(
@@ -42,6 +50,11 @@ def option(
     """
     given = typer.Option(*flags, metavar=metavar, help=text, min=least)
     return field(default_factory=lambda: copy(default), metadata={"typer": given, "flags": flags})
+
+
+def switch(flag: str, text: str) -> Any:
+    """A field that is true where its flag is given."""
+    return option(None, text, False, flags=(flag,))
 
 
 @dataclass(frozen=True)
@@ -79,9 +92,7 @@ class DecayOptions:
     decay: int | None = option(
         "N", "Which decay of a file that holds several; default: all, as runs.", least=1
     )
-    keep_outliers: bool = option(
-        None, "Keep samples that leap out of the swing.", False, flags=("--keep-outliers",)
-    )
+    keep_outliers: bool = switch("--keep-outliers", "Keep samples that leap out of the swing.")
     system: str | None = option(
         "NAME|FILE",
         "What moves: pendulum, torsion, spring, ship, tribometer, cantilever or axis; sets its usual forces.",
@@ -111,7 +122,7 @@ class ModelOptions:
         "auto|off|estimated|VALUE",
         "Random acceleration of the motion: where one is found and tested, never, estimated in any case, or "
         "its one-sided density in (rad/s^2)^2/Hz.",
-        DEFAULT_RANDOM_FORCE,
+        "auto",
     )
 
 
@@ -139,12 +150,7 @@ class SearchOptions:
         "What may be missing, of discover; default: the library's other forces, and candidate_effects.",
     )
     max_effects: int = option("N", "Effects that discover adds at most.", 4, least=0)
-    refit: bool = option(
-        None,
-        "Fit the models that discover found again, to the whole records.",
-        False,
-        flags=("--refit",),
-    )
+    refit: bool = switch("--refit", "Fit the models that discover found again, to the whole records.")
     level: float = option("P", "Significance level of discover, shared by its tests.", 0.01)
     time_limit: float | None = option(
         "S", "Ends a search of discover with what it has after so long; default: none."

@@ -1,6 +1,5 @@
 """`sysid-trib plan`."""
 
-import json
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -36,12 +35,11 @@ def plan(
     shown: Shown,
 ) -> None:
     """Say which run to make next: RESULT.nc of identify or discover, or records."""
-    from sysid_trib.commands.terminal import print_blocks, print_written, working
+    from sysid_trib.commands.terminal import working
 
     with working(given.records) as tell:
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.printing.blocks import Layer
         from sysid_trib.printing.planned import plan_blocks, plan_json
         from sysid_trib.results import files
         from sysid_trib.validation.findings import main_result
@@ -72,8 +70,4 @@ def plan(
             tell=tell,
         )
         shown.draw(lambda plots: [("plan", lambda: plots.plan(data))], tell)
-    if shown.as_json:
-        print(json.dumps(plan_json(data), indent=2, allow_nan=False))
-        return
-    print_blocks(plan_blocks(data, main), Layer.DEFAULT)
-    print_written(shown.plot)
+    shown.say(lambda: plan_json(data), lambda: plan_blocks(data, main))

@@ -1,66 +1,36 @@
 """`sysid-trib response`."""
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, ClassVar
-
-import typer
+from typing import ClassVar
 
 from sysid_trib.commands.destination import Files
-from sysid_trib.commands.options import option, with_options
-
-DRIVE = "Drive"
+from sysid_trib.commands.options import RESULT_FILE, option, switch, with_options
 
 
 @dataclass(frozen=True)
 class SweepOptions:
     """How a model is driven, and in which range of frequencies."""
 
-    title: ClassVar[str] = DRIVE
+    title: ClassVar[str] = "Drive"
 
+    drive: float = option(
+        "AMPLITUDE",
+        "Amplitude of the input in its unit; of a model without one the deflection it has at rest.",
+        ...,
+    )
+    frequencies: str = option("LOW:HIGH", "Range, over the frequency at small amplitudes.", "0.9:1.1")
     driven_by: str = option("NAME", "Input that drives, of a model with several.", "")
-    base: bool = option(
-        None,
+    base: bool = switch(
+        "--base",
         "Of a model without inputs: the drive is the displacement of a base, from which the signal counts.",
-        False,
-        flags=("--base",),
     )
     points: int = option("N", "Frequencies.", 201, least=2)
 
 
 @with_options
-def response(
-    result: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULT.nc",
-            help="What identify, compare or discover wrote with -o.",
-            rich_help_panel="Result",
-        ),
-    ],
-    *,
-    drive: Annotated[
-        float,
-        typer.Option(
-            metavar="AMPLITUDE",
-            help="Amplitude of the input in its unit; of a model without one the deflection it has at rest.",
-            rich_help_panel=DRIVE,
-        ),
-    ],
-    frequencies: Annotated[
-        str,
-        typer.Option(
-            metavar="LOW:HIGH",
-            help="Range, over the frequency at small amplitudes.",
-            rich_help_panel=DRIVE,
-        ),
-    ] = "0.9:1.1",
-    sweep: SweepOptions,
-    files: Files,
-) -> None:
+def response(result: RESULT_FILE, *, sweep: SweepOptions, files: Files) -> None:
     """Steady response of an identified model to a harmonic drive, with bands and its unstable branch."""
-    from sysid_trib.commands.terminal import command_line, print_blocks, print_written, working
+    from sysid_trib.commands.terminal import command_line, working
 
     with working() as tell:
         import numpy as np
@@ -68,16 +38,15 @@ def response(
 
         from sysid_trib.commands.checks import check_positive, parse_window
         from sysid_trib.errors import UsageError
-        from sysid_trib.printing.blocks import Layer
         from sysid_trib.printing.responded import response_blocks, response_csv, response_json
         from sysid_trib.results.files import load
         from sysid_trib.validation.findings import main_result
         from sysid_trib.validation.steady_response import forced_response
 
-        check_positive(drive, "--drive")
-        low, high = parse_window(frequencies, "--frequencies")
+        check_positive(sweep.drive, "--drive")
+        low, high = parse_window(sweep.frequencies, "--frequencies")
         if low is None or high is None or not 0.0 < low < high:
-            raise UsageError(f"--frequencies '{frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
+            raise UsageError(f"--frequencies '{sweep.frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
         files.check([result])
         tell("reading")
         answer = main_result(load(result))
@@ -85,13 +54,9 @@ def response(
             raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
         tell("response")
         w = answer.asymptotic_frequency.item() * np.linspace(low, high, sweep.points)
-        made = forced_response(answer, drive, w, driven_by=sweep.driven_by, base=sweep.base)
+        made = forced_response(answer, sweep.drive, w, driven_by=sweep.driven_by, base=sweep.base)
         files.save(
             xr.DataTree(made.assign_attrs(command=command_line())), {files.csv: lambda _: response_csv(made)}
         )
         files.draw(lambda plots: [("response", lambda: plots.response(made))], tell)
-    if files.as_json:
-        print(json.dumps(response_json(made), indent=2, allow_nan=False))
-        return
-    print_blocks(response_blocks(made), Layer.DEFAULT)
-    print_written(*files.places)
+    files.say(lambda: response_json(made), lambda: response_blocks(made))

@@ -1,20 +1,19 @@
 """`sysid-trib look`, `backbone`, `report` and `forces`: what show something that is there, without a fit."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from sysid_trib.commands.destination import Files, Shown
-from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, DecayOptions, with_options
+from sysid_trib.commands.options import OUTPUT, RESULT_FILE, WHERE_TO_WRITE, DecayOptions, with_options
 from sysid_trib.errors import DecayError, RecordError, UsageError
 
 
 @with_options
 def backbone(*, given: DecayOptions, files: Files) -> None:
     """Frequency and damping ratio against amplitude, with bands, without a model."""
-    from sysid_trib.commands.terminal import command_line, print_blocks, print_written, working
+    from sysid_trib.commands.terminal import command_line, working
 
     with working(given.records) as tell:
         from functools import partial
@@ -23,7 +22,6 @@ def backbone(*, given: DecayOptions, files: Files) -> None:
 
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.cycles.backbone import backbone as curves_of
-        from sysid_trib.printing.blocks import Layer
         from sysid_trib.printing.looked import backbone_blocks, backbone_csv, backbone_json
         from sysid_trib.results.variables import group_names
 
@@ -39,17 +37,13 @@ def backbone(*, given: DecayOptions, files: Files) -> None:
         files.draw(
             lambda plots: [(name, partial(plots.backbone, data)) for name, data in backbones.items()], tell
         )
-    if files.as_json:
-        print(json.dumps(backbone_json(backbones), indent=2, allow_nan=False))
-        return
-    print_blocks(backbone_blocks(backbones, sources), Layer.DEFAULT)
-    print_written(*files.places)
+    files.say(lambda: backbone_json(backbones), lambda: backbone_blocks(backbones, sources))
 
 
 @with_options
 def look(*, given: DecayOptions, shown: Shown) -> None:
     """Say what is in a file and what to do next, without a fit."""
-    from sysid_trib.commands.terminal import print_blocks, print_written, progress
+    from sysid_trib.commands.terminal import progress
 
     understood: list[str] = []
     try:
@@ -57,7 +51,6 @@ def look(*, given: DecayOptions, shown: Shown) -> None:
             from sysid_trib.commands.record_inputs import decays_within, read_sources
             from sysid_trib.commands.terminal import command_after
             from sysid_trib.cycles.look import look as facts
-            from sysid_trib.printing.blocks import Layer
             from sysid_trib.printing.looked import look_blocks, look_json, pointed_options
             from sysid_trib.printing.next_step import NextStep
 
@@ -75,22 +68,11 @@ def look(*, given: DecayOptions, shown: Shown) -> None:
         if not shown.as_json and understood:
             print("\n".join(dict.fromkeys(understood)))
         raise
-    if shown.as_json:
-        print(json.dumps(look_json(tree, command), indent=2, allow_nan=False))
-        return
-    print_blocks(look_blocks(tree, sentences, command), Layer.DEFAULT)
-    print_written(shown.plot)
+    shown.say(lambda: look_json(tree, command), lambda: look_blocks(tree, sentences, command))
 
 
 def report(
-    result: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULT.nc",
-            help="What identify, compare or discover wrote with -o.",
-            rich_help_panel="Result",
-        ),
-    ],
+    result: RESULT_FILE,
     output: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="REPORT.html", help=WHERE_TO_WRITE, rich_help_panel=OUTPUT),
