@@ -76,12 +76,9 @@ class Study:
     def __len__(self) -> int:
         return self.records
 
-    def _random(self, at: int) -> np.random.Generator:
-        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(at,)))
-
     def drawn(self, at: int) -> dict[str, dict[str, float]]:
         """All values of a record, by part and name."""
-        random = self._random(at)
+        random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(at,)))
         return {
             part: {name: _draw(value, random) for name, value in names.items()}
             for part, names in self.values.items()

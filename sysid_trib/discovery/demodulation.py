@@ -11,6 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.discovery.free_motion import FreeMotion
 from sysid_trib.discovery.missing_force import mean_missing_force
 from sysid_trib.results.variables import Variables, variable, with_error
+from sysid_trib.validation.residuals import departure_time, half_period
 
 # Errors of a rate in proportion to a power of the amplitude, or to time.
 SHAPES = {"small amplitude": -1.0, "large amplitude": 1.0, "larger amplitude": 2.0, "late times": None}
@@ -106,7 +107,10 @@ def demodulate(runs: Sequence[FreeMotion]) -> xr.Dataset:
         `departure_time` (s, of the run `departure_run`). attrs: `parts` of which the residual is made beyond
         the noise, largest first, and `where` it acts.
     """
-    departures = [(_departure(run), at) for at, run in enumerate(runs)]
+    departures = [
+        (departure_time(run.time, run.residual, run.noise.standard_deviation, half_period(run.x)), at)
+        for at, run in enumerate(runs)
+    ]
     first = min((pair for pair in departures if np.isfinite(pair[0])), default=(np.nan, 0))
     spans = xr.concat([_demodulated(at, run) for at, run in enumerate(runs)], "span")
     spans, where = _with_rates(spans.merge(mean_missing_force(runs)), runs[0].model.reference_frequency)
@@ -115,20 +119,6 @@ def demodulate(runs: Sequence[FreeMotion]) -> xr.Dataset:
     parts = _parts(spans)
     place = where.get(parts[0], _place_of_rms(spans)) if parts else ""
     return spans.assign_attrs(parts=parts, where=place)
-
-
-def _departure(run: FreeMotion) -> float:
-    """First time at which the residual over half a period exceeds the noise; nan if never."""
-    x, residual = run.x, run.residual
-    turns = np.flatnonzero(np.diff(np.sign(x)) != 0)
-    width = int(np.median(np.diff(turns))) if len(turns) > 2 else max(2, len(x) // 10)
-    total = np.concatenate([[0.0], np.cumsum(residual**2)])
-    local = (total[width:] - total[:-width]) / width
-    # A level that half a period of noise passes once in a hundred records.
-    # The residual exceeds the noise where its mean square over half a period is so many times the noise's.
-    level = max(4.0, float(chi2.isf(0.01 * width / len(x), width)) / width)
-    high = np.flatnonzero(local > level * run.noise.standard_deviation**2)
-    return float(run.time[high[0]]) if len(high) else float("nan")
 
 
 def _demodulated(number: int, run: FreeMotion) -> xr.Dataset:

@@ -156,16 +156,13 @@ class Growth:
         if symbols not in self.known:
             referred = refitted(model)
             after = self.foretold(referred)
-            better = self.best is None or self.is_better(referred, after, self.best[1])
+            # It predicts better than another one, or leaves nothing that another could explain.
+            better = self.best is None or bool(after.rms < self.best[1].rms) or self.is_complete(referred)
             self.refused = 0 if better else self.refused + 1
             self.known[symbols] = self.refused <= MOST_REFUSED
             if better:
                 self.best = model, after
         return self.known[symbols]
-
-    def is_better(self, model: FittedModel, after: Prediction, before: Prediction) -> bool:
-        """Whether a model predicts better than another one, or leaves nothing that another could explain."""
-        return bool(after.rms < before.rms) or self.is_complete(model)
 
     def is_complete(self, model: FittedModel) -> bool:
         """Whether a model leaves nothing of any run but noise."""

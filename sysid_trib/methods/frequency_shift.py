@@ -86,7 +86,10 @@ class FrequencyShift:
         decay = one_record(self, decay)
         refuse_sensors(library)
         stiffness = library.role("x")
-        asked = library.select(f.symbol for f in library if _is_conservative(f) and f is not stiffness)
+        shifting = [
+            f for f in library if f.kind == "force" and f.character == "conservative" and not f.holds_time
+        ]
+        asked = library.select(force.symbol for force in shifting if force is not stiffness)
         if not len(asked):
             label = self.scope.sentence_label
             raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
@@ -101,10 +104,6 @@ class FrequencyShift:
         for name, value in zip(names, limit, strict=True):
             result[name] = result[name].copy(data=value)
         return result
-
-
-def _is_conservative(force: Force) -> bool:
-    return force.kind == "force" and force.character == "conservative" and not force.holds_time
 
 
 def _shifts(library: ForceLibrary, shapes: Mapping[str, float]) -> Equations:

@@ -196,11 +196,6 @@ def _units(runs: Sequence[xr.Dataset]) -> str:
     return str(runs[0][MEASURED].attrs.get("units", "rad")) if MEASURED in runs[0] else "rad"
 
 
-def _own_noise(record: WhitenedRecord) -> float:
-    """Noise of one sample of what was measured, as `sensor_noise` has it of an angle."""
-    return sensor_noise(xr.Dataset({"angle": ("time", record.angle)}, {"time": record.time}))
-
-
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
     """The direct identification, first guess and colour of the sensor's noise.
 
@@ -327,8 +322,10 @@ def _identification(
     units = _units(runs)
     extra: dict[str, tuple[ArrayLike, str, str]]
     extra = {"residual_rms": ([rms(residual) for residual in residuals], units, "RMS residual")}
-    levels = [_own_noise(record) for record in problem.records] if MEASURED in runs[0] else noises
+    levels = noises
     if MEASURED in runs[0]:
+        measured = [xr.Dataset({"angle": ("time", r.angle)}, {"time": r.time}) for r in problem.records]
+        levels = [sensor_noise(record) for record in measured]
         places = [parameters.of_run(run).stop - 1 for run in range(len(runs))]
         bias_errors = np.sqrt(np.diag(covariance)[places])
         extra["bias"] = (fit.values[places], units, "bias of the sensor about the mean of the swing")

@@ -7,7 +7,6 @@ from numpy.polynomial import Legendre, Polynomial, legendre
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.forces.force import Force
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.records.smoothing import smooth
@@ -51,7 +50,8 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
     columns, motion = [x, v], Motion(model.forces)
     hidden: dict[str, Array] = {}
     for force in model.forces:
-        hidden_of = states_along(force, tau, x, v, _own_shapes(force, model), time=time - time[0])
+        own = {name: value for name, value in model.shapes.items() if name.partition(".")[0] == force.symbol}
+        hidden_of = states_along(force, tau, x, v, own, time=time - time[0])
         hidden |= {f"{force.symbol}.{name}": values for name, values in hidden_of.items()}
     names = (*motion.variables[2:], *motion.memory)
     return np.stack([*columns, *(hidden[name] for name in names)], axis=1)
@@ -71,10 +71,6 @@ def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
             parabola = Polynomial.fit(tau[at], angle[at], min(2, len(at) - 1))
             x[at], v[at] = parabola(tau[at]), parabola.deriv()(tau[at])
     return x, v
-
-
-def _own_shapes(force: Force, model: Model) -> dict[str, float]:
-    return {name: value for name, value in model.shapes.items() if name.partition(".")[0] == force.symbol}
 
 
 def linearised_about(

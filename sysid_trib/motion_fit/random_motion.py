@@ -107,7 +107,8 @@ def fit_random_motion(
     DecayError
         The iteration does not settle, or the motion cannot be computed.
     """
-    by = Derivatives((*parameters.library.symbols, *parameters.fit_shapes), _frequency_is_free(parameters))
+    symbols = parameters.library.symbols
+    by = Derivatives((*symbols, *parameters.fit_shapes), parameters.reference_frequency is None)
     # Each path with the standard error of v on it.
     paths = [(spline_path(parameters.model(values), *record), np.zeros(len(record[0]))) for record in records]
     densities = [_density(random_force, run) for run in range(len(records))]
@@ -166,10 +167,6 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
     cosine = float(first @ second) / size if size > 0.0 else 0.0
     factor = SHORTER if cosine < -TURNED else LONGER if cosine > TURNED else 1.0
     return float(np.clip(factor * part, LEAST_PART, 1.0))
-
-
-def _frequency_is_free(parameters: Parameters) -> bool:
-    return parameters.reference_frequency is None
 
 
 def _linear_models(

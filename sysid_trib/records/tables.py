@@ -187,7 +187,7 @@ def read_excel(path: Path) -> FileTable:
     full = np.flatnonzero(numbers.all(axis=1))
     some = np.flatnonzero(numbers.any(axis=1))
     start = int(full[0] if full.size else some[0])
-    while start > 0 and numbers.iloc[start - 1].any() and not _has_texts(sheet.iloc[start - 1]):
+    while start > 0 and numbers.iloc[start - 1].any() and not sheet.iloc[start - 1].map(_is_text).any():
         start -= 1
     # What stands below the numbers is no row of them: a text where they have a number.
     texts = sheet.map(_is_text)
@@ -206,10 +206,6 @@ def _goes_on(numbers: pd.DataFrame, row: int) -> bool:
     """Whether more rows of numbers follow below a row than a summary has."""
     # Rows of a summary below the numbers, at most.
     return int(numbers.iloc[row:].any(axis=1).sum()) > 20
-
-
-def _has_texts(row: "pd.Series[Any]") -> bool:
-    return bool(row.map(_is_text).any())
 
 
 def _cell(cell: Any) -> str:

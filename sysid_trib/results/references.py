@@ -18,21 +18,17 @@ def in_model(result: xr.Dataset, symbol: str) -> bool:
     return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
 
 
-def is_constrained(result: xr.Dataset, symbol: str) -> bool:
-    """Whether a coefficient is fixed, tied or at a bound: it adds no difference of its own."""
-    return "constraint" in result.coords and bool(result.constraint.sel(force=symbol).item())
-
-
 def comparable(*results: xr.Dataset) -> list[str]:
     """Symbols of the forces in which identifications are compared, in the first's order.
 
-    Each has them in its model, and one at least leaves them free.
+    Each has them in its model, and one at least leaves them free: what is fixed, tied or at a bound adds no
+    difference of its own.
     """
     return [
         symbol
         for symbol in results[0].force.values.tolist()
         if all(symbol in r.force and in_model(r, symbol) for r in results)
-        and not all(is_constrained(r, symbol) for r in results)
+        and not all("constraint" in r.coords and r.constraint.sel(force=symbol).item() for r in results)
     ]
 
 

@@ -77,7 +77,9 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     """`identifications`, each with the runs as its motion follows them."""
     runs = as_runs(decay, driven=True)
     together = dict(enumerate(runs))
-    results = [FollowedRuns(together, _with(method, "off").identify(decay, library)) for method in methods]
+    results = [
+        FollowedRuns(together, with_noise(method, "off").identify(decay, library)) for method in methods
+    ]
     if any(inputs_of(run) for run in runs):
         return results
     residual_tests = [_residual(followed) for followed in results]
@@ -92,7 +94,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
             (1.0, 1.0) if at in pushed else residual for at, residual in enumerate(residual_tests)
         ]
     return [
-        followed.with_result(_with_model(followed.result, _with(method, "off"), runs, library, residual))
+        followed.with_result(_with_model(followed.result, with_noise(method, "off"), runs, library, residual))
         for method, followed, residual in zip(methods, results, residual_tests, strict=True)
     ]
 
@@ -119,7 +121,7 @@ def with_common_noise(
     with suppress(SysidTribError, np.linalg.LinAlgError):
         for method in [*direct, *open_ones][:1]:
             option = method_of(identifications(decay, library, [method])[0]).random_force
-    return {label: _with(method, option) for label, method in methods.items()}
+    return {label: with_noise(method, option) for label, method in methods.items()}
 
 
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
@@ -143,7 +145,8 @@ def _family(method: Method) -> str:
     return scope_of(method).family
 
 
-def _with(method: Method, option: RandomForceOption) -> Method:
+def with_noise(method: Method, option: RandomForceOption) -> Method:
+    """A method that leaves its noise open, with this one; any other as it is."""
     return with_random_force(method, option) if _is_open(method) else method
 
 

@@ -12,14 +12,14 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import METHODS
-from sysid_trib.methods.scope import Method, scope_of, with_random_force
+from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import inputs_for
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import group_names
-from sysid_trib.validation.answer import check_method, with_common_noise
+from sysid_trib.validation.answer import check_method, with_common_noise, with_noise
 from sysid_trib.validation.comparison_table import method_table
 from sysid_trib.validation.cross_check import ties
 from sysid_trib.validation.driven import is_driven
@@ -145,7 +145,12 @@ def _compared(
     if driven:
         for run in runs:
             inputs_for(run.decay, library)
-    named = _without_random_force(named) if driven else with_common_noise(decay, library, named)
+    # In driven records a random force is asked for, not looked for.
+    named = (
+        {label: with_noise(method, "off") for label, method in named.items()}
+        if driven
+        else with_common_noise(decay, library, named)
+    )
     trials = []
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
@@ -163,14 +168,6 @@ def _compared(
         table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
     table.attrs |= _not_separable(runs, list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})
-
-
-def _without_random_force(named: Mapping[str, Method]) -> dict[str, Method]:
-    """Methods of driven records, without a random force unless it is asked for."""
-    return {
-        label: with_random_force(method, "off") if getattr(method, "random_force", "") == "auto" else method
-        for label, method in named.items()
-    }
 
 
 def _by_label(methods: Methods) -> dict[str, Method]:

@@ -133,15 +133,12 @@ def _residuals(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
 
 
 def _size(pair: Followed) -> float:
-    sizes = [float(np.sqrt(np.mean(residual**2))) for residual in pair[1]]
-    return root_mean_square(sizes) if np.all(np.isfinite(sizes)) else np.inf
+    size = root_mean_square([root_mean_square(residual) for residual in pair[1]])
+    return size if np.isfinite(size) else np.inf
 
 
 def _over_noise(pair: Followed) -> float:
-    ratios = [
-        float(np.sqrt(np.mean(residual**2))) / noise_of_run(pair[0], at)
-        for at, residual in enumerate(pair[1])
-    ]
+    ratios = [root_mean_square(residual) / noise_of_run(pair[0], at) for at, residual in enumerate(pair[1])]
     return root_mean_square(ratios) if np.all(np.isfinite(ratios)) else np.inf
 
 

@@ -74,7 +74,8 @@ def compared_part(whole: ComparedPart) -> ComparedPart:
         return whole
     libraries = [library_of(result, whole=True) for result in whole.results]
     methods = [with_held_random_force(method_of(result), result) for result in whole.results]
-    if any(_depends_on_time(library) for library in libraries):
+    # A stretch counts the time since the first sample anew.
+    if any("t" in force.formula.names for library in libraries for force in library):
         return whole
     if not all(scope_of(method).several_runs for method in methods):
         return whole
@@ -110,11 +111,6 @@ def stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Datas
     ends = starts + duration
     bounds = zip(np.searchsorted(time, starts), np.searchsorted(time, ends, side="right"), strict=True)
     return [run.isel(time=slice(int(first), int(last))) for first, last in bounds]
-
-
-def _depends_on_time(library: ForceLibrary) -> bool:
-    """Whether a force depends on the time since the first sample, which a stretch counts anew."""
-    return any("t" in force.formula.names for force in library)
 
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.

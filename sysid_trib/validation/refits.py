@@ -20,8 +20,8 @@ from sysid_trib.validation.model_error import between
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
-# One fit: what it is, the method, the runs, and since when they last (s).
-Refit = tuple[str, Method, list[xr.Dataset], float]
+# One fit: what it is, the method, and the runs.
+Refit = tuple[str, Method, list[xr.Dataset]]
 
 
 @in_units_of_the_motion
@@ -58,8 +58,9 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     reference = result.reference_frequency.item()
     fits = list(_fits(method, runs, reference))
     rows, reasons = [], []
-    for at, (label, other, parts, later) in enumerate(fits):
+    for at, (label, other, parts) in enumerate(fits):
         tell(label, at / len(fits))
+        later = float(parts[0].time.values[0] - runs[0].time.values[0])
         values = np.full((2, len(symbols)), np.nan)
         reason = ""
         try:
@@ -82,19 +83,20 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     whole = list(runs)
     for name, (low, high) in RECORD_PARTS.items():
         parts = [run.isel(time=between(run, low, high)) for run in runs]
-        yield f"window: {name}", method, parts, _later(runs, parts)
+        yield f"window: {name}", method, parts
     # Starts: so many periods of the record are left out before it.
     for periods in (1.0, 3.0):
-        parts = [_from(run, 2.0 * np.pi * periods / reference) for run in runs]
-        yield f"start: {periods:g} periods later", method, parts, _later(runs, parts)
+        later = 2.0 * np.pi * periods / reference
+        parts = [run.isel(time=run.time.values >= run.time.values[0] + later) for run in runs]
+        yield f"start: {periods:g} periods later", method, parts
     for first, label in enumerate(("first", "second")):
         parts = [run.isel(time=slice(first, None, 2)) for run in runs]
-        yield f"sampling: every other, {label} on", method, parts, _later(runs, parts)
+        yield f"sampling: every other, {label} on", method, parts
     for noise in NOISES:
         other = with_random_force(method, noise)
         if hasattr(method, "random_force"):
-            yield f"noise: random force {noise}", other, whole, 0.0
-    yield from ((f"method: {type(m).__name__.lower()}", m, whole, 0.0) for m in _methods(method))
+            yield f"noise: random force {noise}", other, whole
+    yield from ((f"method: {type(m).__name__.lower()}", m, whole) for m in _methods(method))
 
 
 def _methods(method: Method) -> Iterator[Method]:
@@ -106,16 +108,6 @@ def _methods(method: Method) -> Iterator[Method]:
     for kind in kinds:
         if kind is not type(method):
             yield constrained(kind(**options), Constraints(table))
-
-
-def _from(run: xr.Dataset, later: float) -> xr.Dataset:
-    """A run without so much of its start, s."""
-    return run.isel(time=run.time.values >= run.time.values[0] + later)
-
-
-def _later(runs: Sequence[xr.Dataset], parts: Sequence[xr.Dataset]) -> float:
-    """By how much the parts begin later than the runs, s."""
-    return float(parts[0].time.values[0] - runs[0].time.values[0])
 
 
 def _dataset(

@@ -201,8 +201,8 @@ def _of_free_motion(
     residual = angle - motion.offset - motion.x
     if int(decay.attrs.get("integrations", 0)) and MEASURED in decay:
         residual = _measured_residual(decay, result, motion)
-    rms, width = float(np.sqrt(np.mean(residual**2))), _half_period(motion.v)
-    departure = _departure(time, residual, noise, width)
+    rms, width = float(np.sqrt(np.mean(residual**2))), half_period(motion.v)
+    departure = departure_time(time, residual, noise, width)
     path, fitted = (motion.x, motion.v), _fitted_numbers(result)
     line = spectral_line(time, residual, path)
     step = coarse_step(decay, noise)
@@ -246,9 +246,9 @@ def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: in
         return *NO_MOTION, float(time[0]), 0.0, *line
     innovation, deviation = tracked.innovations()
     x, v = tracked.linear.path[:, 0], tracked.linear.path[:, 1]
-    normalised, width = innovation / deviation, _half_period(v)
+    normalised, width = innovation / deviation, half_period(v)
     rms, over_noise = (float(np.sqrt(np.mean(values**2))) for values in (innovation, normalised))
-    departure = _departure(time, normalised, 1.0, width)
+    departure = departure_time(time, normalised, 1.0, width)
     p_value = _noise_p_value(normalised, 1.0, width, (x, v), 0)
     return rms, over_noise, departure, 0.0 if _in_band(line, followed.result) else p_value, *line
 
@@ -274,18 +274,20 @@ def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
     return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))
 
 
-def _departure(time: Array, residual: Array, noise: float, width: int) -> float:
-    """First time at which the RMS over so many samples is beyond `DEPARTED` noise levels; nan if never."""
+def departure_time(time: Array, residual: Array, noise: float, width: int) -> float:
+    """First time at which the mean square over so many samples is beyond the noise's; nan if never."""
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
-    local = np.sqrt((total[width:] - total[:-width]) / width)
-    departed = np.flatnonzero(local > DEPARTED * noise)
+    local = (total[width:] - total[:-width]) / width
+    # A level that so many samples of noise pass once in a hundred records.
+    level = max(DEPARTED**2, float(chi2.isf(0.01 * width / len(residual), width)) / width)
+    departed = np.flatnonzero(local > level * noise**2)
     return float(time[departed[0]]) if len(departed) else float("nan")
 
 
 def _noise_p_value(
     residual: Array,
     noise: float,
-    half_period: int,
+    samples: int,
     motion: tuple[Array, Array],
     fitted: int,
     noises: Iterable[Array] | None = None,
@@ -296,7 +298,7 @@ def _noise_p_value(
     twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
     little is not in the means of all, but in the few polynomials in time by which these differ.
     """
-    width, slow = max(1, half_period // 6), SlowPart(*motion)
+    width, slow = max(1, samples // 6), SlowPart(*motion)
 
     def sizes(values: Array) -> Array:
         """Squares of both parts over those of one sample's noise, (2,)."""
@@ -313,8 +315,8 @@ def _noise_p_value(
     return float(min(1.0, 2.0 * np.min(chi2.sf(sizes(residual) / scale, degrees))))
 
 
-def _half_period(v: Array) -> int:
-    """Samples of a half period, by the changes of sign of the speed."""
+def half_period(v: Array) -> int:
+    """Samples of a half period, by the changes of sign of the angle or the speed."""
     turns = np.flatnonzero(np.diff(np.sign(v)) != 0)
     return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(v) // 10)
 

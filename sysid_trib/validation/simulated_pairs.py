@@ -167,7 +167,7 @@ def _of_records(
     results: Sequence[xr.Dataset], kept: Sequence[str], bias: Array, without_noise: Array | None, drawn: Array
 ) -> Scatter:
     """Scatter of (record, method, quantity), about the difference without noise or, without one, its mean."""
-    covariance = _covariance(drawn)
+    covariance = np.atleast_2d(np.cov(drawn[:, 0] - drawn[:, 1], rowvar=False))
     of_methods = np.mean(drawn[:, 0] - drawn[:, 1], axis=0) if without_noise is None else without_noise
     # Of a few records the largest ratio by chance depends on their number: at 1 %, of all quantities.
     degrees_of_freedom = len(drawn) - 1
@@ -177,11 +177,6 @@ def _of_records(
     if without_noise is None:
         whole = whole + covariance / len(drawn)
     return Scatter(bias + of_methods, whole, len(drawn), bool(stated))
-
-
-def _covariance(drawn: Array) -> Array:
-    """Covariance of the difference of both methods, of (record, method, quantity)."""
-    return np.atleast_2d(np.cov(drawn[:, 0] - drawn[:, 1], rowvar=False))
 
 
 def _stated(results: Sequence[xr.Dataset], kept: Sequence[str]) -> Array:

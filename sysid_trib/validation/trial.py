@@ -97,11 +97,6 @@ def try_method(
     return replace(trial, result=result, whole=whole, reason=reason or part_reason, failure=failure)
 
 
-def takes_inputs(method: Method) -> bool:
-    """Whether a method identifies driven records; Direct does in its weak form."""
-    return scope_of(method).driven and getattr(method, "form", "weak") == "weak"
-
-
 def _failure(runs: Sequence[RunInParts], whole: ModelResiduals) -> str:
     """Why a model that neglects nothing says nothing of the records (see `breakdown`)."""
     if not whole.runs:
@@ -119,7 +114,8 @@ def _identified(
     # The row of a rule for one record is empty for no fault of its own, nor of the records.
     if len(decays) > 1 and not scope_of(method).several_runs:
         return None, "takes one record at a time", float("nan")
-    if is_driven(decays) and not takes_inputs(method):
+    # Direct identifies driven records in its weak form.
+    if is_driven(decays) and not (scope_of(method).driven and getattr(method, "form", "weak") == "weak"):
         return None, "takes free decays alone, and this record has an input", float("nan")
     began = perf_counter()
     try:

@@ -90,12 +90,8 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
     already, by the Birge ratio of its own equations, is not widened twice; nor is what it takes for a random
     force, which its errors allow for.
     """
-    return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated_widening(result))
-
-
-def stated_widening(result: xr.Dataset) -> float:
-    """By how much the errors that a method states exceed those by the noise alone; 1 at least."""
-    return max(1.0, float(result.birge_ratio)) if "birge_ratio" in result else 1.0
+    stated = max(1.0, float(result.get("birge_ratio", 1.0)))
+    return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
 
 
 # Level at which a random force depends on something, and at which there is one at all.
