@@ -6,9 +6,8 @@ import numpy as np
 from discovery import CONTACT, EVERY, library, start_model, with_effect
 
 from sysid_trib.discovery import exchange
-from sysid_trib.discovery.exchange import rivals_of
+from sysid_trib.discovery.exchange import in_place, rivals_of
 from sysid_trib.discovery.fits import Fits
-from sysid_trib.discovery.in_place import in_place
 from sysid_trib.discovery.screen import SAME_EFFECT, screen
 from sysid_trib.discovery.search import search
 from sysid_trib.likelihood.settings import DEFAULTS

@@ -190,7 +190,7 @@ def _predicted(
 ) -> "list[xr.Dataset]":
     """What the answer predicts of the record that it is tried on; nothing where there is none."""
     from sysid_trib.commands.record_inputs import read_decays
-    from sysid_trib.validation.prediction import predict
+    from sysid_trib.validation.driven import predict
 
     if tried.test is None:
         return []

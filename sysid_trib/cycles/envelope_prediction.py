@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import quad, solve_ivp
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.cycle_averages import CANCELLATION, ROUNDING_ERROR
-from sysid_trib.cycles.signatures import averages
+from sysid_trib.cycles.signatures import CANCELLATION, ROUNDING_ERROR, averages
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import Force
 from sysid_trib.simulation.model import Model

@@ -1,19 +1,192 @@
 """Signatures of forces: averages <h sin phi> and <h cos phi> over a cycle x = a cos phi, v = -a sin phi.
 
 The first drives the envelope, the second the frequency (Le Bot et al. 2019, Appendix). Together they are the
-describing function of the force (Krylov-Bogoliubov averages).
+describing function of the force (Krylov-Bogoliubov averages). They are exact to rounding: a cycle is cut where
+a force without history changes branch and integrated between; one with history is followed (`steady_cycles`).
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.optimize import elementwise
 
-from sysid_trib.arrays import Array
-from sysid_trib.cycles.cycle_averages import cycle_averages
-from sysid_trib.errors import UsageError
+from sysid_trib.arrays import Array, Index
+from sysid_trib.cycles.steady_cycles import cycles_at
+from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Force, ShapeValues
+from sysid_trib.forces.formulas import Formula
+
+QUARTER = 0.5 * np.pi
+# So much of an average may be rounding of its formula,
+ROUNDING_ERROR = 1e-6
+# plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
+CANCELLATION = 1e-14
+MAX_PIECES = 20_000
+
+
+def cycle_averages(
+    force: Force, a: Array, time: Array, shape_values: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """Averages over the steady cycle at each amplitude.
+
+    Parameters
+    ----------
+    force : Force
+    a : (amplitude,) array of float, rad
+    time : (amplitude,) array of float, s
+        Held during a cycle.
+    shape_values : mapping of str to float
+        Value of each shape parameter by its name in the formula.
+
+    Returns
+    -------
+    sine, cosine : (amplitude,) array of float, rad
+        <h sin phi> and <h cos phi>.
+
+    Raises
+    ------
+    LibraryError
+        The force is not finite, too rough, or has no steady cycle.
+    """
+    if force.memoryless:
+        means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
+    else:
+        means = _means_of_history(force, a, time, shape_values)
+    # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
+    # Part of the mean of |h| below which an average is rounding.
+    means[np.abs(means) < 1e-14 * means[:, 2:]] = 0.0
+    return means[:, 0], means[:, 1]
+
+
+def _means_of_history(force: Force, a: Array, time: Array, shape_values: Mapping[str, float]) -> Array:
+    """Means of h sin phi and h cos phi over steady cycles, and root mean square of h, (amplitude, 3)."""
+    shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
+    means = np.zeros((len(a), 3))
+    for rows, cycles in cycles_at(force, a, time, shapes):
+        means[rows] = cycles.integrals / (2 * np.pi)
+    means[:, 2] = np.sqrt(means[:, 2])
+    return means
+
+
+@dataclass
+class _Cycles:
+    """Cycles of a force at some amplitudes.
+
+    Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
+    """
+
+    force: Force
+    a: Array
+    time: Array
+    shape_values: Mapping[str, float]
+
+    def integrals(self) -> Array:
+        """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude."""
+        sums = self.row_integrals()
+        return sums[: self.a.size] + sums[self.a.size :]
+
+    def names(self, row: Index, phi: Array) -> dict[str, Any]:
+        """Variables of the formulas at the angles `phi` of the rows (same shapes, or broadcast)."""
+        a, time = self.a[row % self.a.size], self.time[row % self.a.size]
+        cosine, sine = np.cos(phi), np.sin(phi)
+        # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
+        cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
+        return {"t": time, "x": a * cosine, "v": -a * sine, **self.shape_values}
+
+    def pieces(self) -> tuple[Index, Array, Array]:
+        """Rows, cut at the quarter point and where a switching surface is crossed: (row, low, high)."""
+        halves = np.repeat((0.0, np.pi), self.a.size)
+        # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
+        phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
+        every = np.arange(halves.size)
+        names = self.names(every[:, None], phi)
+        cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
+        for surface in self.force.surfaces:
+            sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
+            row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
+            if row.size:
+                cut_row.append(row)
+                cut_at.append(self.crossings(surface, row, phi[row, before], phi[row, before + 1]))
+        row, at = np.concatenate(cut_row), np.concatenate(cut_at)
+        order = np.lexsort((at, row))
+        row, at = row[order], at[order]
+        inside = (row[:-1] == row[1:]) & (at[:-1] < at[1:])
+        return row[:-1][inside], at[:-1][inside], at[1:][inside]
+
+    def crossings(self, surface: Formula, row: Index, low: Array, high: Array) -> Array:
+        """Where a surface is crossed in a row between two angles."""
+
+        def side(phi: Array, row: Array) -> Array:
+            return np.asarray(surface.evaluate(self.names(row.astype(int), phi)))
+
+        exact = {"xatol": 1e-15, "xrtol": 1e-15}
+        root = elementwise.find_root(side, (low, high), args=(row.astype(float),), tolerances=exact)
+        return np.asarray(root.x)
+
+    def row_integrals(self) -> Array:
+        """Integrals of (h sin phi, h cos phi, |h|) over each row; pieces are halved until they are exact."""
+        nodes, weights = _nodes()
+        row, low, high = self.pieces()
+        total = np.zeros((2 * self.a.size, 3))
+        before = np.full(len(total), np.inf)
+        for turn in range(60):
+            phi = low[:, None] + (high - low)[:, None] * nodes
+            h = self.force.formula.evaluate(self.names(row[:, None], phi))
+            terms = _terms(np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None]), phi)
+            fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
+            self.check_finite(fine, row)
+            # The size is computed anew at every turn: the first may miss a narrow peak.
+            size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
+            error = np.abs(fine - coarse)[:, :2].max(axis=1)
+            # A piece is accepted when doubling its nodes changes it by less than this part of the mean of
+            # |h|.
+            done = error <= 3e-13 * size[row]
+            remaining = np.bincount(row[~done], error[~done], len(total))
+            # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
+            rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(self.a, 2)
+            rounding &= (remaining > 0.6 * before) & (turn > 2)
+            done, before = done | rounding[row], remaining
+            np.add.at(total, row[done], fine[done])
+            if done.all():
+                return total
+            if done.size > MAX_PIECES:
+                break
+            row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
+            middle = 0.5 * (low + high)
+            low[1::2], high[::2] = middle[1::2], middle[::2]
+        raise LibraryError(f"Force '{self.force.symbol}' is too rough to be averaged over a cycle.")
+
+    def check_finite(self, integrals: Array, row: Index) -> None:
+        """Refuse an integral that is not finite, with the smallest amplitude at which that is so."""
+        bad = ~np.isfinite(integrals).all(axis=1)
+        if bad.any():
+            worst = self.a[row[bad] % self.a.size].min()
+            raise LibraryError(
+                f"Force '{self.force.symbol}' is not finite on a cycle of amplitude {worst:.6g} rad."
+            )
+
+
+@lru_cache(maxsize=1)
+def _nodes() -> tuple[Array, Array]:
+    """Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
+
+    The nodes crowd at both ends, where |v|^p, a sharp Stribeck peak or a logarithm is singular
+    (Takahasi and Mori 1974).
+    """
+    step = 1.0 / 16.0
+    s = step * np.arange(-54, 55)
+    u = QUARTER * np.sinh(s)
+    return 1.0 / (1.0 + np.exp(-2.0 * u)), 0.5 * step * QUARTER * np.cosh(s) / np.cosh(u) ** 2
+
+
+def _terms(h: Array, phi: Array) -> Array:
+    return np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
+
 
 # Amplitudes averaged at once, to bound the memory used.
 CHUNK = 128

@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.discovery.columns_beside import each_beside
-from sysid_trib.discovery.exchange import deviance_of
+from sysid_trib.discovery.exchange import deviance_of, pairs_in_place
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions, model_identification
-from sysid_trib.discovery.in_place import pairs_in_place
 from sysid_trib.discovery.omnibus_test import FAMILIES
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.unseen import Prediction

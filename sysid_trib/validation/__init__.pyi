@@ -8,5 +8,5 @@ from sysid_trib.validation.random_force_test import random_force_dependence as r
 from sysid_trib.validation.refits import sensitivity as sensitivity
 from sysid_trib.validation.samples import difference as difference
 
-from .prediction import predict as predict
+from .driven import predict as predict
 from .steady_response import forced_response as forced_response
