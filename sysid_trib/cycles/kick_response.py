@@ -1,7 +1,6 @@
 """What a kick does to a steady swing: to the extrema fitted to its half periods, and to their times."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -20,32 +19,23 @@ SPAN = 4
 KICK_SIZE = 1e-5
 
 
-@dataclass(frozen=True)
-class KickResponse:
-    """Response to kicks of unit size in v = theta'/w, in the half period after extremum 0.
-
-    The last axis holds the extremum (rad), and its time times amplitude and w (rad).
-
-    Attributes
-    ----------
-    lasting : (kick, 2) array of float
-        What stays for good: amplitude and phase of the swing.
-    passing : (kick, 2 SPAN, 2) array of float
-        What extrema 1 - SPAN to SPAN differ by from the swing's at their times: before the kick from the old
-        swing, after it from the new one.
-    """
-
-    lasting: Array
-    passing: Array
-
-
 @lru_cache(maxsize=2)
-def kick_response(curve: EnvelopeCurve) -> KickResponse:
+def kick_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
     """The response of extrema of half-sines or of the analytic signal.
 
     Parameters
     ----------
     curve : {"half-sines", "analytic-signal"}
+
+    Returns
+    -------
+    lasting : (kick, 2) array of float
+        Of kicks of unit size in v = theta'/w, in the half period after extremum 0, what stays for good:
+        amplitude and phase of the swing.
+    passing : (kick, 2 SPAN, 2) array of float
+        What extrema 1 - SPAN to SPAN differ by from the swing's at their times: before the kick from the old
+        swing, after it from the new one. The last axis holds the extremum (rad), and its time times amplitude
+        and w (rad).
 
     Notes
     -----
@@ -67,7 +57,7 @@ def kick_response(curve: EnvelopeCurve) -> KickResponse:
         change = np.stack([np.abs(up[0]) - np.abs(down[0]), up[1] - down[1]], axis=1) / (2.0 * KICK_SIZE)
         change[number > 0] -= lasting[kick]
         passing[kick] = change[(number > -SPAN) & (number <= SPAN)]
-    return KickResponse(lasting, passing)
+    return lasting, passing
 
 
 def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -76,7 +66,7 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     What stays for good, from one extremum to the next; and what passes.
     """
     b, t = measured.extremum.values, measured.extremum_time.values
-    response, count = kick_response(measured.attrs.get("curve", "half-sines")), len(b)
+    (lasting, passes), count = kick_response(measured.attrs.get("curve", "half-sines")), len(b)
     duration = np.diff(t)
     duration = np.concatenate([duration[:1], duration, duration[-1:]])
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
@@ -99,5 +89,5 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
         return sp.csr_matrix((np.concatenate(data), places), (2 * count, (count + 1) * KICKS))
 
     offsets = range(1 - SPAN, SPAN + 1)
-    passing = matrix([(offset, response.passing[:, offset + SPAN - 1]) for offset in offsets])
-    return matrix([(1, response.lasting)]), passing
+    passing = matrix([(offset, passes[:, offset + SPAN - 1]) for offset in offsets])
+    return matrix([(1, lasting)]), passing

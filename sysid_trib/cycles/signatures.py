@@ -1,8 +1,9 @@
 """Signatures of forces: averages <h sin phi> and <h cos phi> over a cycle x = a cos phi, v = -a sin phi.
 
 The first drives the envelope, the second the frequency (Le Bot et al. 2019, Appendix). Together they are the
-describing function of the force (Krylov-Bogoliubov averages). They are exact to rounding: a cycle is cut where
-a force without history changes branch and integrated between; one with history is followed (`steady_cycles`).
+describing function of the force (Krylov-Bogoliubov averages). They are exact to rounding: a cycle is cut
+where a force without history changes branch and integrated between; one with history is followed
+(`steady_cycles`).
 """
 
 from collections.abc import Mapping

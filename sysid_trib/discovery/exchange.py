@@ -12,7 +12,6 @@ from sysid_trib.discovery.fits import Fits, evidence, least_penalty
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood
-from sysid_trib.likelihood.trials import TrialEffect
 
 
 def in_place(
@@ -164,12 +163,24 @@ def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -
     for score, at, gone in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
         if score > aim - here + settings.far:
             break
-        trials = [current.trials[i] for i in at]
-        after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
-        fitted = fits.of(model, gone, trials, worst=deviance_of(aim, model, after, trials))
-        if fitted is not None and (exact := evidence(fitted, after)) < aim:
-            best, aim = Move(exact, after, fitted), exact
+        move = move_of(current, effects, gone, at, fits, aim)
+        if move is not None and move.evidence < aim:
+            best, aim = move, move.evidence
     return best
+
+
+def move_of(
+    current: Screening, effects: Sequence[str], gone: Sequence[str], at: Sequence[int], fits: Fits, aim: float
+) -> Move | None:
+    """The model with trials in the place of effects; None where it is not fitted, or no better than `aim`.
+
+    That is given up where the evidence cannot come to it.
+    """
+    model, trials = current.model, [current.trials[i] for i in at]
+    after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
+    forces = [trial.force for trial in (*model.trials, *trials) if trial.force.symbol in after]
+    fitted = fits.of(model, gone, trials, worst=aim - least_penalty(model, forces))
+    return None if fitted is None else Move(evidence(fitted, after), after, fitted)
 
 
 def not_beyond_chance(
@@ -280,21 +291,9 @@ def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: F
     for place, (score, at) in enumerate(in_place(current, (symbol,), by_chance=True)):
         if place >= settings.fitted and score > settings.outside_of_set:
             break
-        trials = [current.trials[i] for i in at]
-        names = [trial.force.symbol for trial in trials]
-        after = (*(s for s in effects if s != symbol), *names)
-        worst = deviance_of(here + settings.far, model, after, trials)
-        fitted = fits.of(model, (symbol,), trials, worst)
-        if fitted is None:
+        move = move_of(current, effects, (symbol,), at, fits, here + settings.far)
+        if move is None:
             # Outside of every credible set, or it failed, or there was no time.
             continue
-        likelier["".join(names)] = evidence(fitted, after) - here
+        likelier["".join(current.trials[i].force.symbol for i in at)] = move.evidence - here
     return likelier
-
-
-def deviance_of(
-    score: float, model: FittedModel, effects: Sequence[str], added: Sequence[TrialEffect]
-) -> float:
-    """Deviance above which a model of these effects does not reach an evidence, whatever its shapes."""
-    forces = [trial.force for trial in (*model.trials, *added) if trial.force.symbol in effects]
-    return score - least_penalty(model, forces)

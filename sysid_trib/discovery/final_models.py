@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.discovery.columns_beside import each_beside
-from sysid_trib.discovery.exchange import deviance_of, pairs_in_place
+from sysid_trib.discovery.exchange import move_of, pairs_in_place
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions, model_identification
 from sysid_trib.discovery.omnibus_test import FAMILIES
@@ -60,18 +60,12 @@ def pairs_of(
         if sum(1 + len(current.trials[at].force.shape) for at in pair) <= 1 + shapes
     ]
     for _, pair in scored[: settings.fitted]:
-        trials = [current.trials[at] for at in pair]
         if not _both_add(current, symbol, pair):
             continue
-        names = (trials[0].force.symbol, trials[1].force.symbol)
-        after = (*(s for s in effects if s != symbol), *names)
-        worst = deviance_of(here + settings.outside_of_set, model, after, trials)
-        fitted = fits.of(model, (symbol,), trials, worst)
-        if fitted is None:
-            continue
-        excess = evidence(fitted, after) - here
-        if excess < settings.outside_of_set:
-            likelier[names] = excess
+        move = move_of(current, effects, (symbol,), pair, fits, here + settings.outside_of_set)
+        if move is not None and (excess := move.evidence - here) < settings.outside_of_set:
+            first, second = (current.trials[at].force.symbol for at in pair)
+            likelier[first, second] = excess
     return dict(sorted(likelier.items(), key=lambda scored: scored[1]))
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,8 +10,8 @@ from sysid_trib.discovery.exchange import (
     better_rival,
     chance_in_set,
     decisive_p_values,
-    deviance_of,
     exchange_effects,
+    move_of,
     not_beyond_chance,
     rivals_of,
 )
@@ -91,23 +90,13 @@ class Search:
     fits: Fits
 
 
-class Begin(NamedTuple):
-    """Where a search begins.
-
-    `model` : the first one. `most` : effects at most, by default as the settings say. `near` : a search from
-    the same start, of which what was fitted is not fitted again.
-    """
-
-    model: FittedModel
-    most: int | None = None
-    near: Search | None = None
-
-
 def search(
     start: FittedModel,
     candidates: Sequence[Force],
     *,
-    begin: Begin | None = None,
+    begin: FittedModel | None = None,
+    most: int | None = None,
+    near: Search | None = None,
     growth: Growth | None = None,
     deadline: float = np.inf,
     tell: Tell = silent,
@@ -116,16 +105,16 @@ def search(
 
     An effect is added where what it gains is beyond chance, corrected for the number of tests,
     and nothing in its place is outside of its credible set; where that no longer holds it is dropped. The
-    first model is that of `begin`, which has the noise of `start`, if any; there are no more effects than
-    `growth` lets there be. After `deadline`, by `time.monotonic`, no further model is fitted.
+    first model is `begin`, which has the noise of `start`, if any; there are no more effects than `most`, by
+    default as the settings say, and than `growth` lets there be. What `near`, a search from the same start,
+    has fitted is not fitted again. After `deadline`, by `time.monotonic`, no further model is fitted.
     """
-    near = None if begin is None else begin.near
     fits = Fits(start, deadline) if near is None else near.fits
-    most = start.settings.max_effects if begin is None or begin.most is None else begin.most
+    most = start.settings.max_effects if most is None else most
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
     known = {trial.force.symbol for trial in start.trials}
-    if begin is not None and (fitted := fits.of(begin.model, (), ())) is not None:
+    if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
         model, effects = fitted, tuple(t.force.symbol for t in fitted.trials if t.force.symbol not in known)
     known_screenings = {} if near is None else dict(near.known)
 
@@ -271,18 +260,17 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
         if current.gains[at] <= (1.0 - slack) * gain_of_column:
             continue
         trial = current.trials[at]
-        named = (*effects, trial.force.symbol)
-        if frozenset(named) in fits.by_chance:
+        if frozenset((*effects, trial.force.symbol)) in fits.by_chance:
             continue
         aim = min([here - settings.outside_of_set, *(move.evidence for move in tried)])
-        fitted = fits.of(model, (), [trial], deviance_of(aim, model, named, [trial]))
-        if fitted is None:
+        move = move_of(current, effects, (), [at], fits, aim)
+        if move is None:
             continue
-        gain, score = model.deviance - fitted.deviance, evidence(fitted, named)
+        gain = model.deviance - move.model.deviance
         p_value = current.p_value_of(gain, trial.force, float(current.effective_rows[at]))
-        if p_value < settings.level and score < here - settings.outside_of_set:
+        if p_value < settings.level and move.evidence < here - settings.outside_of_set:
             if not tried:
                 gain_of_column = float(current.gains[at])
             off = max(off, abs(gain / float(current.gains[at]) - 1.0))
-            tried.append(Move(score, named, fitted))
+            tried.append(move)
     return tried

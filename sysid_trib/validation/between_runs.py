@@ -188,10 +188,9 @@ def _verdict(acting: Sequence[str], scatters: bool) -> str:
 
 def _of_laboratories(values: Array, laboratory: Array) -> Variables:
     """Repeatability and reproducibility of a quantity."""
-    of_all = precision(values, laboratory)._asdict()
     made: Variables = {}
-    for name, interval in of_all.items():
-        made |= _with_interval(name, DEVIATIONS[name], interval)
+    for (name, text), interval in zip(DEVIATIONS.items(), precision(values, laboratory), strict=True):
+        made |= _with_interval(name, text, interval)
         if name != "between_laboratory":
             text = f"two results differ by less in 95 of 100 cases of {name}"
             made[f"{name}_limit"] = variable((), LIMIT * interval[0], text, UNIT)

@@ -194,15 +194,7 @@ DEVIATIONS = {
 }
 
 
-class Precision(NamedTuple):
-    """Standard deviations with intervals of 95 %: (value, lower, upper) each."""
-
-    repeatability: Array
-    between_laboratory: Array
-    reproducibility: Array
-
-
-def precision(values: Array, laboratories: Array) -> Precision:
+def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     """Analysis of variance of results by laboratory.
 
     Parameters
@@ -213,7 +205,8 @@ def precision(values: Array, laboratories: Array) -> Precision:
 
     Returns
     -------
-    Precision
+    repeatability, between_laboratory, reproducibility : (3,) array of float
+        Standard deviations with their intervals of 95 %: value, lower, upper.
 
     Raises
     ------
@@ -243,7 +236,7 @@ def precision(values: Array, laboratories: Array) -> Precision:
     of_repeats = within, within * freedoms[1] / lower, within * freedoms[1] / upper
     of_laboratories = _difference(between, within, freedoms)
     of_results = _sum(between, (repeats - 1.0) * within, freedoms)
-    return Precision(
+    return (
         np.sqrt(of_repeats),
         np.sqrt(np.maximum(0.0, of_laboratories) / repeats),
         # Where laboratories scatter by less than their repetitions, they do not scatter (ISO 5725-2).
