@@ -32,12 +32,7 @@ RecordAt = Callable[[int], Any]
 
 
 def finished_blocks(
-    task: Task,
-    blocks: Sequence[Index],
-    record_at: RecordAt,
-    *,
-    workers: int | str,
-    memory: str,
+    task: Task, blocks: Sequence[Index], record_at: RecordAt, *, workers: int | str, memory: str
 ) -> Iterator[tuple[Index, list[Row]]]:
     """Rows of blocks of records, in the order in which they are finished.
 
@@ -145,11 +140,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=CRITICAL,
             )
-        with (
-            local as cluster,
-            Client(cluster) as client,
-            _looked_after(cluster, workers),
-        ):
+        with local as cluster, Client(cluster) as client, _looked_after(cluster, workers):
             _wait_for_one(client)
             yield client
 

@@ -35,13 +35,7 @@ from sysid_trib.campaigns.new_store import (
     recover,
 )
 from sysid_trib.campaigns.records import CampaignRecords
-from sysid_trib.campaigns.task import (
-    FAILED,
-    REFUSED,
-    Task,
-    checksum_of,
-    empty_row,
-)
+from sysid_trib.campaigns.task import FAILED, REFUSED, Task, checksum_of, empty_row
 from sysid_trib.campaigns.variables import VARIABLES, Row
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 

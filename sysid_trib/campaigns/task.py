@@ -131,11 +131,7 @@ class Task:
             return discover(decays, self.library, self.candidates, **self.options)
         if self.name == "compare":
             return compare(
-                decays,
-                self.library,
-                self.methods,
-                contactless=self.contactless,
-                constraints=self.constraints,
+                decays, self.library, self.methods, contactless=self.contactless, constraints=self.constraints
             )
         decay = one_or_all(list(decays))
         methods = {

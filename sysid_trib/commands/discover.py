@@ -71,10 +71,7 @@ def discover(
         stretches = tree.attrs["stretches"]
         sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
     destination.deliver(
-        tree,
-        lambda: discovery_blocks(tree, sentences),
-        lambda: discovery_json(tree),
-        partial(_figures, tree),
+        tree, lambda: discovery_blocks(tree, sentences), lambda: discovery_json(tree), partial(_figures, tree)
     )
 
 

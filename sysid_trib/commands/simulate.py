@@ -6,14 +6,7 @@ from typing import Annotated, ClassVar
 
 import typer
 
-from sysid_trib.commands.options import (
-    DEFAULT_LIBRARY,
-    MODEL,
-    OUTPUT,
-    WHERE_TO_WRITE,
-    option,
-    with_options,
-)
+from sysid_trib.commands.options import DEFAULT_LIBRARY, MODEL, OUTPUT, WHERE_TO_WRITE, option, with_options
 
 
 @dataclass(frozen=True)

@@ -254,10 +254,7 @@ def _without(current: Screening, symbol: str) -> Likelihood:
 
 
 def better_rival(
-    current: Screening,
-    effects: tuple[str, ...],
-    rivals: dict[str, dict[str, float]],
-    fits: Fits,
+    current: Screening, effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model with a rival in an effect's place that is more likely and beyond chance, or with nothing.
 

@@ -195,23 +195,14 @@ class Fits:
         return model is not None and model.settled and model.deviance > contained + ROUNDS_AGREE
 
     def _fitted(
-        self,
-        near: FittedModel,
-        trials: Sequence[TrialEffect],
-        limits: Limits,
-        part: float = 1.0,
+        self, near: FittedModel, trials: Sequence[TrialEffect], limits: Limits, part: float = 1.0
     ) -> FittedModel | None:
         known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
         first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
         paths = [rows.path for rows in near.rows]
         try:
             model = fit_model(
-                paths,
-                trials,
-                frequency_free=near.frequency_free,
-                first=first,
-                limits=limits,
-                part=part,
+                paths, trials, frequency_free=near.frequency_free, first=first, limits=limits, part=part
             )
         except NOT_FITTED:
             return None

@@ -132,10 +132,7 @@ def _best_trials(screening: Screening) -> dict[str, int]:
 
 
 def _steps(
-    search: Search,
-    motions: Sequence[Sequence[FreeMotion]],
-    stability: Stability,
-    offered: ForceLibrary,
+    search: Search, motions: Sequence[Sequence[FreeMotion]], stability: Stability, offered: ForceLibrary
 ) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each explains."""
     if not search.effects:

@@ -179,10 +179,7 @@ def plan(
 
 
 def _limits(
-    result: xr.Dataset | xr.DataTree,
-    amplitude: Span,
-    duration: Span,
-    sampling_rate: float | None,
+    result: xr.Dataset | xr.DataTree, amplitude: Span, duration: Span, sampling_rate: float | None
 ) -> tuple[Array, Array, float]:
     """Releases, durations (s) and sampling rate (Hz) that are tried."""
     known = (np.nan, np.nan, np.nan)

@@ -16,11 +16,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.decay import RECORD_PARTS
-from sysid_trib.results.references import (
-    comparison_covariance,
-    comparison_values,
-    in_model,
-)
+from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import (
     Variables,

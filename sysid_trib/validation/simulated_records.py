@@ -103,12 +103,7 @@ class SimulatedRun:
 
 
 def simulated_runs(
-    runs: Sequence[xr.Dataset],
-    result: xr.Dataset,
-    motions: Sequence[FittedMotion],
-    *,
-    draws: int,
-    seed: int,
+    runs: Sequence[xr.Dataset], result: xr.Dataset, motions: Sequence[FittedMotion], *, draws: int, seed: int
 ) -> list[SimulatedRun]:
     """Motion, noise and wander of an identified model in each run; with fewer samples, of less noise.
 
