@@ -7,6 +7,7 @@ import xarray as xr
 
 from sysid_trib.plots.style import CANDIDATE_MARKS
 from sysid_trib.results.discoveries import added_effects, credible_set, strongest
+from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import signal_units, small_units
 
 LAST_THIRD = "the last third"
@@ -34,7 +35,7 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
         Whether the figure is of the search itself, which never sees what is held out; models may be fitted to
         the whole records in the end.
     """
-    if "steps" not in tree.children:
+    if kind_of(tree) != "discover":
         return ""
     held = str(tree.attrs["held_out"])
     held += " of the record" * (held == LAST_THIRD)

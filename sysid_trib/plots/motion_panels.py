@@ -30,6 +30,7 @@ from sysid_trib.plots.style import (
 )
 from sysid_trib.records.half_sines import envelope as half_sine_envelope
 from sysid_trib.results.discoveries import tied_name
+from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.verdict import breakdown, run_record_noise
 
@@ -122,7 +123,7 @@ class MotionData:
 def motion_data(tree: xr.DataTree, run: int) -> MotionData:
     """The record of a run with the models of a cross-check, or those before and after of a discovery."""
     data = tree[record_groups(tree)[run]].to_dataset()
-    if "steps" in tree.children:
+    if kind_of(tree) == "discover":
         names = ("before", "after")
         labels = {"before": "start model", "after": f"with {_few(_tied_names(tree))}"}
         shown = [np.isfinite(data.simulated_angle.sel(model=name).values).all() for name in names]

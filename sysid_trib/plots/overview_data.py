@@ -14,6 +14,7 @@ from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out
 from sysid_trib.plots.looked import curves_of
 from sysid_trib.plots.motion_panels import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
+from sysid_trib.results.files import kind_of
 from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import record_groups
 from sysid_trib.validation.cross_check import LARGE
@@ -98,11 +99,11 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
         Which of several runs, from 0.
     """
     record = tree[record_groups(tree)[run]].to_dataset()
-    if "steps" in tree.children:
+    if kind_of(tree) == "discover":
         results = {"final model": tree["after"].to_dataset()}
         explained = not _is_incomplete(tree) and determines(results["final model"])
         drawn = motion_data(tree, run)
-    elif "best" in tree["comparison"].attrs:
+    elif kind_of(tree) == "compare":
         best = tree["comparison"].attrs["best"]
         results, drawn = {best: tree[best].to_dataset()}, _best_motion(tree, run)
         explained = bool(tree["comparison"].holdout_over_noise.sel({"method": best}) <= LARGE)
@@ -122,7 +123,7 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
             # `t` of a formula is the time since the first sample.
             halves = halves.assign(elapsed=halves.instant_time - float(record.time[0]))
             weighed, power = _weights(main, halves), _power(main, halves)
-    models = tuple(drawn.lines)[-1 if "steps" in tree.children else 0 :]
+    models = tuple(drawn.lines)[-1 if kind_of(tree) == "discover" else 0 :]
     held = held_out_sentence(tree)
     curves = None
     if any(name.startswith("lack_of_fit") for name in tree.children):

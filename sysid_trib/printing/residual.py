@@ -130,14 +130,14 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:
     omnibus = tree["omnibus"].to_dataset().isel(selection_step=-1 if group.endswith("after") else 0)
     if not len(tree[group].attrs["parts"]) or not omnibus.significant:
         return []
-    best = abs(omnibus.z).to_series().groupby(_kind_of).max().sort_values(ascending=False)
+    best = abs(omnibus.z).to_series().groupby(_sort_of).max().sort_values(ascending=False)
     scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
     near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
     meaning = MEANINGS.get(near, "forces of several types would explain it")
     return [f"By the omnibus test (largest |z|: {scores}), {meaning}."]
 
 
-def _kind_of(name: str) -> str:
+def _sort_of(name: str) -> str:
     """Type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
     _, *wave = name.split()
     if not wave:
