@@ -192,6 +192,34 @@ def test_a_constant_or_class_means_one_thing():
     assert not {word for word, count in homes.items() if count > 1} - ALIASES
 
 
+# What is decided in one place, and read everywhere.
+HOMES = {
+    "as_runs": "records/decay.py",
+    "kind_of": "results/files.py",
+    "departure_time": "validation/residuals.py",
+    "widening": "validation/verdict.py",
+    "verdict_on_record": "validation/verdict.py",
+    "answer_of": "validation/findings.py",
+    "move_of": "discovery/exchange.py",
+}
+
+
+def test_what_is_decided_has_one_home():
+    homes = {
+        (node.name.strip("_"), name)
+        for name, (tree, _) in modules().items()
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef) and node.name.strip("_") in HOMES
+    }
+    assert homes == set(HOMES.items())
+
+
+def test_the_kind_of_a_result_is_asked_not_guessed():
+    guess = re.compile(r'"(?:steps|ranking|stiffness_difference)" (?:not )?in \w+')
+    guesses = {name for name, (_, text) in modules().items() if guess.search(text)}
+    assert guesses == {"results/files.py"}
+
+
 def defined(tree):
     """Constants and classes of a module."""
     for node in tree.body:

@@ -8,7 +8,7 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.likelihood.sensor_noise import colour_variables, fractional_difference
-from sysid_trib.motion_fit.innovations import widening
+from sysid_trib.motion_fit.innovations import birge_ratios
 from sysid_trib.motion_fit.tracked import track
 from sysid_trib.simulation.initial_conditions import fit_start
 
@@ -216,7 +216,7 @@ def test_requests_that_no_record_supports(pushed):
 def test_a_model_that_lacks_nothing_seldom_has_wider_bands():
     due, origins = np.arange(400.0), np.arange(20.0, 400.0, 10.0)
     scores = np.random.default_rng(3).standard_normal((50, 400))
-    factors = np.array([widening(each, due, origins) for each in scores])
+    factors = np.array([birge_ratios(each, due, origins) for each in scores])
     # 1 % of 1,900, within three binomial errors.
     assert 0.003 < np.mean(factors > 1.0) < 0.017
 

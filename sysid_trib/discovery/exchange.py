@@ -172,9 +172,9 @@ def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -
 def move_of(
     current: Screening, effects: Sequence[str], gone: Sequence[str], at: Sequence[int], fits: Fits, aim: float
 ) -> Move | None:
-    """The model with trials in the place of effects; None where it is not fitted, or no better than `aim`.
+    """The model with trials in the place of effects; None where it is not fitted.
 
-    That is given up where the evidence cannot come to it.
+    A fit whose evidence cannot come below `aim` is given up.
     """
     model, trials = current.model, [current.trials[i] for i in at]
     after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)

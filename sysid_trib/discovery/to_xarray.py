@@ -54,7 +54,7 @@ def groups_of(
     groups["steps"] = _steps(search, motions, stability, offered)
     groups["omnibus"] = _omnibus(search)
     for name, at in (("before", 0), ("after", -1)):
-        model, factor = search.models[at], _widening(search, at)
+        model, factor = search.models[at], _error_factor(search, at)
         error = stability.model_error if at else None
         groups[name] = model_identification(model, motions[at], seen, frequency, factor, error)
     groups["holdout"] = _holdout(motions[-1], stability.predictions)
@@ -63,7 +63,7 @@ def groups_of(
     return groups
 
 
-def _widening(search: Search, at: int = -1) -> float:
+def _error_factor(search: Search, at: int = -1) -> float:
     """By how much the errors of a model are widened: by the omnibus test, where something is missing."""
     return search.screenings[at].omnibus.widening(search.models[0].settings.level)
 
@@ -143,7 +143,7 @@ def _steps(
     places = [symbols.index(symbol) for symbol in search.effects]
     forces = [final.trials[at].force for at in places]
     values = final.coefficients
-    errors = np.sqrt(np.diag(total_covariance(final, _widening(search), stability.model_error)))
+    errors = np.sqrt(np.diag(total_covariance(final, _error_factor(search), stability.model_error)))
     z = values[places] / errors[places]
     chosen = np.array([_selected_at(search, symbol) for symbol in search.effects])
     gains = -np.diff([model.deviance for model in search.models])
@@ -290,7 +290,7 @@ def _shapes(model: FittedModel) -> dict[str, float]:
 def _step_shapes(search: Search) -> Variables:
     """Shape parameters of each effect in the final model, nan those of the others."""
     final = search.models[-1]
-    shapes, factor = _shapes(final), _widening(search)
+    shapes, factor = _shapes(final), _error_factor(search)
     errors = {name: factor * error for name, error in final.shape_errors().items()}
     if not shapes:
         return {}
@@ -303,7 +303,7 @@ def _omnibus(search: Search) -> xr.Dataset:
     """At each selection step the tests that know no candidate."""
     tests = [screening.omnibus for screening in search.screenings]
     p_value = np.array([test.p_value for test in tests])
-    factors = [_widening(search, at) for at in range(len(tests))]
+    factors = [_error_factor(search, at) for at in range(len(tests))]
     return xr.Dataset(
         {
             "z": variable(("selection_step", "trial_force"), [test.z for test in tests], "score", "1"),

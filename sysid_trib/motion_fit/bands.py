@@ -12,7 +12,7 @@ from scipy.stats import norm
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
-from sysid_trib.motion_fit.innovations import widening
+from sysid_trib.motion_fit.innovations import birge_ratios
 from sysid_trib.motion_fit.kalman import LinearModel, filter_gains, statsmodels_model
 from sysid_trib.motion_fit.linearised import Derivatives, linearised_about, sensor_on
 from sysid_trib.motion_fit.steps import steps_over
@@ -130,7 +130,7 @@ def bands_of(
     tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
     ahead_of = partial(_predictions, tracked, result, run=run)
-    expected, factor = ahead_of(starts, ahead), _widening(tracked, starts, ahead_of)
+    expected, factor = ahead_of(starts, ahead), _recent_ratios(tracked, starts, ahead_of)
     dims, time = ("origin", "horizon"), tracked.time
     errors = factor[:, None] * expected.standard_error
     return xr.Dataset(
@@ -147,7 +147,7 @@ def bands_of(
     )
 
 
-def _widening(
+def _recent_ratios(
     tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], Predictions]
 ) -> Array:
     """By how much errors are to be multiplied at each start (start,)."""
@@ -158,7 +158,7 @@ def _widening(
         return np.ones(len(starts))
     recent = ahead_of(_origins(tracked, 0.0, list(earlier)), np.ones(1))
     scores = (recent.measured - recent.predicted) / recent.standard_error
-    return widening(scores[:, 0], recent.times[:, 0], time[starts])
+    return birge_ratios(scores[:, 0], recent.times[:, 0], time[starts])
 
 
 def _predictions(

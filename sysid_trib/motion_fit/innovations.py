@@ -17,7 +17,7 @@ from sysid_trib.results.variables import variable, with_error
 RECENT_PERIODS = 10
 
 
-def widening(scores: Array, known_at: Array, origins: Array) -> Array:
+def birge_ratios(scores: Array, known_at: Array, origins: Array) -> Array:
     """By how much bands are to be widened at each of some instants, from predictions that came due before.
 
     Parameters

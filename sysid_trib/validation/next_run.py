@@ -14,6 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.cramer_rao import sensitivities
 from sysid_trib.results.discoveries import added_effects, candidates_of, credible_set, shapes_of
+from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import Variables, signal_units, variable
@@ -75,7 +76,7 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> list[Rival]:
     UsageError
         Nothing was identified.
     """
-    if isinstance(result, xr.DataTree) and "steps" in result.children and added_effects(result):
+    if isinstance(result, xr.DataTree) and kind_of(result) == "discover" and added_effects(result):
         return _of_discovery(result)
     main = main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
