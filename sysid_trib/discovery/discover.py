@@ -14,7 +14,7 @@ from sysid_trib.discovery.final_models import Growth
 from sysid_trib.discovery.fits import evidence
 from sysid_trib.discovery.parts import Stability, stability_of
 from sysid_trib.discovery.screen import screen
-from sysid_trib.discovery.search import Search, may_gain, search, with_steps
+from sysid_trib.discovery.search import Begin, Search, may_gain, search, with_steps
 from sysid_trib.discovery.stretches import SearchParts, search_parts
 from sysid_trib.discovery.to_xarray import groups_of
 from sysid_trib.discovery.unseen import Prediction, improvements, predicted
@@ -230,7 +230,7 @@ def _best_by_holdout(
         fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
         if fewer == len(done.effects) or growth.is_complete(steps.models[-1]):
             return steps, predictions
-        done = look(done.fits.start, begin=steps.models[fewer], most=fewer, near=done)
+        done = look(done.fits.start, begin=Begin(steps.models[fewer], fewer, done))
 
 
 def _or_coloured_noise(start: FittedModel, look: Callable[..., Search], growth: Growth, tell: Tell) -> Search:
@@ -258,7 +258,7 @@ def _or_coloured_noise(start: FittedModel, look: Callable[..., Search], growth: 
         begin = beside_names
     else:
         return done
-    again = look(coloured, begin=begin, growth=growth.anew())
+    again = look(coloured, begin=None if begin is None else Begin(begin), growth=growth.anew())
     fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
     ends = [_with_colour(ended.models[-1], ended.effects) for ended in (done, again)]
     return again if ends[1] < ends[0] + fewer else done

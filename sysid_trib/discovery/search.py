@@ -90,13 +90,23 @@ class Search:
     fits: Fits
 
 
+class Begin(NamedTuple):
+    """Where a search begins.
+
+    `model` : the first one. `most` : effects at most, by default as the settings say. `near` : a search from
+    the same start, of which what was fitted is not fitted again.
+    """
+
+    model: FittedModel
+    most: int | None = None
+    near: Search | None = None
+
+
 def search(
     start: FittedModel,
     candidates: Sequence[Force],
     *,
-    begin: FittedModel | None = None,
-    most: int | None = None,
-    near: Search | None = None,
+    begin: Begin | None = None,
     growth: Growth | None = None,
     deadline: float = np.inf,
     tell: Tell = silent,
@@ -105,16 +115,16 @@ def search(
 
     An effect is added where what it gains is beyond chance, corrected for the number of tests,
     and nothing in its place is outside of its credible set; where that no longer holds it is dropped. The
-    first model is `begin`, which has the noise of `start`, if any; there are no more effects than `most`, by
-    default as the settings say, and than `growth` lets there be. What `near`, a search from the same start,
-    has fitted is not fitted again. After `deadline`, by `time.monotonic`, no further model is fitted.
+    first model is that of `begin`, which has the noise of `start`, if any; there are no more effects than
+    `growth` lets there be. After `deadline`, by `time.monotonic`, no further model is fitted.
     """
+    near = None if begin is None else begin.near
     fits = Fits(start, deadline) if near is None else near.fits
-    most = start.settings.max_effects if most is None else most
+    most = start.settings.max_effects if begin is None or begin.most is None else begin.most
     model, effects = start, tuple[str, ...]()
     fits.kept[frozenset()] = start
     known = {trial.force.symbol for trial in start.trials}
-    if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
+    if begin is not None and (fitted := fits.of(begin.model, (), ())) is not None:
         model, effects = fitted, tuple(t.force.symbol for t in fitted.trials if t.force.symbol not in known)
     known_screenings = {} if near is None else dict(near.known)
 
