@@ -13,11 +13,11 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.motion_fit.innovations import birge_ratios
-from sysid_trib.motion_fit.kalman import LinearModel, filter_gains, statsmodels_model
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about, sensor_on
+from sysid_trib.motion_fit.kalman import filter_gains, statsmodels_model
+from sysid_trib.motion_fit.linearised import Derivatives, sensor_on
 from sysid_trib.motion_fit.steps import steps_over
-from sysid_trib.motion_fit.tracked import TrackedRecord, track
-from sysid_trib.results.schema import asymptotic_frequency, library_of
+from sysid_trib.motion_fit.tracked import TrackedRecord, linear_about, track
+from sysid_trib.results.schema import covariance_with_frequency
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import noise_of_run, variable, with_error
 from sysid_trib.simulation.integrate import FREQUENCY
@@ -241,7 +241,7 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: Derivatives) -> tuple[A
     curve of the sensor, or another force, the same samples are those of another motion. Nothing is known of
     the motion and the zero before the first sample: their standard deviation there is the swing.
     """
-    linear = _by_parameters(tracked, by)
+    linear = linear_about(tracked, tracked.linear.path, tracked.zero, by)
     steps = linear.steps
     samples, size = linear.path.shape
     transition = np.zeros((samples - 1, size + 1, size + 1))
@@ -273,30 +273,9 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: Derivatives) -> tuple[A
     return states + changes[..., 0], covariance, changes[..., 1:]
 
 
-def _by_parameters(tracked: TrackedRecord, by: Derivatives) -> LinearModel:
-    """The record linear about its path, in its parameters too."""
-    model, path = tracked.model, tracked.linear.path
-    per_run = np.array([path[0, 0], model.reference_frequency * path[0, 1], tracked.zero])
-    linear = linearised_about(model, tracked.time, tracked.angle, path, per_run, by)
-    return replace(linear, sensor_filter=tracked.linear.sensor_filter)
-
-
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
     """Coefficients of the model, and their covariance with the reference frequency behind them."""
-    symbols = result.force.values.tolist()
-    covariance = result["covariance"].values
-    count = len(symbols)
-    whole = np.zeros((count + 1, count + 1))
-    whole[:count, :count] = covariance
-    w_error = float(result.reference_frequency_standard_error)
-    if w_error > 0.0:
-        w = float(result.reference_frequency)
-        _, gradient = asymptotic_frequency(library_of(result), result.coefficient.values, w)
-        # The result states the covariance with the asymptotic frequency, which depends on both.
-        with_frequency = (result.frequency_covariance.values - covariance @ gradient[:-1]) / gradient[-1]
-        whole[count, :count] = whole[:count, count] = with_frequency
-        whole[count, count] = w_error**2
-    return tuple(symbols), np.nan_to_num(whole)
+    return tuple(result.force.values.tolist()), np.nan_to_num(covariance_with_frequency(result))
 
 
 def _advanced(model: Model, by: tuple[str, ...], now: Ahead, tau: Array, length: Array) -> Ahead:

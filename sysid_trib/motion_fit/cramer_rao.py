@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.random_force import RandomForce
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_along
 from sysid_trib.results.variables import variable
 from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.model import Model
@@ -107,11 +107,7 @@ def sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
 def _white_sensitivities(model: Model, time: Array, start: Array, free: bool, ratio: float) -> Array:
     """The same columns as innovations of a motion with a random force, over their size."""
     motion = trajectory(model, time, *start.tolist())
-    path = np.stack(
-        [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
-    )
-    by = Derivatives(tuple(model.coefficients), free)
-    linear = linearised_about(model, time, motion.angle, path, np.append(start, 0.0), by)
+    linear = linearised_along(model, time, motion, Derivatives(tuple(model.coefficients), free))
     columns = linear.rows(ratio).design
     count = len(model.coefficients)
     # Start angle and rate, then the frequency; the sensor's zero is known.

@@ -13,7 +13,7 @@ from sysid_trib.records.smoothing import smooth
 from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import sensor_error
+from sysid_trib.simulation.motions import SimulatedMotion, sensor_error
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,15 @@ def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
             parabola = Polynomial.fit(tau[at], angle[at], min(2, len(at) - 1))
             x[at], v[at] = parabola(tau[at]), parabola.deriv()(tau[at])
     return x, v
+
+
+def linearised_along(model: Model, time: Array, motion: SimulatedMotion, by: Derivatives) -> LinearModel:
+    """A motion of a model about itself."""
+    path = np.stack(
+        [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
+    )
+    at_start = np.array([motion.position[0], motion.rate[0], 0.0])
+    return linearised_about(model, time, motion.angle, path, at_start, by)
 
 
 def linearised_about(

@@ -186,17 +186,18 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
         # one.
         if np.argmin(changes) < len(changes) - 3:
             break
-        tracked = _linear_about(tracked, linear.path + change, tracked.zero + deviation[2])
+        zero = float(tracked.zero + deviation[2])
+        tracked = replace(tracked, linear=linear_about(tracked, linear.path + change, zero), zero=zero)
     raise DecayError(
         "The motion of this identification does not settle on the record; its forces do not describe it. "
         "Offer others, or a shorter window."
     )
 
 
-def _linear_about(tracked: TrackedRecord, path: Array, zero: float) -> TrackedRecord:
-    """The record linear about another path, with another zero of the sensor."""
-    model = tracked.model
-    per_run = np.array([path[0, 0], model.reference_frequency * path[0, 1], zero])
-    linear = linearised_about(model, tracked.time, tracked.angle, path, per_run, NO_PARAMETERS)
-    linear = replace(linear, sensor_filter=tracked.linear.sensor_filter)
-    return replace(tracked, linear=linear, zero=zero)
+def linear_about(
+    tracked: TrackedRecord, path: Array, zero: float, by: Derivatives = NO_PARAMETERS
+) -> LinearModel:
+    """The record linear about a path, with a zero of the sensor."""
+    per_run = np.array([path[0, 0], tracked.model.reference_frequency * path[0, 1], zero])
+    linear = linearised_about(tracked.model, tracked.time, tracked.angle, path, per_run, by)
+    return replace(linear, sensor_filter=tracked.linear.sensor_filter)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.results.schema import asymptotic_frequency, library_of, shape_values_of
+from sysid_trib.results.schema import covariance_with_frequency, library_of, shape_values_of
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.simulation.model import Model, rescaling_factors
 
@@ -202,7 +202,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     w, refers = result.reference_frequency.item(), result.refers_to.values
     c = result.coefficient.values.astype(float)
     in_model = np.isclose(refers, w, rtol=1e-12)
-    covariance, jacobian = _stated_covariance(result, library, in_model), np.eye(len(c) + 2)[:-1]
+    covariance, jacobian = _stated_covariance(result, in_model), np.eye(len(c) + 2)[:-1]
     values = np.append(c, w)
     for i in np.flatnonzero(~in_model):
         factor = float(rescaling_factors((library.forces[i],), refers[i], w)[0])
@@ -215,20 +215,10 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     return ModelEstimate(library, values, covariance, in_model, shape_values_of(result), provenance)
 
 
-def _stated_covariance(result: xr.Dataset, library: ForceLibrary, in_model: Mask) -> Array:
+def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
     """Covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
-    count = len(in_model)
-    c, of_coefficients = result.coefficient.values.astype(float), result.covariance.values
-    w, error = result.reference_frequency.item(), result.reference_frequency_standard_error.item()
-    inside = library.select(s for s, yes in zip(library.symbols, in_model, strict=True) if yes)
-    _, gradient = asymptotic_frequency(inside, c[in_model], w)
-    whole = np.zeros((count + 2, count + 2))
-    whole[:count, :count] = of_coefficients
-    if error > 0:
-        # A result states the covariance with the asymptotic frequency; that with w follows.
-        with_w = result.frequency_covariance.values - of_coefficients[:, in_model] @ gradient[:-1]
-        whole[:count, count] = whole[count, :count] = with_w / gradient[-1]
-        whole[count, count] = error**2
+    count, c = len(in_model), result.coefficient.values.astype(float)
+    whole = np.pad(covariance_with_frequency(result), (0, 1))
     if "omega0" in result and not in_model.all():
         omega0, its_error = result.omega0.item(), result.omega0_standard_error.item()
         # alpha = (w_inf/w0)^2 - 1 moves with w0.

@@ -190,6 +190,23 @@ def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: 
     return float(reference * root), gradient
 
 
+def covariance_with_frequency(result: xr.Dataset) -> Array:
+    """Covariance of the coefficients, and behind them the reference frequency: (force + 1, force + 1)."""
+    count, w = result.sizes["force"], result.reference_frequency.item()
+    covariance, error = result.covariance.values, result.reference_frequency_standard_error.item()
+    whole = np.zeros((count + 1, count + 1))
+    whole[:count, :count] = covariance
+    if error > 0.0:
+        inside = np.isclose(result.refers_to.values, w, rtol=1e-12)
+        acting = library_of(result).select(result.force.values[inside].tolist())
+        _, gradient = asymptotic_frequency(acting, result.coefficient.values[inside], w)
+        # A result states the covariance with the asymptotic frequency; that with w follows.
+        with_w = (result.frequency_covariance.values - covariance[:, inside] @ gradient[:-1]) / gradient[-1]
+        whole[:count, count] = whole[count, :count] = with_w
+        whole[count, count] = error**2
+    return whole
+
+
 def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
     """The force library of an identification: the forces it holds, or the whole file it was read from."""
     library = library_of_text(result.attrs["library"], result.attrs["library_source"])

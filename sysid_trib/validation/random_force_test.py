@@ -12,8 +12,8 @@ from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, rando
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.linearised import Derivatives, TrialForces, linearised_about, trial_forces
-from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, track
+from sysid_trib.motion_fit.linearised import Derivatives, TrialForces, trial_forces
+from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, linear_about, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable
 from sysid_trib.validation.likelihood_gain import (
@@ -179,13 +179,12 @@ def _every(decay: xr.Dataset, result: xr.Dataset) -> int:
 
 def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, forces: TrialForces) -> LinearModel:
     """The record about the smoothed motion with columns for all that was free in the identification."""
-    model, path = tracked.model, tracked.linear.path
+    model = tracked.model
     offered, covariance = parameters_of(result)
     kept = [at for at, name in enumerate(offered) if name in model.coefficients]
     names = (*(offered[at] for at in kept), *_fitted_shapes(result))
-    per_run = np.array([path[0, 0], model.reference_frequency * path[0, 1], tracked.zero])
     by = Derivatives(names, frequency=False)
-    linear = linearised_about(model, tracked.time, tracked.angle, path, per_run, by)
+    linear = linear_about(tracked, tracked.linear.path, tracked.zero, by)
     free = _free_directions(covariance[np.ix_([*kept, -1], [*kept, -1])])
     count, directions = len(kept), free.shape[1]
     basis = np.zeros((by.count, directions + by.count - count))
@@ -195,7 +194,6 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, forces: TrialFo
     by_column[:, :2, :directions] += forces.stiffness * free[-1]
     return replace(
         linear,
-        sensor_filter=tracked.linear.sensor_filter,
         start=linear.start @ basis,
         by_column=by_column,
         observed_parameters=linear.observed_parameters @ basis,

@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.motion_fit.kalman import LinearModel
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.linearised import Derivatives, linearised_along
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import noise_of_run
 from sysid_trib.simulation.initial_conditions import FittedMotion
@@ -53,11 +53,7 @@ def wander(
     Deviations obey z[k+1] = F[k] z[k] + e[k] with the transitions F of the exact steps and the covariance
     per_tau D[k] of e[k]: the linear model of the filter, computed once for all draws.
     """
-    path = np.stack(
-        [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
-    )
-    at_start = np.array([motion.position[0], motion.rate[0], 0.0])
-    linear = linearised_about(model, time, motion.angle, path, at_start, Derivatives((), frequency=False))
+    linear = linearised_along(model, time, motion, Derivatives((), frequency=False))
     return wander_about(linear, per_tau, normal, draws).T
 
 
