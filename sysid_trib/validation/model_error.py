@@ -1,6 +1,6 @@
 """The error of a model: by how much its coefficients move between parts of a record."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -204,8 +204,12 @@ def _widened(result: xr.Dataset, of_model: Array, held_out: float) -> xr.Dataset
     }
     for name, error in zip(FREQUENCIES, model[count:], strict=True):
         changed[f"{name}_standard_error"] = np.hypot(result[f"{name}_standard_error"], error)
-    kept = {name: values.assign_attrs(result[name].attrs) for name, values in changed.items()}
-    return result.assign(kept | parts)
+    return _with(result, changed).assign(parts)
+
+
+def _with(result: xr.Dataset, changed: Mapping[str, xr.DataArray]) -> xr.Dataset:
+    """A result with other numbers of the same meaning."""
+    return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
 
 
 def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -241,7 +245,7 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
     }
     for name, by in zip(FREQUENCIES, factor[count:], strict=True):
         changed[f"{name}_standard_error"] = result[f"{name}_standard_error"] * by
-    return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
+    return _with(result, changed)
 
 
 def _squares_by_rounding(
