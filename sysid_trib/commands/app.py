@@ -7,8 +7,7 @@ from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
 from sysid_trib.commands.campaign import campaign
-from sysid_trib.commands.compare import compare
-from sysid_trib.commands.difference import difference
+from sysid_trib.commands.compare import compare, difference
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.identify import identify
 from sysid_trib.commands.plan import plan
