@@ -6,7 +6,6 @@ to first order (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 4.1):
     a (1 - r^2) + 2 <h cos phi> = f cos theta,    -2 <h sin phi> = -f sin theta.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +18,6 @@ from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ShapeValues
-from sysid_trib.forces.formulas import Formula, parse
 
 # Amplitudes between which a balance is looked for; the least one is so small a part of what the drive would
 # do at rest.
@@ -180,15 +178,10 @@ def picked(values: Array, numbers: Index) -> Array:
 
 def _at_rate(force: Force, ratio: float) -> Force:
     """The force beside a time that runs faster: its v is `ratio` times that of the cycle."""
-
-    def faster(formula: Formula, over: float = 1.0) -> Formula:
-        text = re.sub(r"\bv\b", f"({ratio!r}*v)", formula.text)
-        names = formula.names | {"v"}
-        return parse(text if over == 1.0 else f"({text})/{over!r}", names, names, force.symbol)
-
+    faster = f"{ratio!r}*v"
     return replace(
         force,
-        formula=faster(force.formula),
-        state={name: faster(formula, ratio) for name, formula in force.state.items()},
-        memory={name: faster(formula) for name, formula in force.memory.items()},
+        formula=force.formula.with_instead("v", faster),
+        state={name: formula.with_instead("v", faster, ratio) for name, formula in force.state.items()},
+        memory={name: formula.with_instead("v", faster) for name, formula in force.memory.items()},
     )

@@ -7,6 +7,7 @@ switching surface; given the signs of these surfaces, `evaluate` follows one bra
 
 import ast
 import operator
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -105,6 +106,11 @@ class Formula:
     def order_in(self, name: str) -> float:
         """Order of the polynomial in a variable that the formula is, as it is written; infinite if none."""
         return _order_in(self.tree, name)
+
+    def with_instead(self, name: str, text: str, over: float = 1.0) -> "Formula":
+        """The formula with an expression in the place of a name, divided by a number."""
+        names, whole = self.names | {name}, re.sub(rf"\b{name}\b", f"({text})", self.text)
+        return parse(whole if over == 1.0 else f"({whole})/{over!r}", names, names, self.text)
 
     def evaluate(self, names: Names, functions: Functions = NUMPY, signs: Names | None = None) -> Any:
         """Value of the formula.

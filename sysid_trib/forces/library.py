@@ -21,7 +21,6 @@ FORCE_KEYS = {key.name for key in fields(Force)} - {"channels"}
 # The input that a library need not name.
 USUAL_INPUT = "u"
 MAX_BYTES = 1_000_000
-TIME = re.compile(r"\bt\b")
 
 
 def library_folder() -> Path:
@@ -100,16 +99,12 @@ def force_counted_from(force: Force, seconds: float) -> Force:
     if seconds == 0.0 or not any("t" in f.names for f in (*force.formulas, *force.start.values())):
         return force
 
-    def shifted(formula: Formula) -> Formula:
-        text = TIME.sub(f"(t + {seconds!r})", formula.text)
-        return parse(text, formula.names | {"t"}, frozenset(force.shape), force.symbol)
-
     def all_shifted(formulas: Mapping[str, Formula]) -> dict[str, Formula]:
-        return {name: shifted(formula) for name, formula in formulas.items()}
+        return {name: formula.with_instead("t", f"t + {seconds!r}") for name, formula in formulas.items()}
 
     return replace(
         force,
-        formula=shifted(force.formula),
+        formula=force.formula.with_instead("t", f"t + {seconds!r}"),
         state=all_shifted(force.state),
         memory=all_shifted(force.memory),
         start=all_shifted(force.start),
