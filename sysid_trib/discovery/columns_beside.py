@@ -99,12 +99,8 @@ def each_beside(
     likeliest = columns[int(np.argmin(beside.deviance))]
     again = _each_in_noise(runs, base, columns, likelihood(runs, [*base, likeliest]))
     better = again.deviance < beside.deviance
-    return Beside(
-        np.where(better, again.deviance, beside.deviance),
-        np.where(better, again.coefficients, beside.coefficients),
-        np.where(better, again.errors, beside.errors),
-        np.where(better, again.effective_rows, beside.effective_rows),
-    )
+    pairs = zip(vars(again).values(), vars(beside).values(), strict=True)
+    return Beside(*(np.where(better, its, other) for its, other in pairs))
 
 
 def _each_in_noise(

@@ -23,7 +23,7 @@ from sysid_trib.likelihood.sensor_noise import (
 )
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
-from sysid_trib.motion_fit.least_squares import Fit, FitEstimate, fitted, grown, rms, stopped_by_bounds
+from sysid_trib.motion_fit.least_squares import Fit, FitEstimate, fitted, grown, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.pushed_step import penalised_deviance
@@ -288,7 +288,7 @@ def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProbl
     for record, residual in zip(problem.records, problem.residuals(values), strict=True):
         filter_ = autoregression(residual) if coloured else np.ones(1)
         white = whitened(residual, filter_)[record.uncounted :]
-        records.append(replace(record, filter_=filter_, weight=1.0 / rms(white)))
+        records.append(replace(record, filter_=filter_, weight=1.0 / root_mean_square(white)))
     # Relative to their RMS noise, so that a whitened residual is an angle.
     common = root_mean_square([1.0 / record.weight for record in records])
     return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
@@ -314,14 +314,14 @@ def _identification(
     noises = [sensor_noise(run) for run in runs]
     if any(record.inputs for record in problem.records):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
-        noises = [min(noise, rms(residual)) for noise, residual in zip(noises, residuals, strict=True)]
+        noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
             # In which the errors of a driven record are taken whose residual is not white.
             covariance = parameters.clustered_covariance(fit.sensitivity, fit.residual, fit.values, 24)
     estimate = FitEstimate(problem, fit.values, covariance, noises)
     units = _units(runs)
     extra: dict[str, tuple[ArrayLike, str, str]]
-    extra = {"residual_rms": ([rms(residual) for residual in residuals], units, "RMS residual")}
+    extra = {"residual_rms": ([root_mean_square(residual) for residual in residuals], units, "RMS residual")}
     levels = noises
     if MEASURED in runs[0]:
         measured = [xr.Dataset({"angle": ("time", r.angle)}, {"time": r.time}) for r in problem.records]

@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
-from sysid_trib.records.decay import one_or_all
+from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.integrate import FREQUENCY
@@ -130,7 +130,7 @@ def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -
 def _missed(problem: FitProblem, values: Array) -> float:
     """RMS of the residual over that of the record, the largest of all runs."""
     pairs = zip(problem.residuals(values), problem.records, strict=True)
-    return max(rms(residual) / rms(record.angle) for residual, record in pairs)
+    return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)
 
 
 def fitted(
@@ -177,11 +177,6 @@ def fitted(
     )
     values = parameters.expand(np.asarray(minimum.x, dtype=float))
     return Fit(values, np.asarray(minimum.fun), np.asarray(minimum.jac))
-
-
-def rms(values: Array) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def stopped_by_bounds(

@@ -30,7 +30,7 @@ from sysid_trib.likelihood.random_force import (
 )
 from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
 from sysid_trib.motion_fit.kalman import LinearModel
-from sysid_trib.motion_fit.least_squares import FitEstimate, rms
+from sysid_trib.motion_fit.least_squares import FitEstimate
 from sysid_trib.motion_fit.linearised import Derivatives, linearised_about, spline_path
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
@@ -41,6 +41,7 @@ from sysid_trib.motion_fit.pushed_step import (
     iterate,
     with_gains_over_colours,
 )
+from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.results.significance import birge_ratio
 from sysid_trib.results.variables import variable
@@ -236,7 +237,7 @@ def pushed_identification(
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (birge_ratio(chi_square, freedoms), "1", "Birge ratio of the innovations"),
         "innovation_rms": (
-            [rms(run.innovations()) for run in pushed.runs],
+            [root_mean_square(run.innovations()) for run in pushed.runs],
             "rad",
             "RMS of what one step ahead is predicted wrongly",
         ),
