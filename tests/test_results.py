@@ -14,7 +14,14 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.results.files import load, save
-from sysid_trib.results.schema import asymptotic_frequency, library_of, map_identifications, model_of
+from sysid_trib.results.references import with_contactless_frequency
+from sysid_trib.results.schema import (
+    asymptotic_frequency,
+    covariance_with_frequency,
+    library_of,
+    map_identifications,
+    model_of,
+)
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
@@ -125,3 +132,11 @@ def test_only_identifications_of_a_tree_are_changed():
     changed = map_identifications(tree, lambda found: found.assign_attrs(seen="yes"))
     assert changed["averaging"].attrs["seen"] == "yes"
     assert "seen" not in changed["record"].attrs
+
+
+def test_a_frequency_without_contact_changes_no_covariance_with_the_reference_frequency():
+    result = Direct(random_force="off").identify(record(), FORCES)
+    with_alpha = with_contactless_frequency(result, 8.87, 0.02)
+    kept = [*(with_alpha.force.values.tolist().index(symbol) for symbol in result.force.values), -1]
+    there = covariance_with_frequency(with_alpha)[np.ix_(kept, kept)]
+    np.testing.assert_allclose(there, covariance_with_frequency(result), rtol=1e-9)
