@@ -281,7 +281,10 @@ def translation_units(result: xr.Dataset, mass: float, load: float | None = None
     w, w_error = estimate.frequency, float(np.sqrt(estimate.covariance[-1, -1]))
     rows, names = [], []
     for force, c, error in zip(
-        estimate.forces, estimate.coefficients, np.sqrt(np.diag(estimate.coefficient_covariance)), strict=True
+        estimate.forces,
+        estimate.coefficients,
+        np.sqrt(np.diag(estimate.coefficient_covariance)),
+        strict=True,
     ):
         degree, speed = signal_degree(force), force.speed_degree or 0.0
         power = np.nan if degree is None else degree.force

@@ -63,11 +63,19 @@ def measured_part(decay: xr.Dataset) -> tuple[Observation, Array, Array]:
     return observation, inside[MEASURED_TIME].to_numpy().astype(float), inside.to_numpy().astype(float)
 
 
+MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing.
 SETTLED_START = 1e-5
+# After a step as long as this part of the swing the derivatives are taken anew.
+FAR_START = 1e-2
+# And after one that is not shorter than this part of the one before: with one slope for both sides of a rest
+# with friction the start goes to and fro.
+NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
 # A direction that moves the motion by this part of what another does is not told from rounding.
 SINGULAR = 1e-7
+# A motion that does not come near the record in so many rounds has slipped out of phase.
+NEARBY_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -172,8 +180,7 @@ def fit_start(
     by = BY_START if sensitivity is None else ()
     motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
     sensitivity = motion.derivatives.get("angle", sensitivity)
-    # A motion that does not come near the record in so many rounds has slipped out of phase.
-    for _ in range(4 if near else 8):
+    for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
         columns = sensitivity * units
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         # Three columns of many rows: their products tell a step as well, and ten times as fast.
@@ -186,10 +193,7 @@ def fit_start(
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < SETTLED_START:
             break
-        # After a step as long as this part of the swing the derivatives are taken anew.
-        # And after one that is not shorter than this part of the one before: with one slope for both sides of
-        # a rest with friction the start goes to and fro.
-        by = BY_START if longest > min(1e-2, 0.5 * before) else ()
+        by = BY_START if longest > min(FAR_START, NOT_SHORTER * before) else ()
         before = longest
         motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
         sensitivity = motion.derivatives.get("angle", sensitivity)
