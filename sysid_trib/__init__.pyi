@@ -28,8 +28,8 @@ from .campaigns.campaign import campaign as campaign
 from .forces.library import load_library as load_library
 from .simulation.model import Model as Model
 from .validation.compare import compare as compare
+from .validation.driven import predict as predict
 from .validation.identify import identify as identify
-from .validation.prediction import predict as predict
 from .validation.steady_response import forced_response as forced_response
 
 __version__: str
