@@ -2,7 +2,7 @@
 
 A page asks for one by a line `<!-- generated: NAME ARGUMENTS -->`, NAME one of `PARTS`; what comes in its
 place is Markdown. Where the page itself holds what a command prints, in a block below a line
-`<!-- output: COMMAND -->`,
+`<!-- output: COMMAND -->`, or in a block ```console below `$ COMMAND`,
 
     python docs/generated.py [PAGE ...]
 
@@ -47,6 +47,7 @@ PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 OUTPUT = re.compile(
     r"(?<=^<!-- output: )sysid-trib (.+?) -->\n\n```text\n(.*?)\n```$", re.MULTILINE | re.DOTALL
 )
+CONSOLE = re.compile(r"^```console\n\$ sysid-trib (.+?)\n(.*?)```$", re.MULTILINE | re.DOTALL)
 # What the page of files calls a result with inputs.
 DRIVEN = "identify of a driven record"
 # Amplitudes (rad) between which signatures are compared.
@@ -60,14 +61,18 @@ def expand(text: str) -> str:
 
 def refreshed(text: str) -> str:
     """The page with what each command prints today in the block below its line."""
-    return OUTPUT.sub(
+    text = OUTPUT.sub(
         lambda place: f"sysid-trib {place[1]} -->\n\n```text\n{_today(place[1], place[2])}\n```", text
+    )
+    return CONSOLE.sub(
+        lambda place: f"```console\n$ sysid-trib {place[1]}\n{_today(place[1], place[2].rstrip())}\n```", text
     )
 
 
 def _today(command: str, before: str) -> str:
     words = shlex.split(command)
-    records = [word for word in words if word.endswith((".csv", ".txt"))]
+    pairs = zip(["", *words], words, strict=False)
+    records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".txt"))]
     return printed(*words) if all((_folder() / name).exists() for name in records) else before
 
 
@@ -92,11 +97,6 @@ def printed(*words: str) -> str:
     if ending.exit_code:
         raise RuntimeError(f"{shlex.join(words)}: {ending.output}")
     return "\n".join(line.rstrip() for line in ending.stdout.splitlines())
-
-
-def run(program: str, *words: str) -> str:
-    """A command and what it prints."""
-    return "\n".join(["```console", f"$ {shlex.join((program, *words))}", printed(*words), "```"])
 
 
 def commands() -> str:
@@ -294,7 +294,7 @@ def methods() -> str:
 
 
 PARTS: dict[str, Callable[..., str]] = {
-    part.__name__: part for part in (api, commands, forces, methods, results, run, ties)
+    part.__name__: part for part in (api, commands, forces, methods, results, ties)
 }
 
 

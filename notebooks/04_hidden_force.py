@@ -75,7 +75,8 @@ best = nothing["ranking"].z.isel(selection_step=-1).to_series().abs().sort_value
 p_value = nothing["omnibus"].p_value[-1].item()
 print(f"Verdict: {nothing.attrs['verdict']}; p-value of the omnibus test: {p_value:.2g}")
 print("Highest scores:", ", ".join(f"{symbol} |z| = {z:.2f}" for symbol, z in best.head(3).items()))
-display(st.plots.forecast(nothing))
+seen_from = nothing["detectability_after"].detectable.to_series().dropna().sort_values()
+print("Would be seen from:", ", ".join(f"{symbol} {c:.2g}" for symbol, c in seen_from.head(5).items()))
 
 # %% [markdown]
 # ## A sealed record

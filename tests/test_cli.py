@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from command_line import run, write_csv
 
+from sysid_trib import load_library
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
@@ -127,9 +128,9 @@ def test_result_file_comes_back_equal(tree, tmp_path):
 
 def test_figure(twin):
     written = sorted(path.name for path in (twin[0] / "new" / "figures").iterdir())
-    figures = ("backbone", "half_periods", "overview")
+    figures = ("overview",)
     assert written == [f"{name}.{kind}" for name in figures for kind in ("pdf", "png")]
-    assert (twin[0] / "new/figures/half_periods.png").read_bytes().startswith(b"\x89PNG")
+    assert (twin[0] / "new/figures/overview.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_table_of_the_example_on_an_ascii_terminal():
@@ -284,18 +285,38 @@ def test_a_forgotten_library_shows(tmp_path):
 def test_forces_of_an_own_library(dahl_library):
     ending = run("forces", dahl_library)
     assert (ending.status, ending.err) == (0, "")
-    title, head, *rows = ending.out.splitlines()
+    title, normalised, _, _, _, head, *rows = ending.out.splitlines()
     assert title == "own.toml"
+    assert "v = theta'/w, tau = w t" in normalised
     assert head.split("  ")[0] == "symbol"
-    assert [row.split()[0] for row in rows] == ["zeta", "dahl", "jenkins", "drift"]
+    # What goes on with a force has no symbol before it.
+    assert [row.split()[0] for row in rows if not row.startswith(" ")] == ["zeta", "dahl", "jenkins", "drift"]
     assert "presliding [/b] hysteresis (±)" in ending.out
     assert "presliding [/b] hysteresis (?)" in run("forces", dahl_library, encoding="ascii").out
 
 
 def test_forces_have_the_papers_signatures():
-    rows = {row.split()[0]: row for row in run("forces").out.splitlines()[2:]}
+    rows = {row.split()[0]: row for row in run("forces").out.splitlines()[6:] if row.strip()}
     assert "-4/(3 pi) a^2" in rows["delta"]
     assert "3/8 a^3" in rows["epsilon"]
+
+
+@pytest.mark.parametrize("name", ["contact_forces", "candidate_effects", "hysteresis", "inputs"])
+def test_forces_fit_a_page_and_say_their_equations(name, tmp_path):
+    ending = run("forces", name, "--latex", tmp_path / "forces.tex")
+    assert ending.status == 0, ending.err
+    assert max(map(len, ending.out.splitlines()[:-1])) <= 100
+    text = (tmp_path / "forces.tex").read_text(encoding="utf-8")
+    library = load_library(name)
+    for force in library:
+        assert f"${force.latex_symbol}$ & " in text
+        for state in force.state:
+            assert f"d{state}/dtau = " in ending.out
+            assert rf"\dot{{{state}}}/\omega = " in text
+        for shape in force.shape.values():
+            assert f"{shape.default:g} ({shape.low:g}" in ending.out
+    assert text.count(r"\\") == 1 + len(library)
+    assert text.count("{") == text.count("}")
 
 
 @pytest.mark.parametrize("colour", [{"NO_COLOR": "1"}, {}], ids=["plain", "colour"])

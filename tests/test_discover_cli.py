@@ -13,7 +13,6 @@ from sysid_trib import Model, discover, load, plots
 from sysid_trib.commands.terminal import print_blocks
 from sysid_trib.discovery.demodulation import trend
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.plots import style
 from sysid_trib.printing.blocks import Layer
 from sysid_trib.printing.discovery import discovery_blocks, remedy
 from sysid_trib.printing.discovery_tables import effects_table, ranking_table
@@ -29,8 +28,8 @@ from sysid_trib.validation.verdict import record_noise
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}
 OF_DISCOVERY = [
-    *(plots.story, plots.half_periods, plots.overview),
-    *(plots.disagreement, plots.ranking, plots.forecast),
+    *(plots.story, plots.overview),
+    *(plots.disagreement, plots.ranking),
 ]
 TIME = np.arange(0.0, 8.0, 0.02)
 CHILDREN = {
@@ -224,7 +223,7 @@ def test_figures_are_written(folder, tmp_path):
     names = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
     assert names == {
         f"{name}.{ending}"
-        for name in ("overview", "story", "half_periods", "disagreement", "ranking", "forecast")
+        for name in ("overview", "story", "disagreement", "ranking")
         for ending in ("pdf", "png")
     }
 
@@ -288,7 +287,7 @@ def test_errors_of_the_disagreement_map_are_those_of_the_noise(twin, plain):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("draw", [plots.disagreement, plots.forecast, plots.overview])
+@pytest.mark.parametrize("draw", [plots.disagreement, plots.overview])
 def test_a_figure_of_a_column_is_whole(twin, draw):
     figure = draw(twin[0], width=3.46)
     assert overlaps(figure) == []
@@ -327,21 +326,6 @@ def test_ranking_shows_the_scores_with_their_threshold(twin):
         assert scan == -1 or [line for line in ax.lines if line.get_marker() == "D"]
 
 
-def test_forecast_shows_the_detectable_strengths(twin):
-    tree = twin[0]
-    ax = plots.forecast(tree).axes[0]
-    labels = [text.get_text() for text in ax.get_yticklabels()]
-    assert sorted(labels) == sorted(tree["detectability"].candidate.values.tolist())
-    full = {
-        labels[round(line.get_ydata()[0])]: line.get_xdata()[0]
-        for line in ax.lines
-        if line.get_marker() == "o" and line.get_color() == style.INK
-    }
-    after = tree["detectability_after"].to_dataset()
-    for symbol in after.candidate.values.tolist():
-        np.testing.assert_equal(full[symbol], after.detectable.sel(candidate=symbol).item())
-
-
 def test_nothing_is_missing(plain):
     ending = plain[0]
     assert "No missing effect was found" in ending.out
@@ -358,7 +342,7 @@ def test_nothing_is_missing_or_nothing_testable_is_drawn_too(folder, tmp_path, c
     assert run("discover", folder / "plain.csv", *files).status == 0
     ending = run("report", found, "-o", tmp_path / "found.html")
     assert (ending.status, ending.err) == (0, "")
-    assert (tmp_path / "forecast.png").exists()
+    assert (tmp_path / "ranking.png").exists()
 
 
 def test_a_candidate_that_is_not_finite_on_this_motion_is_told(folder):

@@ -55,7 +55,7 @@ def _outputs():
     """Every page that holds what a command prints, with the command; those on measured records take long."""
     for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
         for command in re.findall(
-            r"^<!-- output: (sysid-trib .+) -->$", page.read_text(encoding="utf-8"), re.M
+            r"^(?:<!-- output: |\$ )(sysid-trib .+?)(?: -->)?$", page.read_text(encoding="utf-8"), re.M
         ):
             marks = [pytest.mark.slow] if page.name != "README.md" else []
             yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
@@ -65,10 +65,17 @@ def _outputs():
 @pytest.mark.parametrize(("page", "command"), list(_outputs()))
 def test_what_a_page_says_is_printed_is_printed(page, command, generated):
     text = page.read_text(encoding="utf-8")
-    block = next(m[0] for m in generated.OUTPUT.finditer(text) if f"sysid-trib {m[1]}" == command)
-    printed = generated.refreshed(f"<!-- output: {block}")
+    for made in re.findall(r"^\$ sysid-trib (simulate .*)$", text, re.MULTILINE):
+        generated.printed(*shlex.split(made))
+    patterns = {generated.OUTPUT: "<!-- output: ", generated.CONSOLE: ""}
+    block = next(
+        f"{before}{m[0]}"
+        for pattern, before in patterns.items()
+        for m in pattern.finditer(text)
+        if f"sysid-trib {m[1]}" == command
+    )
     number = re.compile(r"[+-]?(\d[\d.]*)")
-    written, today = (number.split(shown.partition("```text")[2]) for shown in (block, printed))
+    written, today = (number.split(shown.partition("\n")[2]) for shown in (block, generated.refreshed(block)))
     # Words alike but for blanks, and numbers but for what another processor makes of them.
     assert [" ".join(words.split()) for words in written[::2]] == [" ".join(w.split()) for w in today[::2]]
     numbers = [[float(digits.rstrip(".")) for digits in shown[1::2]] for shown in (written, today)]
@@ -90,7 +97,7 @@ QUICK_PAGES = {"adding_a_method", "forces", "start"}
 def test_code_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = page.read_text(encoding="utf-8")
-    for command in re.findall(r"^<!-- generated: run sysid-trib (simulate .*) -->$", text, re.MULTILINE):
+    for command in re.findall(r"^\$ sysid-trib (simulate .*)$", text, re.MULTILINE):
         _command(command)
     names: dict[str, object] = {"__name__": page.stem}
     for kind, code in BLOCK.findall(text):

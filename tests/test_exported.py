@@ -13,6 +13,7 @@ from helpers import FIVE, W, paper_run
 from known_results import PAPER, known
 
 import sysid_trib as st
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.written import symbol_latex
 from sysid_trib.printing.exported import (
     _sum,
@@ -24,7 +25,6 @@ from sysid_trib.printing.exported import (
     unit_in_latex,
 )
 from sysid_trib.printing.methods_text import cited, methods_text
-from sysid_trib.printing.physics import translation_sentences
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
 
@@ -111,8 +111,18 @@ def test_a_table_holds_all_digits(tree):
 def test_a_table_for_latex(tree):
     text = latex_text(tree)
     assert balanced(text)
-    head = r"\begin{tabular}{lcc}"
-    assert text.startswith(head)
+    assert text.startswith("\\begin{table}\n\\centering\n\\caption{Coefficients by averaging and direct with")
+    caption = text.partition(r"\caption{")[2].partition("\n")[0]
+    samples = tree["record"].sizes["time"]
+    for words in (
+        "Verdict: explained",
+        f"samples: {samples}",
+        "window: 0 to",
+        "units: rad",
+        "times the noise",
+    ):
+        assert words in caption
+    assert r"\begin{tabular}{lcc}" in text
     assert " & averaging & direct " in text
     lines = text.partition(r"\midrule")[2].partition(r"\bottomrule")[0].strip().splitlines()
     assert all(line.count("&") == 2 and line.endswith(r"\\") for line in lines)
@@ -143,6 +153,16 @@ def test_commands_write_them(tmp_path):
         assert f"Written: {place}" in ending.out
     assert places["--csv"].read_text().startswith("method,quantity")
     assert r"\begin{equation}" in places["--latex"].read_text()
+
+
+def test_figures_have_the_width_that_is_asked_for(tmp_path):
+    path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
+    ending = run("backbone", path, "--plot", tmp_path / "figures", "--width", "88")
+    assert ending.status == 0, ending.err
+    png = (tmp_path / "figures" / "backbone.png").read_bytes()
+    # Pixels of an image of 150 in an inch, in its header.
+    assert int.from_bytes(png[16:20], "big") == int(150 * 88 / 25.4)
+    assert "--width '20' must be" in run("backbone", path, "--width", "20").complaint
 
 
 @pytest.mark.parametrize(("flag", "name"), [("--csv", "table.txt"), ("--latex", "table.csv")])
@@ -193,11 +213,75 @@ def test_a_mass_and_a_load_make_forces_of_a_displacement(tmp_path):
     for symbol, value in expected.items():
         assert abs(told[symbol]["value"] - value) < 5.0 * told[symbol]["standard_error"] < 0.2 * value
     assert told["lambda"]["friction_coefficient"]["value"] == pytest.approx(told["lambda"]["value"] / 2.0)
-    record = st.free_decay(st.read_record(path))
-    result = st.methods.Direct().identify(record, FORCES.select(["lambda", "zeta", "delta"]))
-    assert "coefficient of friction: lambda" in translation_sentences(result, 0.5, 2.0)[1]
     assert "--inertia" in run("identify", "--mass", "0.5").err
     assert run("identify", path, "--load", "2").status == 2
+
+
+def test_torques_and_friction_with_their_errors_stand_in_table_csv_and_latex(tmp_path):
+    path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
+    places = {flag: tmp_path / f"result.{flag}" for flag in ("csv", "tex", "nc")}
+    si = ("--inertia", "0.012±0.0002", "--load", "2+-0.01", "--radius", "0.001")
+    words = ("identify", path, "--forces", "lambda,zeta,delta", *si, "--scale", "1±0.003")
+    ending = run(*words, "--csv", places["csv"], "--latex", places["tex"], "-o", places["nc"])
+    assert ending.status == 0, ending.err
+    assert "friction coefficient" in ending.out
+    assert "inertia 0.01200 ± 0.00020 kg m2" in ending.out
+    assert "N m s rad-1" in ending.out
+    assert "Errors hold that of the scale" in ending.out
+    rows = list(csv.DictReader(io.StringIO(places["csv"].read_text())))
+    of_zeta, in_si = (
+        [r for r in rows if r["quantity"] == "zeta" and r["unit"] == u] for u in ("1", "N m s rad-1")
+    )
+    w = next(
+        float(r["value"]) for r in rows if r["quantity"] == "reference_frequency" and r["method"] == "direct"
+    )
+    assert float(in_si[0]["value"]) == pytest.approx(2.0 * 0.012 * w * float(of_zeta[-1]["value"]), rel=1e-9)
+    assert float(in_si[0]["standard_error"]) >= 0.0002 / 0.012 * abs(float(in_si[0]["value"]))
+    friction, torque = (
+        next(r for r in rows if r["quantity"] == "lambda" and r["name"] == name and "SI" in r["method"])
+        for name in ("friction coefficient", "")
+    )
+    assert float(friction["value"]) == pytest.approx(float(torque["value"]) / (2.0 * 0.001), rel=1e-9)
+    text = places["tex"].read_text()
+    assert balanced(text)
+    assert r"$\mu_{\lambda}$" in text
+    assert "load: $2.000 \\pm 0.010$" in text
+    again = run("report", places["nc"], "-o", tmp_path / "page.html")
+    assert again.status == 0, again.err
+    assert "SI unit" in (tmp_path / "page.html").read_text()
+    assert run("identify", path, "--inertia", "1", "--load", "2").status == 2
+
+
+def test_the_error_of_the_scale_goes_with_the_power_of_the_amplitude(tmp_path):
+    # What is measured in a scale that is wrong by 2 %, against what the result says of it.
+    time, random = np.arange(0.0, 12.0, 0.02), np.random.default_rng(1)
+    model = st.Model(FORCES, {"lambda": 1e-3, "zeta": 5e-3, "delta": 0.04, "nu": -0.3, "epsilon": 0.3}, 8.0)
+    angle = st.simulate(model, time, angle=0.4).angle.values + 1e-6 * random.standard_normal(time.size)
+    library = FORCES.select(["lambda", "zeta", "delta", "nu", "epsilon"])
+    found = [
+        st.identify(xr.Dataset({"angle": ("time", s * angle)}, {"time": time}), library, st.methods.Direct())
+        for s in (1.0, 1.02)
+    ]
+    moved = np.abs(found[1].coefficient / found[0].coefficient - 1.0).values
+    whole = st.physics.with_scale_error(found[0], 0.02)
+    stated = (whole.error_of_calibration / abs(whole.coefficient)).values
+    np.testing.assert_allclose(stated, [0.02, 0.0, 0.02, 0.02, 0.04])
+    np.testing.assert_allclose(moved, stated, rtol=0.05, atol=1e-3)
+    square = found[0].standard_error ** 2 + whole.error_of_calibration**2
+    np.testing.assert_allclose(whole.standard_error**2, square)
+    np.testing.assert_allclose(np.diag(whole.covariance), whole.standard_error**2)
+    # By the command the record is multiplied.
+    path = tmp_path / "swing.csv"
+    np.savetxt(
+        path, np.column_stack([time, angle]), delimiter=",", header="time (s),angle (rad)", comments=""
+    )
+    words = ("identify", path, "--forces", ",".join(library.symbols), "--json", "--scale", "1.02±0.02")
+    told = json.loads(run(*words).out)["methods"]["direct"]["coefficients"]
+    values = [told[symbol]["value"] for symbol in library.symbols]
+    np.testing.assert_allclose(values, found[1].coefficient.values, rtol=2e-3)
+    assert told["epsilon"]["error_of_calibration"] == pytest.approx(0.04 / 1.02 * values[-1], rel=1e-6)
+    with pytest.raises(UsageError, match="relative error"):
+        st.physics.with_scale_error(found[0], -1.0)
 
 
 def test_texts_of_files_are_neither_commands_of_latex_nor_formulas_of_spreadsheets(tree):

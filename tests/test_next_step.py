@@ -185,8 +185,8 @@ def test_widening_is_the_residual_over_the_noise_and_not_twice():
 
 
 def test_what_follows_is_said_of_models_that_hold():
-    assert any("weigh the same" in line for line in consequences(explained(), None))
-    assert consequences(unexplained(), None) == [
+    assert any("weigh the same" in line for line in consequences(explained()))
+    assert consequences(unexplained()) == [
         "Weights, crossovers and arrest are not given: the model does not explain the record."
     ]
     assert "refused" in identification_json(unexplained())["consequences"]

@@ -13,7 +13,7 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residual_force import model_force, residual_force
 
 FORCES = st.load_library()
-PANELS = 11
+PANELS = 9
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_every_panel_has_axes_with_units(tree):
     panels = [panel for panel in figure.axes if panel.get_subplotspec() is not None]
     assert len([panel for panel in panels if panel.get_title(loc="left").startswith("(")]) == PANELS
     assert figure.get_size_inches()[0] == 7.2
-    for unit in ("(rad)", "(mrad)", "(s)", "(%)", "(rad²/s)"):
+    for unit in ("(rad)", "(mrad)", "(s)", "(%)"):
         assert any(unit in text for text in texts(figure))
 
 
@@ -67,16 +67,12 @@ def test_intervals_end_before_the_numbers(tree):
     assert min(numbers) > panel.transData.transform((right, row))[0]
 
 
-def test_shares_and_power_are_those_of_the_result(tree):
+def test_shares_are_those_of_the_result(tree):
     data, direct = overview_data(tree), tree["direct"].to_dataset()
     a = float(data.weighed.amplitude[-1])
     assert a == pytest.approx(float(tree["envelope"].amplitude.max()))
     expected = st.physics.weights(direct, a)
     np.testing.assert_allclose(data.weighed.decay_share.isel(amplitude=-1), expected.decay_share)
-    at = data.power.isel(time=0)
-    halves = tree["envelope"]
-    energy = st.physics.dissipated_energy(direct, np.interp(at.time, halves.instant_time, halves.amplitude))
-    np.testing.assert_allclose(at.power, energy.energy * direct.reference_frequency / (2.0 * np.pi))
 
 
 def test_errors_of_the_missing_force_are_those_of_the_noise():

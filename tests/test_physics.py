@@ -442,15 +442,16 @@ def test_constant_coefficients_pass_and_a_drift_is_found():
 
 def test_sentences_and_data():
     result = with_contactless_frequency(with_errors(DRY), 8.87, 0.02)
-    sentences = physics_sentences(result, np.linspace(0.02, 0.3, 5), INERTIA)
+    in_si = physical_units(result, INERTIA)
+    sentences = physics_sentences(result, np.linspace(0.02, 0.3, 5), in_si)
     text = " ".join(sentences)
-    for part in ("At 0.3 rad", "At 0.02 rad", "weigh the same", "stops after", "partial slip", "N m s rad-1"):
+    for part in ("At 0.3 rad", "At 0.02 rad", "weigh the same", "stops after", "partial slip", " J."):
         assert part in text
     # What happens at amplitudes that were not seen is told as such.
     crossings = [s for s in sentences if "weigh the same" in s]
     missed = [s for s in crossings if "not reached by this motion" in s]
     assert 0 < len(missed) < len(crossings)
-    data = json.loads(json.dumps(physics_json(result, [0.02, 0.3], INERTIA), allow_nan=False))
+    data = json.loads(json.dumps(physics_json(result, [0.02, 0.3], in_si), allow_nan=False))
     assert data["weights"][0]["amplitude"] == 0.3
     assert data["arrest"]["arrest_time"]["value"] > 0
     assert {row["first"] for row in data["crossovers"]} >= {"lambda", "zeta", "nu"}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, option, switch
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     Figures = Callable[[Any], Iterable[tuple[str, Callable[[], Figure]]]]
 
 
+# mm; widths of figures between which texts have room.
+PAGE_WIDTH, WIDTHS, INCH = 180.0, (80.0, 400.0), 25.4
+
+
 @dataclass(frozen=True)
 class Shown:
     """What standard output shows, and where figures go."""
@@ -30,6 +35,7 @@ class Shown:
 
     as_json: bool = switch("--json", "Print the result as JSON, and nothing else.")
     plot: Path | None = option("DIR", "Folder for the figures (PDF and PNG).")
+    width: float = option("MM", "Of the figures: 88 of a column, 180 of a page.", PAGE_WIDTH)
 
     def check(self, records: Sequence[Path]) -> None:
         """Refuse, before the work is done, places that cannot be written.
@@ -46,7 +52,10 @@ class Shown:
         RecordError
             A place that cannot be written.
         """
+        from sysid_trib.commands.checks import check_between
+
         check_folder(self.plot)
+        check_between(self.width, "--width", *WIDTHS, " mm")
 
     @property
     def places(self) -> "list[Path | None]":
@@ -73,7 +82,8 @@ class Shown:
         from sysid_trib import plots
         from sysid_trib.results.files import write_figure
 
-        drawn = list(figures(plots))
+        sized = {name: partial(getattr(plots, name), width=self.width / INCH) for name in dir(plots)}
+        drawn = list(figures(SimpleNamespace(**sized)))
         for at, (name, draw) in enumerate(drawn):
             tell(f"figure {name}", at / len(drawn))
             write_figure(draw(), self.plot / name)

@@ -82,9 +82,9 @@ def _figures(tree: "xr.DataTree", plots: Any) -> list[Any]:
     over_time = (
         [("driven", plots.driven), ("story", plots.story)]
         if is_of_driven(tree)
-        else [("overview", plots.overview), ("story", plots.story), ("half_periods", plots.half_periods)]
+        else [("overview", plots.overview), ("story", plots.story)]
     )
-    whole = {"disagreement": plots.disagreement, "ranking": plots.ranking, "forecast": plots.forecast}
+    whole = {"disagreement": plots.disagreement, "ranking": plots.ranking}
     return [
         *(figure for name, draw in over_time for figure in figures_of_runs(tree, name, draw)),
         *((name, partial(draw, tree)) for name, draw in whole.items()),

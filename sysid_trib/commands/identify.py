@@ -34,20 +34,28 @@ class ScaleOptions:
 
     title: ClassVar[str] = MODEL
 
-    inertia: float | None = option("KG*M^2", "Moment of inertia: coefficients in SI units too.")
-    mass: float | None = option(
-        "KG", "Mass that is displaced: coefficients of a displacement in SI units too."
+    inertia: str | None = option("KG*M^2[±ERROR]", "Moment of inertia: torques in SI units too.")
+    mass: str | None = option("KG[±ERROR]", "Mass that is displaced: forces in SI units too.")
+    load: str | None = option("N[±ERROR]", "Normal load of the contact: the coefficient of friction.")
+    radius: str | None = option(
+        "M[±ERROR]", "At which the contact rubs, of an angle: 2/3 of a disc that spins under even pressure."
     )
-    load: float | None = option("N", "Normal load of the contact: with --mass, the coefficient of friction.")
 
-    def check(self) -> None:
-        """Refuse what is not positive, and a load without a mass."""
+    def measured(self) -> "dict[str, tuple[float, float]]":
+        """What is given with its errors; refused where it is too little for what it is for."""
         from sysid_trib.commands import checks
 
-        for name in ("inertia", "mass", "load"):
-            checks.check_positive(getattr(self, name), f"--{name}")
-        if self.load is not None and self.mass is None:
-            raise UsageError("--load gives the coefficient of friction together with --mass: give both.")
+        read = {k: checks.parse_value_with_error(v, f"--{k}") for k, v in vars(self).items()}
+        given = {name: pair for name, pair in read.items() if pair is not None}
+        if not given:
+            return {}
+        if ("inertia" in given) == ("mass" in given):
+            raise UsageError("Give --inertia of an angle, or --mass of a displacement.")
+        if ("radius" in given) != ({"inertia", "load"} <= set(given)):
+            raise UsageError(
+                "The coefficient of friction takes --mass and --load, or --inertia, --load and --radius."
+            )
+        return given
 
 
 @dataclass(frozen=True)
@@ -126,14 +134,15 @@ def identify(
 
     with working(given.records) as tell:
         from sysid_trib.commands import checks
-        from sysid_trib.commands.record_inputs import read_decays
+        from sysid_trib.commands.record_inputs import calibration_of, read_decays
         from sysid_trib.methods.scope import with_random_force
         from sysid_trib.physics.si_units import check_length_unit
         from sysid_trib.records.signal import unit_of_signal
+        from sysid_trib.results.references import with_scale_error
         from sysid_trib.validation.driven import is_driven
         from sysid_trib.validation.identify import identify, usual_methods
 
-        scale.check()
+        measured, calibration = scale.measured(), calibration_of(given)
         asked = checks.asked_model(model, constraint, given.system)
         destination.check(given.records)
         paper.check(given.records)
@@ -141,10 +150,10 @@ def identify(
         decays, sources = read_decays(
             given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces), driven=True
         )
-        if scale.mass is not None:
+        if "mass" in measured:
             check_length_unit(unit_of_signal(decays[0]))
-        if paper.methods is not None and is_driven(decays):
-            raise UsageError("--methods is of free decays; describe a driven record by --latex.")
+        if is_driven(decays) and (measured or paper.methods):
+            raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
         own = tuple(name.strip() for name in (constraint.own or "").split(",") if name.strip())
         usual = usual_methods(
             decays, asked.library, asked.reference_frequency, asked.shapes, own, tried.warm_up or 0.0
@@ -159,9 +168,12 @@ def identify(
         )
         predicted = _predicted(tree, tried, given, tell)
         _add_sureness(tree, decays, sure, tell)
+        if calibration[1]:
+            tree = with_scale_error(tree, calibration[1] / calibration[0])
+        _add_si_units(tree, measured)
         if not is_driven(decays):
             keep_next(tree, given, model, constraint)
-    _deliver(tree, sources, predicted, scale, destination)
+    _deliver(tree, sources, predicted, destination)
     paper.write(tree)
     if not destination.as_json:
         print_written(*paper.places)
@@ -185,6 +197,21 @@ def _add_sureness(
         tree["sensitivity"] = sensitivity(decays, answer, tell=tell)
 
 
+def _add_si_units(tree: "xr.DataTree", measured: "dict[str, tuple[float, float]]") -> None:
+    """Add the answer in SI units, if what they take is given."""
+    import xarray as xr
+
+    from sysid_trib.physics.si_units import in_si_units
+    from sysid_trib.printing.exported import SI
+    from sysid_trib.validation.findings import answer_of, kept_results
+
+    answer = answer_of(tree)
+    if measured and (result := kept_results(tree).get(answer)) is not None:
+        converted = in_si_units(result, **measured)
+        # What has a covariance of forces is an identification.
+        tree[SI] = xr.DataTree(converted.drop_dims("other_force").assign_attrs(of_method=answer))
+
+
 def _predicted(
     tree: "xr.DataTree", tried: TestOptions, given: DecayOptions, tell: "Tell"
 ) -> "list[xr.Dataset]":
@@ -204,7 +231,6 @@ def _deliver(
     tree: "xr.DataTree",
     sources: "list[str]",
     predicted: "list[xr.Dataset]",
-    scale: ScaleOptions,
     destination: Destination,
 ) -> None:
     """Print and write an identification, of free decays or with inputs."""
@@ -216,18 +242,18 @@ def _deliver(
     from sysid_trib.printing.sureness import sureness_blocks, sureness_json
     from sysid_trib.results.files import kind_of
 
-    driven, in_units = kind_of(tree) == "driven", (scale.inertia, scale.mass, scale.load)
+    driven = kind_of(tree) == "driven"
 
     def blocks() -> list[Block]:
         sentences = record_sentences(tree, sources)
         if driven:
             said = [*driven_blocks(tree, sentences), *sureness_blocks(tree)]
         else:
-            said = identification_blocks(tree, sentences, *in_units)
+            said = identification_blocks(tree, sentences)
         return [*said, Block(prediction_sentences(predicted))]
 
     def data() -> dict[str, Any]:
-        whole = driven_json(tree) if driven else identification_json(tree, *in_units)
+        whole = driven_json(tree) if driven else identification_json(tree)
         return whole | prediction_json(predicted) | sureness_json(tree)
 
     destination.deliver(tree, blocks, data, partial(_figures, tree, driven))
@@ -241,13 +267,7 @@ def _figures(tree: "xr.DataTree", driven: bool, plots: Any) -> "list[tuple[str, 
     of_groups["prediction_bands"] = lambda data: plots.prediction_bands(data).figure
     count = len(record_groups(tree))
     return [
-        # A run with few half periods has none.
-        *(figure for figure in figures_of_runs(tree, "backbone", plots.backbone) if figure[0] in tree),
-        *(
-            figure
-            for name in (("driven",) if driven else ("overview", "half_periods"))
-            for figure in figures_of_runs(tree, name, getattr(plots, name))
-        ),
+        *figures_of_runs(tree, name := "driven" if driven else "overview", getattr(plots, name)),
         *(
             (name, partial(draw, tree[name].to_dataset()))
             for kind, draw in of_groups.items()

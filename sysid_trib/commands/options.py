@@ -104,6 +104,11 @@ class DecayOptions:
         flags=("--input",),
     )
     between: str = option("smooth|linear|held", "What an input is between its samples.", "smooth")
+    scale: str = option(
+        "VALUE[±ERROR]",
+        "By which the signal is multiplied; identify carries its error into those of coefficients.",
+        "1",
+    )
     length: float | None = option("M", "Length of a pendulum: a displacement becomes an angle.")
     distance: float | None = option("M", "Of an accelerometer from the axis of the pendulum that it is on.")
 

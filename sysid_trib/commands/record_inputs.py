@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid_trib.commands.checks import parse_number, parse_window
+from sysid_trib.commands.checks import parse_number, parse_value_with_error, parse_window
 from sysid_trib.commands.options import DecayOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 
@@ -141,6 +141,23 @@ def read_decays(
     return decays, sentences
 
 
+def calibration_of(given: DecayOptions) -> tuple[float, float]:
+    """By which the signal of the records is multiplied, and its standard error."""
+    value = parse_value_with_error(given.scale, "--scale")
+    return (1.0, 0.0) if value is None else value
+
+
+def _calibrated(record: "xr.Dataset", given: DecayOptions) -> "xr.Dataset":
+    """A record with its signal multiplied, if it is to be."""
+    from sysid_trib.simulation.initial_conditions import MEASURED
+
+    factor = calibration_of(given)[0]
+    names = [name for name in ("angle", MEASURED) if name in record]
+    # Multiplied by one it stays as it is, to the bit and its attributes.
+    scaled = {name: record[name].copy(data=factor * record[name].values) for name in names}
+    return record if factor == 1.0 else record.assign(scaled)
+
+
 def read_sources(given: DecayOptions) -> "tuple[list[xr.Dataset], list[str]]":
     """The records as they are in the files, uncut, and what each of them is."""
     _refuse_inputs(given)
@@ -168,7 +185,9 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
         if idle:
             raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
         read = paper_twin()
-        return [read], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
+        return [
+            _calibrated(read, given)
+        ], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
     usual = None if given.system is None else load_system(given.system).signal
     try:
         driving = named_inputs(given.input_ and given.input_.split(","))
@@ -181,7 +200,8 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
     column = " and ".join(dict.fromkeys(str(run.attrs["angle_column"]) for run in runs))
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
-    return runs, f"Record: {record}, {'; '.join(facts)}."
+    facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
+    return [_calibrated(run, given) for run in runs], f"Record: {record}, {'; '.join(facts)}."
 
 
 def _refuse_inputs(given: DecayOptions) -> None:
@@ -207,6 +227,7 @@ def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))
         centre = parse_number(given.equilibrium, "--equilibrium") * (unit.factor if unit else 1.0)
+        centre *= calibration_of(given)[0]
     how = {"keep_outliers": given.keep_outliers, "as_it_is": as_it_is}
     return free_decays(record, window=limits, equilibrium=centre, **how)
 

@@ -102,15 +102,26 @@ def forces(
     library: Annotated[
         str, typer.Argument(metavar="NAME|FILE", help="Force library.", rich_help_panel="Library")
     ] = "contact_forces",
+    latex: Annotated[
+        Path | None,
+        typer.Option("--latex", metavar="FILE", help="Where to write it for LaTeX.", rich_help_panel=OUTPUT),
+    ] = None,
 ) -> None:
-    """Show the forces of a library, with their signatures in envelope and frequency."""
-    from sysid_trib.commands.terminal import print_table, progress
+    """Show the forces of a library: equations, kind, and signatures in envelope and frequency."""
+    from sysid_trib.commands.terminal import print_table, print_written, progress
 
     with progress():
+        from sysid_trib.commands.destination import check_output
         from sysid_trib.forces.library import load_library
-        from sysid_trib.printing.looked import force_table
+        from sysid_trib.printing.exported import forces_latex
+        from sysid_trib.printing.looked import NORMALISED, force_table
+        from sysid_trib.results.files import write_file
 
+        check_output(latex, ".tex", reads=[Path(library)], flag="--latex")
         offered = load_library(library)
         table = force_table(offered)
-    print(offered.title)
+        if latex is not None:
+            write_file(latex, forces_latex(offered).encode())
+    print(f"{offered.title}\n{NORMALISED}\n")
     print_table(table)
+    print_written(latex)

@@ -6,12 +6,16 @@ from sysid_trib.physics.contact import (
 )
 from sysid_trib.physics.force_weights import crossovers as crossovers, weights as weights
 from sysid_trib.physics.si_units import (
+    in_si_units as in_si_units,
     inertia_with_mass as inertia_with_mass,
     per_input as per_input,
     physical_units as physical_units,
 )
 from sysid_trib.physics.sliding import sliding_coefficients as sliding_coefficients
-from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
+from sysid_trib.results.references import (
+    with_contactless_frequency as with_contactless_frequency,
+    with_scale_error as with_scale_error,
+)
 
 from ..results.schema import model_of as model_of
 from .energy import arrest_time as arrest_time, dissipated_energy as dissipated_energy

@@ -51,34 +51,44 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     """
     check_quantity("inertia", inertia, inertia_standard_error)
     estimate = model_estimate(result)
-    count = len(estimate.forces)
-    powers = np.array([0.0 if f.speed_degree is None else f.speed_degree for f in estimate.forces])
-    factors = np.array([power_law_factor(f) for f in estimate.forces])
+    data = _in_si(estimate, (inertia, inertia_standard_error), np.ones(len(estimate.forces)))
+    values, whole = estimate.with_inertia(inertia, inertia_standard_error)
+    stiffness = propagate(lambda z: _stiffness(estimate, z), values, whole)
+    data |= with_error("linear_stiffness", (), stiffness, "linear stiffness", "N m rad-1")
+    data |= with_error("inertia", (), (inertia, inertia_standard_error), "moment of inertia", "kg m2")
+    return _of_forces(estimate, data, [_unit(f) for f in estimate.forces])
+
+
+def _of_forces(estimate: ModelEstimate, data: Variables, units: list[str], x: str = "theta") -> xr.Dataset:
+    """Variables over the forces, with the unit of each coefficient and what it multiplies."""
+    terms = [_term(force).replace("theta", x) for force in estimate.forces]
+    coords = {"force": estimate.symbols, "other_force": estimate.symbols}
+    labels = {"unit": ("force", units), "multiplies": ("force", terms)}
+    return xr.Dataset(data, {**coords, **labels}, estimate.provenance)
+
+
+def _in_si(estimate: ModelEstimate, body: tuple[float, float], lengths: Array) -> Variables:
+    """Coefficients of a body of an inertia or mass with its error, each times a factor of its unit of length.
+
+    c becomes m w^(2-q) c, q the degree in the rate; a numerical factor of a power law goes to it.
+    """
+    count, (size, error) = len(estimate.forces), body
+    powers = np.array([2.0 - (force.speed_degree or 0.0) for force in estimate.forces])
+    factors = lengths * np.array([power_law_factor(force) for force in estimate.forces])
     c, w = estimate.coefficients, estimate.frequency
-    scale = factors * inertia * w ** (2.0 - powers)
+    scale = factors * size * w**powers
     # By (coefficients, w, inertia).
     jacobian = np.zeros((count, count + 2))
     jacobian[:, :count] = np.diag(scale)
-    jacobian[:, count] = (2.0 - powers) * c * scale / w
-    jacobian[:, count + 1] = c * scale / inertia
-    values, whole = estimate.with_inertia(inertia, inertia_standard_error)
-    covariance = jacobian @ whole @ jacobian.T
+    jacobian[:, count] = powers * c * scale / w
+    jacobian[:, count + 1] = c * scale / size
+    covariance = jacobian @ estimate.with_inertia(size, error)[1] @ jacobian.T
     errors = np.sqrt(np.diag(covariance))
-    data: Variables = {
+    return {
         "coefficient": variable("force", scale * c, "coefficient in SI units", PER_FORCE_UNIT),
         "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
         "covariance": variable(("force", "other_force"), covariance, "covariance", PER_FORCE_UNIT),
     }
-    stiffness = propagate(lambda z: _stiffness(estimate, z), values, whole)
-    data |= with_error("linear_stiffness", (), stiffness, "linear stiffness", "N m rad-1")
-    data |= with_error("inertia", (), (inertia, inertia_standard_error), "moment of inertia", "kg m2")
-    coords = {
-        "force": estimate.symbols,
-        "other_force": estimate.symbols,
-        "unit": ("force", [_unit(f) for f in estimate.forces]),
-        "multiplies": ("force", [_term(f) for f in estimate.forces]),
-    }
-    return xr.Dataset(data, coords, estimate.provenance)
 
 
 def inertia_with_mass(
@@ -244,67 +254,95 @@ def _error(result: xr.Dataset, gain: str, symbol: str | None, value: float, powe
     return float(abs(value) * np.sqrt(max(0.0, float(slopes @ covariance @ slopes)) + w**2))
 
 
-def translation_units(result: xr.Dataset, mass: float, load: float | None = None) -> xr.Dataset:
-    """Forces on a mass from the coefficients of a displacement in a unit of length.
+Measured = tuple[float, float]
+
+
+def in_si_units(
+    result: xr.Dataset,
+    *,
+    inertia: Measured | None = None,
+    mass: Measured | None = None,
+    load: Measured | None = None,
+    radius: Measured | None = None,
+) -> xr.Dataset:
+    """Torques or forces of the contact in SI units, and the coefficient of friction, with their errors.
 
     Parameters
     ----------
     result : Dataset
-        An identification of a displacement.
-    mass : float, kg
-    load : float, N, optional
+        An identification: of an angle, with an inertia, or of a displacement, with a mass.
+    inertia : (float, float), kg m^2
+        Moment of inertia and its standard error; each of these is so given.
+    mass : (float, float), kg
+        Of a displacement in a unit of length.
+    load : (float, float), N
         Normal load of the contact.
+    radius : (float, float), m
+        Of an angle: at which radius the contact rubs. It is 2/3 of the contact's own where that turns about
+        its centre under an even pressure, and 3 pi/16 of it under Hertz's.
 
     Returns
     -------
     Dataset
-        Over `force`: `coefficient` and `standard_error` in the unit of the coordinate `unit` (N, kg s^-1,
-        kg m^-1, ...); with a load `friction_coefficient` and `friction_coefficient_standard_error` of forces
-        that do not depend on the size of the motion, else nan. Forces of no degree in the signal are nan.
+        As `physical_units`; of a displacement `coefficient`, `standard_error` and `covariance` in the unit of
+        the coordinate `unit` (N, kg s^-1, kg m^-1, ...), nan for forces of no degree in the signal, and
+        `mass`. With a load `friction_coefficient(force)` and its error, of forces that do not depend on the
+        size of the motion, else nan.
 
     Raises
     ------
     UsageError
-        No identification of a length, or no positive mass or load.
+        No identification of what is asked for, a quantity that is not positive, or one that is missing.
 
     Notes
     -----
-    A force of degree p in the signal and q in v is m w^(2-q) c |x|^(p-q) |x'|^q in SI units; a numerical
-    factor of a power law goes to the coefficient: 2 zeta m w. Errors hold those of w, but not of the mass.
+    A force of degree p in the signal and q in v is m w^(2-q) c |x|^(p-q) |x'|^q: a numerical factor of a
+    power law goes to the coefficient, 2 zeta m w. The coefficient of friction is the force over the load, or
+    the torque over load and radius. Errors hold those of w and of all that is given.
     """
-    check_quantity("mass", mass, 0.0)
-    if load is not None:
-        check_quantity("load", load, 0.0)
+    if (inertia is None) == (mass is None) or bool(inertia and load) != bool(radius):
+        raise UsageError(
+            "SI units take the inertia of an angle or the mass of a displacement; the coefficient of "
+            "friction takes the load too, and of an angle the radius at which the contact rubs."
+        )
+    if mass is not None:
+        values = _of_translation(result, mass)
+    elif inertia is not None:
+        values = physical_units(result, inertia[0], inertia_standard_error=inertia[1])
+    if load is None:
+        return values
+    arm = {"load": load} | ({} if radius is None else {"radius": radius})
+    for name, measured in arm.items():
+        check_quantity(name, *measured)
+    over, error = np.array(list(arm.values())).T
+    # Forces that do not depend on the size of the motion.
+    dry = _degrees(model_estimate(result)) == 0.0
+    friction = np.where(dry, values.coefficient.values / over.prod(), np.nan)
+    errors = np.hypot(values.standard_error.values / over.prod(), friction * np.linalg.norm(error / over))
+    for name, measured in arm.items():
+        values = values.assign(with_error(name, (), measured, name, {"load": "N", "radius": "m"}[name]))
+    return values.assign(
+        with_error("friction_coefficient", "force", (friction, errors), "coefficient of friction")
+    )
+
+
+def _degrees(estimate: ModelEstimate) -> Array:
+    """Degree of each force in the signal; nan of one that has none."""
+    degrees = [signal_degree(force) for force in estimate.forces]
+    return np.array([np.nan if degree is None else degree.force for degree in degrees])
+
+
+def _of_translation(result: xr.Dataset, mass: Measured) -> xr.Dataset:
+    """Forces on a mass from the coefficients of a displacement."""
+    check_quantity("mass", *mass)
     unit = signal_units(result)
     check_length_unit(unit)
     estimate = model_estimate(result)
-    w, w_error = estimate.frequency, float(np.sqrt(estimate.covariance[-1, -1]))
-    rows, names = [], []
-    for force, c, error in zip(
-        estimate.forces,
-        estimate.coefficients,
-        np.sqrt(np.diag(estimate.coefficient_covariance)),
-        strict=True,
-    ):
-        degree, speed = signal_degree(force), force.speed_degree or 0.0
-        power = np.nan if degree is None else degree.force
-        scale = power_law_factor(force) * mass * w ** (2.0 - speed) * METRES[unit] ** (1.0 - power)
-        rows.append((scale * c, np.hypot(scale * error, (2.0 - speed) * scale * c * w_error / w), power))
-        names.append(_unit_of_force(power, speed))
-    value, errors, powers = np.array(rows).T
-    data: Variables = {
-        "coefficient": variable("force", value, "coefficient in SI units", PER_FORCE_UNIT),
-        "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
-    }
-    if load is not None:
-        of_load = np.where(powers == 0.0, 1.0 / load, np.nan)
-        meaning = "coefficient of friction"
-        data["friction_coefficient"] = variable("force", of_load * value, meaning, "1")
-        data["friction_coefficient_standard_error"] = variable(
-            "force", of_load * errors, f"standard error of the {meaning}", "1"
-        )
-    coords = {"force": estimate.symbols, "unit": ("force", names)}
-    return xr.Dataset(data, coords, estimate.provenance)
+    powers = _degrees(estimate)
+    speeds = [force.speed_degree or 0.0 for force in estimate.forces]
+    units = [_unit_of_force(*pair) for pair in zip(powers, speeds, strict=True)]
+    data = _in_si(estimate, mass, METRES[unit] ** (1.0 - powers))
+    return _of_forces(estimate, data | with_error("mass", (), mass, "mass", "kg"), units, "x")
 
 
 def check_length_unit(unit: str) -> None:

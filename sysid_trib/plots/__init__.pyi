@@ -2,10 +2,8 @@
 from sysid_trib.plots.compared import comparison as comparison
 from sysid_trib.plots.conditions import against_condition as against_condition, precision as precision
 from sysid_trib.plots.looked import backbone as backbone, driven as driven, look as look
-from sysid_trib.plots.motion_panels import half_periods as half_periods
 from sysid_trib.plots.named_effects import (
     disagreement as disagreement,
-    forecast as forecast,
     ranking as ranking,
     story as story,
 )

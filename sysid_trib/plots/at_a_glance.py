@@ -8,18 +8,15 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
 from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.plots.named_effects import draw_cells
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
-    BLUE,
     FULL_WIDTH,
     LEGEND,
     MODEL_LINES,
-    ORANGE,
     SERIES,
     TWO_COLUMNS,
     columns_of_legend,
@@ -41,10 +38,6 @@ COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 # Characters of a legend that fit beside the letter of a panel.
 LEGEND_ROOM = 41
 TOO_FEW = "too few samples a period"
-# Decades of an axis of powers that has labels between them, and all of them.
-DECADES_WITH_MINOR_LABELS = (1.5, 0.5)
-# A force of a smaller part of the power is not drawn.
-LEAST_POWER = 1e-5
 EFFECTIVE_TITLE = "The model does not explain the record."
 SMALL_LEGEND: dict[str, Any] = LEGEND | {
     "fontsize": FONT_SIZE,
@@ -59,8 +52,8 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
 
     Frequency and damping ratio against amplitude, the record's with their 95 % bands and the models', where
     there is a backbone. Record and models; the residual of each; each force's share of the decay and of the
-    frequency shift against amplitude; its power over time; coefficients with 95 % intervals; and the force
-    that is still missing, over angle and rate, with its uncertainty.
+    frequency shift against amplitude; coefficients with 95 % intervals; and the force that is still missing,
+    over angle and rate, with its uncertainty.
 
     Parameters
     ----------
@@ -81,7 +74,7 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
         rows += ["IJ"] if wide else ["I", "J"]
     residuals = RESIDUAL_PANELS[: max(1, len(data.models))]
     rows += [letters * 2 if wide else letters for letters in ("A", *residuals)]
-    rows += ["CD", "EF", "GH"] if wide else list("CDEFGH")
+    rows += ["CD", "EF"] if wide else list("CDEF")
     heights = [RESIDUAL_HEIGHT if row[0] in RESIDUAL_PANELS else ROW_HEIGHT for row in rows]
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
         figure = new_figure(width, sum(heights))
@@ -93,11 +86,9 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
                 draw_curve(panels[panel], data.backbone[0], name, data.backbone[1])
         _shares(panels["C"], data, "decay_share", "share of the decay (%)")
         _shares(panels["D"], data, "frequency_share", "share of the shift (%)")
-        _power(panels["E"], data)
-        _coefficients(panels["F"], data)
-        _surface(panels["G"], data)
-        _profiles(panels["H"], data)
-        titles = [*[""] * (len(panels) - 2), "what is missing; dots: beyond 3 errors", ""]
+        _coefficients(panels["E"], data)
+        _surface(panels["F"], data)
+        titles = [*[""] * (len(panels) - 1), "what is missing; dots: beyond 3 errors"]
         letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         footnote(figure, data.held_out)
         if not data.holds:
@@ -132,28 +123,6 @@ def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> None:
     # Errors of shares may exceed all that a share can be.
     ax.set_ylim(max(low, -110.0), min(high, 110.0))
     _legend(ax, 6)
-
-
-def _power(ax: Axes, data: OverviewData) -> None:
-    """What each force takes, by a logarithm; a force that gives is drawn thin."""
-    if data.power is None:
-        _no_data(ax, "no force acts here")
-        return
-    time, largest = data.power.time.values, float(np.abs(data.power.power).max())
-    for symbol, series in _series(data.power.force.values.tolist()).items():
-        power = data.power.power.sel(force=symbol).values
-        if np.any(np.abs(power) > LEAST_POWER * largest):
-            gives = np.median(power) < 0.0
-            look = line(series) | ({"linewidth": 0.6} if gives else {})
-            ax.plot(time, np.abs(power), label=f"{in_latex(symbol)}{' (gives)' if gives else ''}", **look)
-    label = f"power over $I\\omega^2$ ({data.units}²/s)"
-    ax.set(xlabel="time (s)", ylabel=label, xlim=(time[0], time[-1]), yscale="log")
-    low = max(ax.get_ylim()[0], LEAST_POWER * largest)
-    ax.set_ylim(low, 2.0 * largest)
-    # Labels between decades would run into each other over many; few decades have no others.
-    ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-    ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=DECADES_WITH_MINOR_LABELS))
-    _legend(ax, 4)
 
 
 def _legend(ax: Axes, most: int, room: int = LEGEND_ROOM) -> None:
@@ -215,26 +184,6 @@ def _surface(ax: Axes, data: OverviewData) -> None:
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02)
     bar.set_label(f"force over $I\\omega^2$ ({unit})")
     ax.set(xlabel=data.motion.label, ylabel=f"rate over $\\omega$ ({data.units})")
-
-
-def _profiles(ax: Axes, data: OverviewData) -> None:
-    """The same over angle and over rate alone, with 95 % intervals."""
-    if data.missing is None:
-        _no_data(ax, TOO_FEW)
-        return
-    factor, unit = data.motion.small_units
-    signal = data.motion.label.split()[0]
-    for name, label, color in (("x", signal, BLUE), ("v", "rate", ORANGE)):
-        at = data.missing[name].values
-        force, error = (factor * data.missing[k].values for k in _pair(f"force_of_{name}"))
-        bar: dict[str, Any] = {"fmt": ".-", "markersize": 3, "linewidth": 0.8, "capsize": 1.5}
-        ax.errorbar(at, force, INTERVAL * error, color=color, label=label, **bar)
-    ax.axhline(0.0, color="0.6", linewidth=0.6)
-    ax.set(
-        xlabel=f"{signal}, or rate over $\\omega$ ({data.units})",
-        ylabel=f"mean force ({unit})",
-    )
-    ax.legend(ncols=2, **SMALL_LEGEND)
 
 
 def _pair(name: str) -> tuple[str, str]:

@@ -12,9 +12,11 @@ from matplotlib.figure import Figure
 from sysid_trib.arrays import Array
 from sysid_trib.plots.style import (
     BLUE,
+    FULL_WIDTH,
     GREEN,
     INK,
     ORANGE,
+    TWO_COLUMNS,
     Style,
     grid,
     legend_marks,
@@ -134,7 +136,7 @@ PANEL_HEIGHT, METHOD_HEIGHT = 0.75, 0.16
 MOST_CHARACTERS = 15
 
 
-def comparison(tree: xr.DataTree) -> Figure:
+def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Coefficient of each force and asymptotic frequency by method, and the RMS in time and out of it.
 
     A method that does not apply has no row.
@@ -143,21 +145,28 @@ def comparison(tree: xr.DataTree) -> Figure:
     ----------
     tree : xr.DataTree
         Result of `compare`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     data = comparison_data(tree)
     names = data.quantities
-    across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns)
+    wide = width >= TWO_COLUMNS
+    across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 4
     height = PANEL_HEIGHT + METHOD_HEIGHT * len(data.marks)
-    figure, panels = grid(len(names) + 1, across, 7.2, height, sharing="y")
+    figure, panels = grid(len(names) + 1, across, width, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
         _coefficients(panel, data, name, _symbol(tree, name))
     _prediction(panels[-1], data)
     letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
         # Names stand once a row; the rows share them.
-        panel.tick_params(labelleft=at % across == 0)
+        panel.tick_params(labelleft=at % (across if wide else 2) == 0)
     figure.legend(
-        handles=legend_marks(data.legend), ncols=6, loc="outside upper center", frameon=False, fontsize=7
+        handles=legend_marks(data.legend),
+        ncols=6 if wide else 2,
+        loc="outside upper center",
+        frameon=False,
+        fontsize=7,
     )
     return figure
 
@@ -199,7 +208,7 @@ def _prediction(ax: Axes, compared: ComparisonData) -> None:
         ax.plot(pair[:1], [row], markerfacecolor="white", **mark)
         ax.plot(pair[1:], [row], **mark)
     ax.axvline(1.0, color="0.6", linewidth=0.7, linestyle=":")
-    label = "RMS over the noise\nopen: fitted; full: held out"
+    label = "RMS over the noise\nopen: fitted\nfull: held out"
     ax.set(xlabel=label, xscale="log")
     _with_methods(ax, table)
 

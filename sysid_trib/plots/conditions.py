@@ -32,7 +32,9 @@ FAR = 4.0
 MOST_NAMES_DRAWN = 8
 
 
-def against_condition(compared: xr.Dataset, name: str, condition: ArrayLike) -> Figure:
+def against_condition(
+    compared: xr.Dataset, name: str, condition: ArrayLike, *, width: float = FULL_WIDTH
+) -> Figure:
     """Each quantity of all runs against a condition, with standard errors; outliers in another colour.
 
     Parameters
@@ -43,9 +45,11 @@ def against_condition(compared: xr.Dataset, name: str, condition: ArrayLike) -> 
         Of the condition.
     condition : (run,) array_like
         Its value in each run, numbers or texts.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     quantities = compared.quantity.values.tolist()
-    figure, panels = grid(len(quantities), ACROSS, FULL_WIDTH, 2.2)
+    figure, panels = grid(len(quantities), ACROSS, width, 2.2)
     for quantity, panel in zip(quantities, panels, strict=True):
         _of_quantity(panel, compared, quantity, name, condition)
     return figure
@@ -95,7 +99,7 @@ STUDY_COLUMNS = 3
 FEW_DECADES = 100.0
 
 
-def precision(study: xr.Dataset) -> Figure:
+def precision(study: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Error of each force by level for each method, and the Cramér-Rao bound, below which no one gets.
 
     Parameters
@@ -103,6 +107,8 @@ def precision(study: xr.Dataset) -> Figure:
     study : xr.Dataset
         `error(method, level, force)`, RMS over records or the like, `bound(level, force)`, and the
         coordinate `level` with its `long_name` and `units`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     forces = study.force.values.tolist()
     figure, panels = grid(len(forces), STUDY_COLUMNS, 8.0, 2.4, sharing="x")
@@ -111,7 +117,7 @@ def precision(study: xr.Dataset) -> Figure:
         # Panels that stand above none show the levels themselves.
         lowest = at + STUDY_COLUMNS >= len(forces)
         panel.tick_params(labelbottom=lowest)
-        panel.set_xlabel(panel.get_xlabel() if lowest else "")
+        panel.set_xlabel(panel.get_xlabel() if lowest else "", fontsize=8)
         panel.set_ylabel("error" if at % STUDY_COLUMNS == 0 else "")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=4, loc="outside upper center", frameon=False, fontsize=8)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.plots.style import CANDIDATE_MARKS
-from sysid_trib.results.discoveries import added_effects, credible_set, strongest
+from sysid_trib.results.discoveries import credible_set, strongest
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import signal_units, small_units
 
@@ -140,29 +140,3 @@ def _named(tree: xr.DataTree, selection_step: int) -> tuple[list[str], list[str]
     ]
     named = [credible[0] for credible in sets]
     return named, [symbol for credible in sets for symbol in credible[1:] if symbol not in named]
-
-
-def detectability_data(tree: xr.DataTree) -> xr.Dataset:
-    """Smallest coefficient of each candidate that the record would show, those of a family together.
-
-    Returns
-    -------
-    xr.Dataset
-        `start(candidate)` and `final(candidate)`: detectable coefficient beside each model, nan where the
-        record cannot test it; `in_final(candidate)`: whether it is still a candidate;
-        `identified(candidate)`: absolute coefficient of an effect that was added, else nan;
-        `family`.
-    """
-    first, last = (tree[name].to_dataset() for name in ("detectability", "detectability_after"))
-    families = list(dict.fromkeys(first.family.values.tolist()))
-    order = np.argsort([families.index(f) for f in first.family.values.tolist()], kind="stable")
-    shown = first[["family"]].isel(candidate=order)
-    identified = xr.full_like(shown.candidate, np.nan, dtype=float)
-    for at, symbol in enumerate(added_effects(tree)):
-        identified.loc[symbol] = abs(tree["steps"].coefficient.values[at])
-    return shown.assign(
-        start=first.detectable.isel(candidate=order),
-        final=last.detectable.reindex_like(shown.candidate),
-        in_final=shown.candidate.isin(last.candidate.values),
-        identified=identified,
-    )

@@ -44,7 +44,7 @@ DOTS: dict[str, Any] = OPEN_MARKS | {
 }
 
 
-def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
+def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """Frequency and damping ratio against amplitude, with 95 % bands; dots are single periods.
 
     Parameters
@@ -53,9 +53,11 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0) -> Figure:
         Of `backbone`; or a result of `cross_check`, whose models' curves are drawn over those of its record.
     run : int
         Which of several runs of a result, from 0.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     data, models = curves_of(data, run) if isinstance(data, xr.DataTree) else (data, None)
-    figure, panels = grid(2, 2, FULL_WIDTH, CURVE_HEIGHT)
+    figure, panels = grid(2, 2, width, CURVE_HEIGHT)
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         draw_curve(ax, data, name, models)
     letter(panels)
@@ -123,20 +125,22 @@ def _draw_models(ax: Axes, models: xr.Dataset, name: str) -> None:
         ax.plot(models.amplitude, curve, **line(series), zorder=series["zorder"], label=label)
 
 
-WIDTH, HEIGHT = 7.2, 2.1
+HEIGHT = 2.1
 # Points of a long record that are drawn.
 MOST_POINTS_DRAWN = 20_000
 
 
-def look(tree: xr.DataTree) -> Figure:
+def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """The record with its decays marked, amplitude over time, and the spectral density of each decay.
 
     Parameters
     ----------
     tree : DataTree
         Of `look`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure, panels = grid(3, 1, WIDTH, HEIGHT)
+    figure, panels = grid(3, 1, width, HEIGHT)
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
     records = [node.to_dataset() for name, node in tree.children.items() if name.startswith("record")]
     unit = str(records[0].angle.attrs["units"])
@@ -164,7 +168,7 @@ COLOURS = (ORANGE, BLUE)
 INPUT_HEIGHT = 1.6
 
 
-def driven(tree: xr.DataTree, run: int = 0) -> Figure:
+def driven(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """Inputs, record and motion of the answer, and the residuals of the models, over time.
 
     Parameters
@@ -173,13 +177,15 @@ def driven(tree: xr.DataTree, run: int = 0) -> Figure:
         Result of `identify` or `discover` of a driven record.
     run : int
         Which of several runs, from 0.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     record = tree[record_groups(tree)[run]].to_dataset()
     # Of a discovery it is the last model.
     compared = tree.children.get("comparison")
     answer = record.model.values[-1] if compared is None else compared.attrs["answer"]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
-    figure = new_figure(FULL_WIDTH, INPUT_HEIGHT * (len(inputs) + 2))
+    figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
     for panel, (name, given) in zip(panels, inputs.items(), strict=False):
         curve(panel, time[0] + given.elapsed, given.values, {"color": "0.3", "linewidth": 0.6})

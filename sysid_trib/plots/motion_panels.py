@@ -1,34 +1,21 @@
 """A record with its models: panels over time, the figure of the half periods, and their numbers."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SysidTribError
-from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.style import (
-    BAR_WIDTH,
-    FULL_WIDTH,
     LEGEND,
     MODEL_LINES,
-    OPEN_MARKS,
     Style,
-    footnote,
-    legend_marks,
-    letter,
-    logarithmic_amplitude,
-    new_figure,
+    columns_of_legend,
 )
-from sysid_trib.records.half_sines import envelope as half_sine_envelope
 from sysid_trib.results.discoveries import tied_name
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
@@ -36,7 +23,8 @@ from sysid_trib.validation.verdict import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 3000
-# Effects that a legend names.
+# Characters of a legend in an inch, and effects that it names.
+ROOM_OF_AN_INCH = 10
 MOST_NAMES = 2
 
 
@@ -94,31 +82,6 @@ class MotionData:
         """Record minus model, in small units."""
         return self.small_units[0] * (self.angle - self.motion(model))
 
-    @cached_property
-    def half_periods(self) -> Mapping[str, xr.Dataset]:
-        """Envelopes of the record (`record`) and of each model, by the same half-sine fits.
-
-        First-order averages of a model would differ at large amplitude. A motion without half periods has
-        no envelope.
-        """
-        motions = {"record": self.angle} | {name: self.motion(name) for name in self.lines}
-        envelopes = {}
-        for name, angle in motions.items():
-            with suppress(SysidTribError):
-                envelopes[name] = half_sine_envelope(self.data[["angle"]].assign(angle=("time", angle)))
-        return envelopes
-
-    def amplitude_limits(self) -> tuple[float, float]:
-        """Ends of an axis of the record's amplitudes, rad; an error bar may reach below zero."""
-        amplitude = self.half_periods["record"].amplitude.values
-        low = max(0.8 * float(np.min(amplitude)), 0.2 * float(np.median(amplitude)))
-        return low, 1.15 * float(np.max(amplitude))
-
-    def frequency_limits(self) -> tuple[float, float]:
-        """Ends of an axis of the record's frequencies, rad/s; outliers at the noise floor are outside."""
-        low, high = np.percentile(self.half_periods["record"].frequency.values, [3, 97])
-        return low - 0.4 * (high - low), high + 0.4 * (high - low)
-
 
 def motion_data(tree: xr.DataTree, run: int) -> MotionData:
     """The record of a run with the models of a cross-check, or those before and after of a discovery."""
@@ -162,37 +125,6 @@ def drawn_samples(values: Array) -> NDArray[np.intp]:
 
 
 RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
-# Of the rows of half periods, and of what models miss of them: parts of the height.
-HALF_PERIOD_HEIGHTS = (1.2, 0.8)
-
-
-def half_periods(tree: xr.DataTree, run: int = 0) -> Figure:
-    """Amplitude against time, frequency against amplitude, and what each model misses of both.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `cross_check` or `discover`.
-    run : int
-        Which of several runs, from 0.
-    """
-    figure = new_figure(FULL_WIDTH, 4.2)
-    panels = figure.subplots(2, 2, height_ratios=HALF_PERIOD_HEIGHTS).ravel().tolist()
-    envelopes, frequencies, amplitude_missed, frequency_missed = panels
-    drawn = motion_data(tree, run)
-    _envelope(envelopes, drawn)
-    _frequency(frequencies, drawn)
-    _missed(amplitude_missed, drawn, "instant_time", "amplitude")
-    _missed(frequency_missed, drawn, "amplitude", "frequency")
-    for upper, lower in ((envelopes, amplitude_missed), (frequencies, frequency_missed)):
-        lower.set_xlim(upper.get_xlim())
-        upper.set_xlabel("")
-        upper.tick_params(labelbottom=False)
-    letter(panels)
-    named = {drawn.labels[name]: {"marker": ""} | dict(style) for name, style in drawn.lines.items()}
-    figure.legend(handles=legend_marks(named), ncols=2, loc="outside upper right", frameon=False, fontsize=8)
-    footnote(figure, held_out_sentence(tree))
-    return figure
 
 
 def curve(ax: Axes, time: Array, values: Array, style: Style) -> None:
@@ -223,7 +155,9 @@ def _record(ax: Axes, drawn: MotionData) -> None:
         ax.axvspan(drawn.data.holdout_start.item(), drawn.time[-1], color="0.93", zorder=0)
     ax.set(xlabel="time (s)", ylabel=drawn.label, xlim=(drawn.time[0], drawn.time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
-    ax.legend(ncols=3, **LEGEND)
+    labels = ax.get_legend_handles_labels()[1]
+    room = int(ROOM_OF_AN_INCH * (ax.figure.bbox.width / ax.figure.dpi - 1.0))
+    ax.legend(ncols=columns_of_legend(labels, 3, room), **LEGEND)
 
 
 def _residual(ax: Axes, drawn: MotionData, model: str) -> None:
@@ -237,57 +171,3 @@ def _residual(ax: Axes, drawn: MotionData, model: str) -> None:
     name = f"model\n{model}" if len(drawn.labels) > 1 else "model"
     label = f"record \N{MINUS SIGN} {name} ({unit})"
     ax.set(xlabel="time (s)", ylabel=label, xlim=(drawn.time[0], drawn.time[-1]))
-
-
-def _envelope(ax: Axes, drawn: MotionData) -> None:
-    _half_periods(ax, drawn, "instant_time", "amplitude")
-    if "record" in drawn.half_periods:
-        ax.set_ylim(drawn.amplitude_limits())
-    ax.set(xlabel="time (s)")
-    logarithmic_amplitude(ax, drawn.units)
-
-
-def _frequency(ax: Axes, drawn: MotionData) -> None:
-    _half_periods(ax, drawn, "amplitude", "frequency")
-    if "record" in drawn.half_periods:
-        highest = drawn.half_periods["record"].amplitude.values.max()
-        ax.set(xlim=(0.0, 1.05 * highest), ylim=drawn.frequency_limits())
-    ax.set(xlabel=f"amplitude ({drawn.units})", ylabel="frequency (rad/s)")
-
-
-def _missed(ax: Axes, drawn: MotionData, x: str, y: str) -> None:
-    """Half periods of the record minus those of each model, with the record's errors.
-
-    On one axis they lie on each other where a model is nearly right.
-    """
-    factor, unit = drawn.small_units if y == "amplitude" else (1e3, "mrad/s")
-    measured, ends = drawn.half_periods.get("record"), []
-    for name, fits in drawn.half_periods.items():
-        if measured is None or name == "record":
-            continue
-        order = np.argsort(fits[x].values)
-        model = np.interp(measured[x].values, fits[x].values[order], fits[y].values[order])
-        missed = factor * (measured[y].values - model)
-        error = factor * measured[f"{y}_standard_error"].values
-        bar: Style = {"fmt": "o", "color": drawn.lines[name]["color"], "linewidth": BAR_WIDTH, **OPEN_MARKS}
-        ax.errorbar(measured[x].values, missed, error, **bar)
-        # Outliers at the noise floor are outside.
-        ends += [*np.percentile(missed, [3, 97]), *(side * 2.0 * float(np.median(error)) for side in (-1, 1))]
-    if ends:
-        room = 0.4 * (max(ends) - min(ends))
-        ax.set_ylim(min(ends) - room, max(ends) + room)
-    ax.axhline(0.0, color="0.6", linewidth=BAR_WIDTH)
-    label = "time (s)" if x == "instant_time" else f"amplitude ({drawn.units})"
-    ax.set(xlabel=label, ylabel=f"record \N{MINUS SIGN} model\n({unit})")
-
-
-def _half_periods(ax: Axes, drawn: MotionData, x: str, y: str) -> None:
-    """Half periods of the record with their errors, named above the panel, and lines of the models."""
-    for name, fits in drawn.half_periods.items():
-        at, value = fits[x].values, fits[y].values
-        if name == "record":
-            error = fits[f"{y}_standard_error"].values
-            points = ax.errorbar(at, value, error, fmt="o", color="0.5", linewidth=BAR_WIDTH, **OPEN_MARKS)
-            ax.legend([points], ["half periods of the record"], **LEGEND)
-        else:
-            ax.plot(at, value, linewidth=1.0, label=drawn.labels[name], **drawn.lines[name])

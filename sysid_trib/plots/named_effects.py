@@ -1,5 +1,6 @@
 """Figures of a discovery: the gap, the effects named, the force that is missing, and the scores."""
 
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from matplotlib.figure import Figure
 from sysid_trib.plots import style
 from sysid_trib.plots.discovery_data import (
     DOT_BEYOND,
-    detectability_data,
     held_out_sentence,
     missing_force,
     rankings_data,
@@ -25,26 +25,33 @@ from sysid_trib.results.variables import signal_label, signal_symbol, signal_uni
 from sysid_trib.validation.findings import residual_of
 from sysid_trib.validation.verdict import record_noise
 
-# Height of a panel of rankings, and of detectable coefficients: without rows, and of a row, inch.
-RANKING_HEIGHT, DETECTABLE_HEIGHT, DETECTABLE_ROW = 3.35, 0.95, 0.155
+# Height of a panel of rankings, inch.
+RANKING_HEIGHT = 3.35
 
 
-def ranking(tree: xr.DataTree) -> Figure:
+def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """The ranking before each step and at the end, side by side.
 
     Parameters
     ----------
     tree : xr.DataTree
         Result of `discover`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     drawn = rankings_data(tree)
-    across = min(len(drawn), 2)
-    figure, panels = style.grid(len(drawn), across, 3.6 * across, RANKING_HEIGHT)
+    figure, panels = style.grid(len(drawn), 2, width, RANKING_HEIGHT)
     for data, panel in zip(drawn, panels, strict=True):
         _ranking(panel, data)
     style.letter(panels, [data.title for data in drawn])
     handles = style.legend_marks(style.CANDIDATE_MARKS | {"threshold": style.THRESHOLD})
-    figure.legend(handles=handles, ncols=4, loc="outside upper center", frameon=False, fontsize=8)
+    figure.legend(
+        handles=handles,
+        ncols=4 if width >= TWO_COLUMNS else 2,
+        loc="outside upper center",
+        frameon=False,
+        fontsize=8,
+    )
     style.footnote(figure, held_out_sentence(tree, of_search=True))
     return figure
 
@@ -76,70 +83,15 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
     ax.tick_params(labelsize=7, which="both")
 
 
-def forecast(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
-    """Smallest coefficient of each candidate that the record would show, and effects that were identified.
-
-    As high as there are candidates.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `discover`.
-    width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
-    """
-    rows = tree["detectability"].sizes["candidate"]
-    figure = style.new_figure(width, DETECTABLE_HEIGHT + DETECTABLE_ROW * rows)
-    _detectable(figure.subplots(), detectability_data(tree))
-    style.footnote(figure, held_out_sentence(tree, of_search=True))
-    return figure
-
-
-def _detectable(ax: Axes, data: xr.Dataset) -> None:
-    sizes = data[["start", "final", "identified"]].to_dataarray().values
-    # In the right half a text stands left of its mark.
-    half = np.sqrt(np.nanmin(sizes) * np.nanmax(sizes)) if np.isfinite(sizes).any() else np.inf
-    for row, (start, final, identified) in enumerate(sizes.T.tolist()):
-        if not np.any(np.isfinite([start, final])):
-            ax.text(0.01, row, "not testable", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
-        elif np.isnan(final) and data.in_final.values[row]:
-            side = {"xytext": (-5, 0), "ha": "right"} if start > half else {"xytext": (5, 0)}
-            ax.annotate("start model only", (start, row), fontsize=6, **side, **style.BESIDE_POINT)
-        ax.plot([start, final], [row, row], "-", color="0.6", linewidth=0.7)
-        for value, look in zip((start, final, identified), style.DETECTABLE_MARKS.values(), strict=True):
-            if look is not style.DETECTABLE_MARKS["identified"] or np.isfinite(value):
-                ax.plot([value], [row], **{"linestyle": ""} | look)
-    _families(ax, data.family.values.tolist())
-    style.name_rows(ax, data.candidate.values.tolist())
-    ax.set_xlabel("coefficient of five standard errors\n(in the candidate's unit)", fontsize=8)
-    if np.isfinite(sizes).any():
-        ax.set_xscale("log")
-    ax.tick_params(axis="y", labelsize=6)
-    ax.tick_params(axis="x", labelsize=8)
-    ax.grid(axis="x", color="0.9", linewidth=0.5)
-    ax.set_axisbelow(True)
-    close: dict[str, Any] = {"columnspacing": 0.9, "handletextpad": 0.1}
-    ax.legend(handles=style.legend_marks(style.DETECTABLE_MARKS), ncols=3, **(style.LEGEND | close))
-
-
-def _families(ax: Axes, families: list[str]) -> None:
-    """A band behind every second family, and its name at the right."""
-    for at, family in enumerate(dict.fromkeys(families)):
-        rows = [row for row, name in enumerate(families) if name == family]
-        if at % 2 == 0:
-            ax.axhspan(rows[0] - 0.5, rows[-1] + 0.5, color="0.96", zorder=0)
-        look: dict[str, Any] = {"color": "0.3", "fontsize": 7, "va": "center"}
-        middle = 0.5 * (rows[0] + rows[-1])
-        ax.text(1.01, middle, family or "other", transform=ax.get_yaxis_transform(), **look)
-
-
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 2
 # Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
 PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.34
+# Of a text of 8 points, in an inch.
+CHARACTERS = 14
 
 
-def story(tree: xr.DataTree, run: int = 0) -> Figure:
+def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """A discovery in one picture: record, gap before, gap after, and what each named effect explains.
 
     Parameters
@@ -148,29 +100,32 @@ def story(tree: xr.DataTree, run: int = 0) -> Figure:
         Result of `discover`.
     run : int
         Which of several runs, from 0.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
+    wide = width >= TWO_COLUMNS
     *heights, last = PANEL_HEIGHTS
-    heights.append(last + MODEL_ROW * (1 + len(added_effects(tree))))
-    figure = style.new_figure(8.0, sum(heights))
+    heights.append(last + MODEL_ROW * (1.0 if wide else 1.5) * (1 + len(added_effects(tree))))
+    figure = style.new_figure(width, sum(heights))
     panels = figure.subplots(4, 1, height_ratios=heights)
     drawn = motion_data(tree, run)
     draw_in_time(panels[:3], drawn, ["before", "after"])
     for panel in panels[1:3]:
         panel.set_ylabel(f"gap ({drawn.small_units[1]})")
     figure.align_ylabels(panels[:3])
-    _explained(panels[3], tree)
+    _explained(panels[3], tree, int(CHARACTERS * (width - 1.0)))
     titles = (
         "record",
         "gap before: record \N{MINUS SIGN} start model",
         "gap after: record \N{MINUS SIGN} final model",
         "effects named" if added_effects(tree) else "no effect named",
     )
-    style.letter(panels, titles)
+    style.letter(panels, [title if wide else title.partition(":")[0] for title in titles])
     style.footnote(figure, held_out_sentence(tree))
     return figure
 
 
-def _explained(ax: Axes, tree: xr.DataTree) -> None:
+def _explained(ax: Axes, tree: xr.DataTree, room: int) -> None:
     """RMS residual of the start model and after each named effect, over the noise."""
     symbols = added_effects(tree)
     steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
@@ -179,12 +134,12 @@ def _explained(ax: Axes, tree: xr.DataTree) -> None:
     texts = [_in_words(step) for step in steps]
     note = style.BESIDE_POINT | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
-        look = style.CANDIDATE_MARKS["named"] if row else style.DETECTABLE_MARKS["start model"]
+        look = style.CANDIDATE_MARKS["named"] if row else style.CANDIDATE_MARKS["other candidates"]
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
         # Above its line: beside a mark a long name may not have room.
-        ax.annotate(text, (1.0, row), (8, 10), **note)
+        ax.annotate(fill(text, room), (1.0, row), (8, 5), **(note | {"va": "bottom"}))
     ax.axvline(1.0, **style.THRESHOLD)
     style.name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
@@ -240,9 +195,8 @@ def disagreement(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
             panel.get_legend().remove()
         figure.legend(handles, labels, loc="outside upper right", frameon=False, fontsize=LEGEND["fontsize"])
     units = signal_units(tree)
-    x, unit = signal_symbol(units), small_units(units)[1]
     bar = figure.colorbar(mesh, ax=[first, second], extend="both", shrink=0.9)
-    bar.set_label(f"missing $f$ ({unit}),\n" + rf"$\ddot{{{x}}} + \omega^2 {x} = -\omega^2 f$")
+    bar.set_label(f"missing force over $I\\omega^2$ ({small_units(units)[1]})")
     footnote(figure, held_out_sentence(tree))
     return figure
 

@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import SysidTribError
-from sysid_trib.physics.energy import dissipated_energy
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.plots.discovery_data import COLOUR_PERCENT, DOT_BEYOND, held_out_sentence
 from sysid_trib.plots.looked import curves_of
 from sysid_trib.plots.motion_panels import MotionData, motion_data
 from sysid_trib.plots.style import MODEL_LINES
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import record_groups
@@ -23,8 +23,8 @@ from sysid_trib.validation.residual_force import residual_force
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import run_record_noise
 
-# Amplitudes between which shares are drawn, instants at which power is.
-DRAWN_AMPLITUDES, DRAWN_INSTANTS = 60, 120
+# Amplitudes between which shares are drawn.
+DRAWN_AMPLITUDES = 60
 # Standard errors of a 95 % interval.
 INTERVAL = 1.96
 
@@ -41,8 +41,6 @@ class OverviewData:
         Identifications whose coefficients are shown, the main one last; none where all have failed.
     weighed : Dataset, or None
         `weights` of the main one over amplitude; none where a force is not finite there.
-    power : Dataset, or None
-        Over `time` and `force`: `power`, the mean over a cycle of what each force takes, over I w^2.
     missing : Dataset, or None
         `residual_force`; none where the samples do not determine the motion.
     holds : bool
@@ -58,7 +56,6 @@ class OverviewData:
     motion: MotionData
     results: Mapping[str, xr.Dataset]
     weighed: xr.Dataset | None
-    power: xr.Dataset | None
     missing: xr.Dataset | None
     holds: bool
     models: tuple[str, ...]
@@ -114,22 +111,22 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
     main = next(reversed(results.values()), None)
     # A model that failed has no weights, but what it lacks can be seen.
     of_surface = main if main is not None else tree[tree["comparison"].attrs["second"]].to_dataset()
-    weighed = power = missing = None
+    weighed = missing = None
     with suppress(SysidTribError):
         missing = residual_force(record[["angle"]], of_surface, run)
     with suppress(SysidTribError):
-        if main is not None and "record" in drawn.half_periods:
-            halves = drawn.half_periods["record"]
+        if main is not None:
+            halves = envelope(record[["angle"]])
             # `t` of a formula is the time since the first sample.
             halves = halves.assign(elapsed=halves.instant_time - float(record.time[0]))
-            weighed, power = _weights(main, halves), _power(main, halves)
+            weighed = _weights(main, halves)
     models = tuple(drawn.lines)[-1 if kind_of(tree) == "discover" else 0 :]
     held = held_out_sentence(tree)
     curves = None
     if any(name.startswith("lack_of_fit") for name in tree.children):
         with suppress(KeyError):
             curves = curves_of(tree, run)
-    return OverviewData(drawn, results, weighed, power, missing, explained, models, held, curves)
+    return OverviewData(drawn, results, weighed, missing, explained, models, held, curves)
 
 
 def _best_motion(tree: xr.DataTree, run: int) -> MotionData:
@@ -151,14 +148,3 @@ def _weights(result: xr.Dataset, halves: xr.Dataset) -> xr.Dataset:
     amplitude, since = halves.amplitude.values[order], halves.elapsed.values[order]
     drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), DRAWN_AMPLITUDES)
     return weights(result, drawn, time=np.interp(drawn, amplitude, since))
-
-
-def _power(result: xr.Dataset, halves: xr.Dataset) -> xr.Dataset:
-    """What each force takes on the mean over a cycle: its energy of a cycle over the period."""
-    time, amplitude = halves.instant_time.values, halves.amplitude.values
-    at = np.linspace(time[0], time[-1], DRAWN_INSTANTS)
-    elapsed = np.interp(at, time, halves.elapsed.values)
-    energy = dissipated_energy(result, np.interp(at, time, amplitude), time=elapsed)
-    frequency = result.reference_frequency.item() / (2.0 * np.pi)
-    power = energy[["energy"]].rename(energy="power")
-    return (frequency * power).assign_coords(time=("amplitude", at)).swap_dims(amplitude="time")

@@ -11,7 +11,18 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
-from sysid_trib.plots.style import BAR_WIDTH, LEGEND, SERIES, axes, in_latex, letter, line, mark, new_figure
+from sysid_trib.plots.style import (
+    BAR_WIDTH,
+    FULL_WIDTH,
+    LEGEND,
+    SERIES,
+    axes,
+    grid,
+    in_latex,
+    letter,
+    line,
+    mark,
+)
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units
 
 # Room in a legend above the panel.
@@ -115,16 +126,17 @@ def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | Non
     return ax
 
 
-def signatures(averages: Mapping[str, xr.Dataset]) -> Figure:
+def signatures(averages: Mapping[str, xr.Dataset], *, width: float = FULL_WIDTH) -> Figure:
     """Both averages of forces against amplitude: the first drives the envelope, the second the frequency.
 
     Parameters
     ----------
     averages : mapping of str to xr.Dataset
         By label, `signature` over a row of amplitudes.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure = new_figure(7.2, 3.0)
-    panels = figure.subplots(1, 2, sharex=True)
+    figure, panels = grid(2, 2, width, 2.7, sharing="x")
     for panel, (quantity, axis_label) in zip(panels, SIGNATURE_LABELS.items(), strict=True):
         panel.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
         for (label, force), series in zip(averages.items(), cycle(SERIES)):

@@ -9,16 +9,18 @@ from sysid_trib.plots.style import FULL_WIDTH, INK, LEGEND, ORANGE, grid, letter
 PLAN_HEIGHT = 2.4
 
 
-def plan(data: xr.Dataset) -> Figure:
+def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Entropy of the models that each run leaves, or its errors, against the release; where the models part.
 
     Parameters
     ----------
     data : Dataset
         Of `validation.plan`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     several = "parting" in data
-    figure, panels = grid(2 if several else 1, 2 if several else 1, FULL_WIDTH, PLAN_HEIGHT)
+    figure, panels = grid(1 + several, 1 + several, width, PLAN_HEIGHT)
     unit = data.amplitude.attrs["units"]
     durations = np.unique(data.duration.values)
     for at, length in enumerate(durations):

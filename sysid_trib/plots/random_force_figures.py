@@ -15,6 +15,7 @@ from sysid_trib.plots.style import (
     INK,
     LEGEND,
     ORANGE,
+    TWO_COLUMNS,
     axes,
     letter,
     new_figure,
@@ -46,7 +47,7 @@ def innovations(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-def prediction_bands(data: xr.Dataset, ax: Axes | None = None) -> Axes:
+def prediction_bands(data: xr.Dataset, ax: Axes | None = None, *, width: float = TWO_COLUMNS) -> Axes:
     """Record minus what was predicted of it, from each origin on, in bands that grow.
 
     Parameters
@@ -55,8 +56,10 @@ def prediction_bands(data: xr.Dataset, ax: Axes | None = None) -> Axes:
         Result of `prediction_bands`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
-    ax = axes(ax)
+    ax = axes(ax, width)
     factor, unit = small_units(signal_units(data))
     error = factor * BAND_WIDTH * data.predicted_standard_error
     missed = factor * (data.measured - data.predicted)

@@ -28,15 +28,17 @@ SWEEP_LINES: dict[str, dict[str, Any]] = {
 SIMULATED: dict[str, Any] = OPEN_MARKS | {"color": INK, "marker": "o", "linestyle": "", "zorder": 4}
 
 
-def response(data: xr.Dataset) -> Figure:
+def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Amplitude with its 95 % band, and phase, against frequency; marks are motions that were simulated.
 
     Parameters
     ----------
     data : Dataset
         Of `forced_response`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure, panels = grid(2, 2, FULL_WIDTH, RESPONSE_HEIGHT)
+    figure, panels = grid(2, 2, width, RESPONSE_HEIGHT)
     amplitude, phase = panels
     w, unit = data.frequency.values, data.amplitude.attrs["units"]
     for sweep, look in SWEEP_LINES.items():

@@ -7,7 +7,16 @@ from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
-from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, LEGEND, ORANGE, letter, new_figure
+from sysid_trib.plots.style import (
+    BLUE,
+    FULL_WIDTH,
+    GREY,
+    INK,
+    ORANGE,
+    TWO_COLUMNS,
+    letter,
+    new_figure,
+)
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.validation.samples import SIDES
 
@@ -18,24 +27,30 @@ CURVES_HEIGHT, ROW = 2.4, 0.28
 MOST_ERRORS = 8.0
 
 
-def difference(tree: xr.DataTree) -> Figure:
+def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Damping and frequency of both samples against amplitude, and the difference of each coefficient.
 
     Parameters
     ----------
     tree : DataTree
         Of `held_against`, which the command `difference` writes.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     count = tree.sizes["force"]
-    figure = new_figure(FULL_WIDTH, CURVES_HEIGHT + ROW * (count + 2))
-    rows = figure.add_gridspec(2, 1, height_ratios=[CURVES_HEIGHT, ROW * (count + 2)])
-    curves = rows[0].subgridspec(1, 2)
-    panels = [figure.add_subplot(curves[0, at]) for at in range(2)]
+    wide = width >= TWO_COLUMNS
+    heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
+    figure = new_figure(width, sum(heights))
+    rows = figure.add_gridspec(2, 1, height_ratios=heights)
+    curves = rows[0].subgridspec(*((1, 2) if wide else (2, 1)))
+    panels = [figure.add_subplot(curves[at]) for at in range(2)]
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         _draw_samples(ax, tree, name)
     panels.append(figure.add_subplot(rows[1]))
-    _draw_differences(panels[-1], tree)
+    _draw_differences(panels[-1], tree, wide)
     letter(panels)
+    lines, labels = panels[0].get_legend_handles_labels()
+    figure.legend(lines, labels, ncols=2 if wide else 1, loc="outside upper right", frameon=False, fontsize=8)
     return figure
 
 
@@ -51,11 +66,9 @@ def _draw_samples(ax: Axes, tree: xr.DataTree, name: str) -> None:
     if limits:
         low, high, left, right = np.array(limits).T
         ax.set(ylim=(low.min(), high.max()), xlim=(left.min(), right.max()))
-        if name == "frequency":
-            ax.legend(**LEGEND, ncols=2)
 
 
-def _draw_differences(ax: Axes, tree: xr.DataTree) -> None:
+def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
     """A row each force: first minus second over the standard error, with the interval of the level."""
     data = tree.to_dataset()
     symbols, z = data.force.values.tolist(), data.z.values
@@ -70,14 +83,18 @@ def _draw_differences(ax: Axes, tree: xr.DataTree) -> None:
         ax.errorbar(shown, at, xerr=half, fmt="o", color=colour, markersize=4, linewidth=1.0)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
+        # Beside the row, or in a column above it.
+        place, side = ((1.01, at), "center") if wide else ((0.02, at - 0.16), "bottom")
+        text = " and ".join(pair) + outside
         ax.annotate(
-            " and ".join(pair) + outside,
-            (1.01, at),
+            text,
+            place,
             xycoords=("axes fraction", "data"),
-            va="center",
+            va=side,
             color=colour,
+            fontsize=8 if wide else 6.5,
             annotation_clip=False,
         )
     ax.set(xlim=(-edge, edge), ylim=(len(symbols) - 0.4, -0.6))
     ax.set_yticks(range(len(symbols)), symbols)
-    ax.set_xlabel("first minus second, over its standard error")
+    ax.set_xlabel("first minus second, over its standard error", fontsize=8)

@@ -41,12 +41,6 @@ CANDIDATE_MARKS: dict[str, dict[str, Any]] = {
     "competing effects": {"color": BLUE, "marker": "s", "markersize": 5},
     "other candidates": {"color": GREY, "marker": "o", "markersize": 4, "markerfacecolor": "white"},
 }
-# The two models for which coefficients are detectable, and effects that were identified.
-DETECTABLE_MARKS: dict[str, dict[str, Any]] = {
-    "start model": CANDIDATE_MARKS["other candidates"],
-    "final model": {"color": INK, "marker": "o", "markersize": 4},
-    "identified": CANDIDATE_MARKS["named"],
-}
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
 # Of a figure over the whole page, and the least at which two panels stand side by side, inch.
@@ -131,15 +125,15 @@ def unit_label(unit: str) -> str:
     return unit_in_latex(unit).replace(r"\&", "&").replace(r"\#", "#")
 
 
-def axes(ax: Axes | None) -> Axes:
-    """The axes given, or new ones."""
-    return new_figure(5.0, 3.2).subplots() if ax is None else ax
+def axes(ax: Axes | None, width: float = TWO_COLUMNS) -> Axes:
+    """The axes given, or new ones in a figure of a width in inch."""
+    return new_figure(width, min(3.2, 0.8 * width)).subplots() if ax is None else ax
 
 
 def grid(
     count: int, across: int, width: float, row_height: float, *, sharing: str = ""
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels, `across` in a row, and room above them for a legend.
+    """A figure with `count` panels, `across` in a row, fewer in a narrow one, and room above for a legend.
 
     Parameters
     ----------
@@ -150,6 +144,8 @@ def grid(
     sharing : {"", "x", "y"}
         Axis that all panels share.
     """
+    # No panel is narrower than three in a row of the whole page.
+    across = max(1, min(across, count, round(across * width / FULL_WIDTH)))
     rows = -(-count // across)
     figure = new_figure(width, rows * row_height + 0.3)
     panels = figure.subplots(

@@ -6,23 +6,25 @@ from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
 
 from sysid_trib.arrays import Array
-from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, grid, letter, new_figure
+from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, TWO_COLUMNS, grid, letter
 
-PROFILE_HEIGHT, FIT_HEIGHT = 2.2, 0.2
+PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
 # Colours of the kinds of fit.
 KIND_COLOURS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a9d6f", "method": INK}
 
 
-def profile(data: xr.Dataset) -> Figure:
+def profile(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Deviance of each parameter against its value; dashed, the parabola of the standard error.
 
     Parameters
     ----------
     data : Dataset
         Of `validation.profile`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     count = data.sizes["parameter"]
-    figure, panels = grid(count, min(3, count), FULL_WIDTH, PROFILE_HEIGHT)
+    figure, panels = grid(count, min(3, count), width, PROFILE_HEIGHT)
     for ax, name in zip(panels, data.parameter.values.tolist(), strict=False):
         row = data.sel(parameter=name)
         known = np.isfinite(row.value.values)
@@ -53,17 +55,19 @@ def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
     return 10.0**power, f"{name} / $10^{{{power}}}$"
 
 
-def sensitivity(data: xr.Dataset) -> Figure:
+def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Each coefficient by every fit with its error; the band is the stated value with twice its error.
 
     Parameters
     ----------
     data : Dataset
         Of `validation.sensitivity`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
-    figure = new_figure(FULL_WIDTH, FIT_HEIGHT * len(fits) + 0.8)
-    panels = np.atleast_1d(figure.subplots(1, count, sharey=True)).tolist()
+    across = 6 if width >= TWO_COLUMNS else 4
+    figure, panels = grid(count, across, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
     colours = [KIND_COLOURS.get(kind, INK) for kind in data.kind.values.tolist()]
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
         row = data.sel(force=symbol)
@@ -78,8 +82,9 @@ def sensitivity(data: xr.Dataset) -> Figure:
                 ax.errorbar(
                     value / unit, at, xerr=of_it / unit, fmt="o", color=colour, markersize=3, linewidth=0.8
                 )
-        ax.set_xlabel(label)
+        ax.set_xlabel(label, fontsize=FONT + 1.0)
         ax.locator_params(axis="x", nbins=2)
+        ax.tick_params(labelsize=FONT)
     labels = [f"{kind}: {fit}" for kind, fit in zip(data.kind.values.tolist(), fits, strict=True)]
     panels[0].set_yticks(range(len(fits)), labels)
     panels[0].set_ylim(len(fits) - 0.4, -0.6)

@@ -81,7 +81,7 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
         blocks.append(
             Block(remains, details, REMAINS, residual_table(tree, "discrepancy_after"), PARTS_CAPTION)
         )
-    return [*blocks, Block(_detectability(tree), details, SHOWS, figures="detectable")]
+    return [*blocks, Block(_detectability(tree), details, SHOWS)]
 
 
 def _start(tree: xr.DataTree) -> list[str]:

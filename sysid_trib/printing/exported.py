@@ -3,14 +3,16 @@
 import csv
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import floor, log10
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.layout import by_label, error_of, quantity, value_with_error
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.formulas import Formula
+from sysid_trib.printing.layout import by_label, error_of, quantity, reference_sentence, value_with_error
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups, signal_symbol, signal_units
@@ -22,6 +24,7 @@ from sysid_trib.validation.findings import (
     verdict_of,
     with_error_parts,
 )
+from sysid_trib.validation.verdict import record_noise
 
 # Digits of a number without an error, and of an error.
 DIGITS, DIGITS_OF_ERROR = 6, 2
@@ -39,13 +42,18 @@ COLUMNS = {
     "refers_to": "refers_to",
     "error_of_noise": "error_of_noise",
     "error_of_model": "error_of_model",
+    "error_of_calibration": "error_of_calibration",
 }
+# Group of a result in SI units, what was given for it, and what it may hold.
+SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
+MU = "friction_coefficient"
 # More methods than this are rows.
 MOST_COLUMNS = 3
 # Signs by which a spreadsheet knows a formula.
 FORMULA_SIGNS = ("=", "+", "-", "@")
 LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
 LATEX_ESCAPES |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim "}
+LATEX_TEXT = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 FREQUENCIES_LATEX = {"reference_frequency": r"\omega", "asymptotic_frequency": r"\omega_\infty"}
 
 
@@ -96,6 +104,28 @@ def equation_latex(result: xr.Dataset) -> str:
             r"\end{equation}",
         ]
     )
+
+
+def forces_latex(library: ForceLibrary) -> str:
+    r"""The forces of a library with their states as a table (`booktabs`) for LaTeX."""
+    import sympy
+
+    symbols = {name: sympy.Symbol(latex) for name, latex in NAMES.items()}
+    rows = []
+    for force in library:
+        own = {name: sympy.Symbol(name) for formula in force.formulas for name in formula.names}
+        known = own | symbols
+
+        def written(formula: Formula, known: Mapping[str, object] = known) -> str:
+            with sympy.evaluate(False):
+                return str(sympy.latex(sympy.sympify(_expression(formula.text, known))))
+
+        states = [rf"\dot{{{name}}}/\omega = {written(rate)}" for name, rate in force.state.items()]
+        held = [rf"{name} := {written(value)}" for name, value in force.memory.items()]
+        cells = f"${', '.join([written(force.formula), *states, *held])}$"
+        rows.append(rf"${force.latex_symbol}$ & {_plain(force.name)} & {cells} \\")
+    head = [r"\begin{tabular}{lll}", r"\toprule", r"symbol & force & formula \\", r"\midrule"]
+    return "\n".join([*head, *rows, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def power_of_ten(number: str) -> str:
@@ -158,7 +188,7 @@ def _factor(formula: str) -> str:
     return formula
 
 
-def _expression(formula: str, names: dict[str, object]) -> object:
+def _expression(formula: str, names: Mapping[str, object]) -> object:
     """A formula of a library as sympy has it."""
     import sympy
 
@@ -173,13 +203,21 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     windows = [f"{float(r.time.values[0]):.6g} to {float(r.time.values[-1]):.6g} s" for r in records]
     samples = [str(record.sizes["time"]) for record in records]
     details = {"window": ", ".join(windows), "samples": ", ".join(samples)}
-    if kind_of(tree) in ("discover", "difference"):
-        return {"verdict": str(tree.attrs["verdict"])} | details
-    if kind_of(tree) == "compare":
+    details["units"] = signal_units(tree)
+    kind = kind_of(tree)
+    if kind == "compare":
         return {"predicts best": str(tree["comparison"].attrs["best"])} | details
-    ratio = residual_over_noise(tree, answer_of(tree))
+    if kind == "difference":
+        return {"verdict": str(tree.attrs["verdict"])} | details
+    if kind == "discover":
+        said, model = {"verdict": str(tree.attrs["verdict"])}, "after"
+    else:
+        model = answer_of(tree)
+        said = {"verdict": verdict_of(tree), "answer": model}
+    ratio = residual_over_noise(tree, model)
     residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
-    return {"verdict": verdict_of(tree), "answer": answer_of(tree)} | details | {"residual": residual}
+    noise = f"{record_noise(tree):.2g} {details['units']}"
+    return said | details | {"noise": noise, "residual": residual}
 
 
 def csv_text(tree: xr.DataTree) -> str:
@@ -195,17 +233,35 @@ def csv_text(tree: xr.DataTree) -> str:
 def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     for method, result in given_results(tree).items():
         for force in by_label(with_error_parts(result), "force").values():
-            cells = {column: force[name].item() for column, name in COLUMNS.items() if name}
+            cells = {column: force[name].item() for column, name in COLUMNS.items() if name in force}
             yield {"method": method} | cells
         for name in FREQUENCIES_LATEX:
             value, error = (result[key].item() for key in (name, error_of(name)))
             words = {"method": method, "quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
             yield words | {"value": value, "standard_error": error}
+    if SI in tree.children:
+        yield from _si_rows(tree[SI].to_dataset())
     for symbol, row in _contrasts(tree).items():
         words = {"method": "first minus second", "quantity": symbol, "name": f"z = {row.z.item():.4g}"}
         yield words | {"value": row.difference.item(), "standard_error": row.standard_error.item()}
     for name, text in about_the_record(tree).items():
         yield {"method": "record", "quantity": name, "value": text}
+
+
+def _si_rows(values: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Coefficients and friction in SI units, and what they were made with."""
+    method = f"{values.attrs['of_method']} in SI units"
+    for symbol, force in by_label(values, "force").items():
+        words = {"method": method, "quantity": symbol, "formula": force["multiplies"].item()}
+        value, error = force.coefficient.item(), force.standard_error.item()
+        yield words | {"value": value, "standard_error": error, "unit": force["unit"].item()}
+        if np.isfinite(force.get(MU, np.nan)):
+            value, error = (force[name].item() for name in (MU, error_of(MU)))
+            words |= {"name": MU.replace("_", " "), "unit": "1"}
+            yield words | {"value": value, "standard_error": error}
+    for name in (name for name in GIVEN if name in values):
+        words = {"method": method, "quantity": name, "unit": values[name].attrs["units"]}
+        yield words | {"value": values[name].item(), "standard_error": values[error_of(name)].item()}
 
 
 def _contrasts(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -225,26 +281,57 @@ def latex_text(tree: xr.DataTree) -> str:
             cells.setdefault(f"${library[symbol].latex_symbol}$", {})[method] = text
         for name, symbol in FREQUENCIES_LATEX.items():
             cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
-    contrasts = _contrasts(tree)
+    heads, contrasts = [*named], _contrasts(tree)
+    if SI in tree.children:
+        values = tree[SI].to_dataset()
+        heads.append("SI units")
+        library = library_of(named[values.attrs["of_method"]])
+        for symbol, force in by_label(values, "force").items():
+            letter = library[symbol].latex_symbol
+            text = f"{_in_latex(quantity(force, 'coefficient'))} {unit_in_latex(force['unit'].item())}"
+            cells[f"${letter}$"]["SI units"] = text
+            if np.isfinite(force.get(MU, np.nan)):
+                cells[rf"$\mu_{{{letter}}}$"] = {"SI units": _in_latex(quantity(force, MU))}
     for symbol, row in contrasts.items():
+        heads = [*named, "difference"]
         own = next(library_of(result)[symbol] for result in named.values() if symbol in result.force)
         text = value_with_error(row.difference.item(), row.standard_error.item())
         of_force = cells.setdefault(f"${own.latex_symbol}$", {})
         of_force["difference"] = f"{_in_latex(text)}, $z = {row.z.item():.1f}$"
-    heads = [*named, *(["difference"] if contrasts else [])]
     table = [[head, *(row.get(name, "--") for name in heads)] for head, row in cells.items()]
     table.insert(0, ["", *(name.replace("_", " ") for name in heads)])
     if len(heads) > MOST_COLUMNS:
         table = [list(row) for row in zip(*table, strict=True)]
     head, *rows = (f"{' & '.join(row)} \\\\" for row in table)
     begin = rf"\begin{{tabular}}{{l{'c' * (len(table[0]) - 1)}}}"
-    details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
-    note = rf"\multicolumn{{{len(table[0])}}}{{l}}{{\footnotesize {details}}} \\"
-    lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", note, r"\end{tabular}"]
+    lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", r"\end{tabular}"]
+    caption = rf"\caption{{{_caption(tree, named)}}}"
+    lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
     if contrasts:
         return "\n".join([*lines, ""])
     main = main_result(tree)
     return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])
+
+
+def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
+    """What the table of a result holds, of which record, and how far it is explained."""
+    details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
+    by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
+    refers = "".join(reference_sentence(result) for result in list(named.values())[-1:])
+    given = tree[SI].to_dataset() if SI in tree.children else xr.Dataset()
+    si = "".join(
+        f"; {name}: {_in_latex(quantity(given, name))} {unit_in_latex(given[name].attrs['units'])}"
+        for name in GIVEN
+        if name in given
+    )
+    refers = _plain(refers).replace(" w ", r" $\omega$ ")
+    details = _plain(f"{details[:1].upper()}{details[1:]}")
+    return f"Coefficients by {by} with standard errors. {refers} {details}{si}."
+
+
+def _plain(text: str) -> str:
+    """A text of a result as LaTeX writes it: none of its letters is a command."""
+    return re.sub(r"[{}$&#_%\\^~]", lambda letter: LATEX_TEXT.get(letter[0], f"\\{letter[0]}"), text)
 
 
 def unit_in_latex(unit: str) -> str:

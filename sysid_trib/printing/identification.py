@@ -18,7 +18,7 @@ from sysid_trib.printing.layout import (
     text_table,
     values_with_errors,
 )
-from sysid_trib.printing.physics import physics_sentences, translation_sentences, weight_sentences
+from sysid_trib.printing.physics import physics_sentences, si_block, si_of, weight_sentences
 from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
@@ -43,13 +43,7 @@ COEFFICIENTS, BETWEEN_RUNS, CONSEQUENCES = "Coefficients", "Do the runs agree", 
 NO_CONSEQUENCES = "Weights, crossovers and arrest are not given: the model {} the record."
 
 
-def identification_blocks(
-    tree: xr.DataTree,
-    sources: Sequence[str] = (),
-    inertia: float | None = None,
-    mass: float | None = None,
-    load: float | None = None,
-) -> list[Block]:
+def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """What is shown of a result of `cross_check`.
 
     Parameters
@@ -58,8 +52,6 @@ def identification_blocks(
         The result, with the group `runs` if there are several.
     sources : sequence of str
         What each record is.
-    inertia, mass, load : float, optional
-        They add SI units: kg m^2, kg, N.
 
     Returns
     -------
@@ -82,11 +74,11 @@ def identification_blocks(
         blocks += [
             Block([reference_sentence(second_of(tree))], details, COEFFICIENTS),
             Block((), ALWAYS, COEFFICIENTS, identification_table(tree)),
+            *si_block(tree),
             Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS),
         ]
     blocks += [
-        Block(title="Amplitude and frequency", figures="half_periods"),
-        Block(verdict.separation_sentences(tree), ALWAYS),
+        Block([*verdict.separation_sentences(tree), *verdict.calibration_sentences(tree)], ALWAYS),
         Block([*agree[:1], *pushed, *remarks, *_weight(tree)], Layer.DEFAULT),
         *sureness_blocks(tree),
         Block([*verdict.test_sentences(tree), *agree, *remarks, *_stiffness(tree)], details),
@@ -98,8 +90,7 @@ def identification_blocks(
     return [
         *blocks,
         Block(pushed, details, "Random force", figures="random_force"),
-        Block(consequences(tree, inertia), details, CONSEQUENCES),
-        Block(translation_sentences(second_of(tree), mass, load), title=CONSEQUENCES),
+        Block(consequences(tree), details, CONSEQUENCES),
     ]
 
 
@@ -147,8 +138,8 @@ def identification_table(tree: xr.DataTree) -> Table:
     return text_table(heads[:last], shown, numbers=tuple(range(2, last)))
 
 
-def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
-    """What follows from the answer, in sentences; with an inertia (kg m^2) in SI units too.
+def consequences(tree: xr.DataTree) -> list[str]:
+    """What follows from the answer, in sentences; energies in J where its inertia is known.
 
     Nothing follows from a model that does not hold.
     """
@@ -156,7 +147,7 @@ def consequences(tree: xr.DataTree, inertia: float | None) -> list[str]:
         undetermined = verdict_of(tree) == "undetermined"
         return [NO_CONSEQUENCES.format("is not decided by" if undetermined else "does not explain")]
     result, at = tree[answer_of(tree)].to_dataset(), times_of_amplitudes(tree)
-    return physics_sentences(result, amplitudes(tree), inertia, time=at)
+    return physics_sentences(result, amplitudes(tree), si_of(tree), time=at)
 
 
 def _weight(tree: xr.DataTree) -> list[str]:

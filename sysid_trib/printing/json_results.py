@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.physics.si_units import translation_units
 from sysid_trib.printing.discovery_tables import steps_of
+from sysid_trib.printing.exported import MU, SI
 from sysid_trib.printing.identification import consequences
 from sysid_trib.printing.layout import (
     COEFFICIENT,
@@ -19,7 +19,7 @@ from sysid_trib.printing.layout import (
     records_json,
     same,
 )
-from sysid_trib.printing.physics import physics_json
+from sysid_trib.printing.physics import physics_json, si_of
 from sysid_trib.printing.random_force import random_force_json
 from sysid_trib.printing.verdict import GROUP, TESTED, runs_json
 from sysid_trib.records.decay import RECORD_PARTS
@@ -40,7 +40,6 @@ from sysid_trib.validation.findings import (
     holds,
     residual_of,
     residual_over_noise,
-    second_of,
     times_of_amplitudes,
     with_error_parts,
 )
@@ -48,6 +47,7 @@ from sysid_trib.validation.verdict import record_noise
 
 TEST = ("chi_square", "degrees_of_freedom", "p_value")
 FORCE = COEFFICIENT | same("error_of_noise", "error_of_model", "active", "refers_to", "unit")
+FORCE["error_of_calibration"] = "error_of_calibration?"
 METHOD: dict[str, Source] = {
     "coefficients": ("force", FORCE),
     **FREQUENCIES_JSON,
@@ -112,11 +112,10 @@ DISCOVERY: dict[str, Source] = {
 }
 
 
-def identification_json(
-    tree: xr.DataTree, inertia: float | None = None, mass: float | None = None, load: float | None = None
-) -> dict[str, Any]:
+def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `cross_check` as plain data, see `identification_blocks`."""
     checked, failed, answer = tree["comparison"].to_dataset(), failures(tree), answer_of(tree)
+    si = si_of(tree)
     names = (checked.attrs["first"], checked.attrs["second"])
     withheld = dict.fromkeys(METHOD) | {"coefficients": {}}
     methods, models = {}, {}
@@ -128,9 +127,9 @@ def identification_json(
         models[name]["residual_over_noise"] = number(residual_over_noise(tree, name))
     if holds(tree):
         result, at = tree[answer].to_dataset(), times_of_amplitudes(tree)
-        follows = physics_json(result, amplitudes(tree), inertia, time=at)
+        follows = physics_json(result, amplitudes(tree), si, time=at)
     else:
-        follows = {"refused": consequences(tree, inertia)[0]}
+        follows = {"refused": consequences(tree)[0]}
     of_models = {"models": models, "noise": record_noise(tree)}
     data = {
         **records_json(tree),
@@ -146,10 +145,9 @@ def identification_json(
     }
     if "runs" in tree:
         data["runs"] = runs_json(tree["runs"].to_dataset())
-    if mass is not None:
-        friction = {} if load is None else {"friction_coefficient": "friction_coefficient±"}
-        values = translation_units(second_of(tree), mass, load)
-        data["si_units"] = per_label(values, "force", COEFFICIENT | same("unit") | friction)
+    if si is not None:
+        friction = {MU: f"{MU}±"} if MU in si else {}
+        data[SI] = per_label(si, "force", COEFFICIENT | same("unit") | friction)
     return data
 
 

@@ -116,7 +116,8 @@ def text_table(
     table = Table(box=None, pad_edge=False, header_style="bold")
     for at, head in enumerate(heads):
         # As wide as a word of the head: a narrow terminal would break it.
-        longest = max(len(text) for text in (*(row[at] for row in rows), *head.split()))
+        cells = (*(row[at] for row in rows), *head.split())
+        longest = max(len(line) for cell in cells for line in cell.split("\n"))
         table.add_column(
             head,
             justify="right" if at in numbers else "left",

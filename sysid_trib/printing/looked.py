@@ -5,6 +5,7 @@ import io
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from math import pi
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -17,18 +18,39 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing.blocks import Block
 from sysid_trib.printing.layout import Source, mapped, same, text_table, value_with_error
 
+# What the table of a library refers to, and characters of its words: it has 100 columns.
+NORMALISED = (
+    "theta'' + w^2 (theta + sum of c h) = 0 with x = theta, v = theta'/w, tau = w t.\n"
+    "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
+    "A coefficient c has no unit where none stands."
+)
+WORDS, AT_TWO = 34, " (a = 0.1, 1)"
+
 
 def force_table(library: ForceLibrary) -> Table:
-    """Forces of a library with what is derived from their formulas."""
-    heads = ["symbol", "name", "formula", "parity", "type", "unit"]
-    heads += ["<h sin phi>", "<h cos phi>", "loses power"]
+    """Forces of a library with their equations, and what is derived from these."""
     rows = []
     for force in library:
-        power = "-" if force.kind == "sensor" else loses_power(force)
+        power = "" if force.kind == "sensor" else loses_power(force)
         unit = "" if force.units == "1" else force.units
-        words = [force.symbol, force.name, force.formula.text, force.parity, force.character, unit]
-        rows.append([*words, *signature_text(force), power])
-    return text_table(heads, rows, whole=(0, 6, 7))
+        kind = filter(None, (force.parity, force.character, POWER_WORDS.get(power, power), unit))
+        words = "\n".join(fill(line, WORDS) for line in (force.name, *equations_of(force)))
+        averaged = (text.removesuffix(AT_TWO).replace(", ", "\n") for text in signature_text(force))
+        rows.append([force.symbol, words, "\n".join(kind), *averaged])
+    return text_table(["symbol", "force", "kind", "<h sin phi>", "<h cos phi>"], rows, whole=(0, 3, 4))
+
+
+def equations_of(force: Force) -> list[str]:
+    """A force, its states and memory, and its shape parameters with their ranges, a line each."""
+    return [
+        f"h = {force.formula.text}",
+        *(f"d{name}/dtau = {formula.text}" for name, formula in force.state.items()),
+        *(f"{name} := {formula.text} where v = 0" for name, formula in force.memory.items()),
+        *(
+            f"{name} = {s.default:g} ({s.low:g} to {s.high:g}): {s.meaning}"
+            for name, s in force.shape.items()
+        ),
+    ]
 
 
 def signature_text(force: Force) -> tuple[str, str]:
@@ -41,7 +63,7 @@ def _average_text(average: Array, degree: float | None) -> str:
     small, unit = average.tolist()
     if np.max(np.abs(average)) < 1e-13:
         return "0"
-    return f"{small:.3g}, {unit:.3g} (a = 0.1, 1)" if degree is None else _term(unit, degree)
+    return f"{small:.3g}, {unit:.3g}{AT_TWO}" if degree is None else _term(unit, degree)
 
 
 def _term(value: float, degree: float) -> str:
@@ -61,6 +83,9 @@ def _closed(value: float) -> str:
                 return str(fraction)
             return f"{fraction.numerator}/pi" if over == 1 else f"{fraction.numerator}/({over} pi)"
     return f"{value:.4g}"
+
+
+POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or gains"}
 
 
 def loses_power(force: Force) -> str:

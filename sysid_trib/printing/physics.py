@@ -11,8 +11,18 @@ from sysid_trib.physics.contact import SIGNIFICANT_FRICTION, slip_fingerprint, s
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
-from sysid_trib.physics.si_units import physical_units, translation_units
-from sysid_trib.printing.layout import COEFFICIENT, Source, by_label, mapped, per_label, quantity, same
+from sysid_trib.printing.blocks import ALWAYS, Block
+from sysid_trib.printing.exported import GIVEN, MU, SI
+from sysid_trib.printing.layout import (
+    COEFFICIENT,
+    Source,
+    by_label,
+    mapped,
+    per_label,
+    quantity,
+    same,
+    text_table,
+)
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.significance import significant
 from sysid_trib.results.variables import signal_units
@@ -36,7 +46,7 @@ SI_UNITS: dict[str, Source] = {
 
 
 def physics_sentences(
-    result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None, *, time: ArrayLike = 0.0
+    result: xr.Dataset, amplitude: ArrayLike, si: xr.Dataset | None = None, *, time: ArrayLike = 0.0
 ) -> list[str]:
     """The physics of an identification in plain sentences, of the forces that are significant.
 
@@ -47,8 +57,8 @@ def physics_sentences(
     amplitude : array_like of float, rad
         Amplitudes of the motion. The sentences are about the largest and the smallest, and the motion starts
         at the largest.
-    inertia : float, kg m^2, optional
-        Adds energies and coefficients in SI units.
+    si : Dataset, optional
+        The identification in SI units, see `in_si_units`: its inertia adds energies.
     time : array_like of float, s
         `t` of the formulas at each amplitude.
 
@@ -61,29 +71,25 @@ def physics_sentences(
     Raises
     ------
     UsageError
-        Not an identification, not positive angles, or no positive inertia.
+        Not an identification, or not positive angles.
     """
     ends = _ends(amplitude, time)
     sentences = []
     try:
         for end in ends:
             sentences += _weights(result, *end)
-        sentences += _energy(result, *ends[0], inertia)
+        sentences += _energy(result, *ends[0], si)
         sentences += _crossovers(result, [end for end, _ in ends])
         sentences += _arrest(result, ends[0][0])
     except LibraryError as error:
         sentences.append(f"Nothing more can be computed: {error}")
     if speaks_of_slip(result):
         sentences.append(_fingerprint(slip_fingerprint(result)))
-    if inertia is not None:
-        values = physical_units(result, inertia)
-        stiffness = quantity(values, "linear_stiffness", " N m rad-1")
-        sentences.append(f"In SI units: {_si_units(values)}; linear stiffness {stiffness}.")
     return sentences
 
 
 def physics_json(
-    result: xr.Dataset, amplitude: ArrayLike, inertia: float | None = None, *, time: ArrayLike = 0.0
+    result: xr.Dataset, amplitude: ArrayLike, si: xr.Dataset | None = None, *, time: ArrayLike = 0.0
 ) -> dict[str, Any]:
     """The physics of an identification as plain data, see `physics_sentences`.
 
@@ -101,7 +107,7 @@ def physics_json(
     try:
         for a, t in ends:
             data["weights"].append({"amplitude": a} | mapped(weights(result, a, time=t), shares))
-            energy = dissipated_energy(result, a, inertia, time=t)
+            energy = dissipated_energy(result, a, time=t, **_inertia(si))
             data["energy"].append({"amplitude": a} | mapped(energy, ENERGY))
         data["crossovers"] = [
             mapped(pair, CROSSOVER) | per_label(pair, "rule", "amplitude±")
@@ -114,8 +120,8 @@ def physics_json(
     if speaks_of_slip(result):
         slip = slip_fingerprint(result)
         data["slip_fingerprint"] = mapped(slip, SLIP_JSON) | slip.attrs
-    if inertia is not None:
-        data["physical_units"] = mapped(physical_units(result, inertia), SI_UNITS)
+    if si is not None and "inertia" in si:
+        data["physical_units"] = mapped(si, SI_UNITS)
     return data
 
 
@@ -130,26 +136,29 @@ def weight_sentences(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLik
         return []
 
 
-def translation_sentences(result: xr.Dataset, mass: float | None, load: float | None) -> list[str]:
-    """Coefficients in SI units by the mass, and the coefficient of friction by the load; none without a mass.
+def si_of(tree: xr.DataTree) -> xr.Dataset | None:
+    """The answer of a result in SI units, where it holds it."""
+    return tree[SI].to_dataset() if SI in tree.children else None
 
-    Parameters
-    ----------
-    result : Dataset
-        An identification of a displacement.
-    mass : float, kg, or None
-    load : float, N, or None
-    """
-    if mass is None:
+
+def si_block(tree: xr.DataTree) -> list[Block]:
+    """The table of torques or forces in SI units, with errors, of a result that holds them."""
+    if (values := si_of(tree)) is None:
         return []
-    values = translation_units(result, mass, load)
-    sentences = [f"In SI units, with a mass of {mass:g} kg: {_si_units(values)}."]
-    name = "friction_coefficient"
-    if load is not None and (known := np.isfinite(values[name].values)).any():
-        forces = by_label(values.isel(force=known), "force").items()
-        ratios = ", ".join(f"{symbol} {quantity(force, name)}" for symbol, force in forces)
-        sentences.append(f"Over the load of {load:g} N, coefficient of friction: {ratios}.")
-    return sentences
+    friction = MU in values
+    rows = []
+    for symbol, force in by_label(values, "force").items():
+        cells = [symbol, force["multiplies"].item(), quantity(force, "coefficient"), force["unit"].item()]
+        rows.append([*cells, *([quantity(force, MU)] if friction else [])])
+    given = ", ".join(
+        f"{values[name].attrs['long_name']} {quantity(values, name)} {values[name].attrs['units']}"
+        for name in GIVEN
+        if name in values
+    )
+    heads = ["force", "multiplies", "coefficient", "SI unit", *["friction coefficient"] * friction]
+    table = text_table(heads, rows, numbers=(2, 4)[: 1 + friction])
+    caption = f"In SI units, by {values.attrs['of_method']}: {given}"
+    return [Block((), ALWAYS, "Coefficients", table, caption)]
 
 
 def _ends(amplitude: ArrayLike, time: ArrayLike) -> list[tuple[float, float]]:
@@ -183,12 +192,19 @@ def _weights(result: xr.Dataset, amplitude: float, time: float) -> list[str]:
     return [f"At {amplitude:.3g} {signal_units(result)}, {'; '.join(parts)}."] if parts else []
 
 
-def _energy(result: xr.Dataset, amplitude: float, time: float, inertia: float | None) -> list[str]:
-    values = dissipated_energy(result, amplitude, inertia, time=time)
+def _inertia(si: xr.Dataset | None) -> dict[str, float]:
+    """The inertia of what is given in SI units with its error, as `dissipated_energy` takes it."""
+    names = ("inertia", "inertia_standard_error")
+    return {} if si is None or "inertia" not in si else {name: si[name].item() for name in names}
+
+
+def _energy(result: xr.Dataset, amplitude: float, time: float, si: xr.Dataset | None) -> list[str]:
+    inertia = _inertia(si)
+    values = dissipated_energy(result, amplitude, time=time, **inertia)
     if not values.total_energy.item():
         return []
     percent = quantity(values, "lost_fraction", " %", 100.0)
-    joule = "" if inertia is None else f", {quantity(values, 'total_energy', ' J')}"
+    joule = "" if not inertia else f", {quantity(values, 'total_energy', ' J')}"
     place = f"{amplitude:.3g} {signal_units(result)}"
     return [f"A cycle at {place} dissipates {percent} of the energy I w^2 a^2/2{joule}."]
 
@@ -237,9 +253,3 @@ def _fingerprint(values: xr.Dataset) -> str:
     if values.significance.item() < SIGNIFICANT_FRICTION:
         verdict += f"; {values.attrs['denominator']} itself is not significant"
     return f"{ratio}; partial slip has -3 pi/4 = {values.slip_ratio.item():.3f} within a tenth: {verdict}."
-
-
-def _si_units(values: xr.Dataset) -> str:
-    """Coefficients with their units."""
-    forces = by_label(values, "force").items()
-    return ", ".join(f"{s} {quantity(force, 'coefficient')} {force['unit'].item()}" for s, force in forces)

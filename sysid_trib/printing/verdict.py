@@ -180,6 +180,20 @@ def test_sentences(tree: xr.DataTree) -> list[str]:
     return [tests, f"Errors of {answer_of(tree)} by the noise and by the model: {texts}."]
 
 
+def calibration_sentences(tree: xr.DataTree) -> list[str]:
+    """What of the answer's errors is the calibration's, where it is known."""
+    result = kept_results(tree).get(answer_of(tree))
+    if result is None or "error_of_calibration" not in result:
+        return []
+    parts = zip(result.force.values, *error_parts(result), result.error_of_calibration.values, strict=True)
+    texts = [
+        f"{name} {part:.2g} (by all else {np.hypot(noise, model):.2g})"
+        for name, noise, model, part in parts
+        if part > 0.0
+    ]
+    return [f"Errors hold that of the scale: {', '.join(texts) or 'it moves none'}."]
+
+
 def _where(tree: xr.DataTree) -> str:
     """Where the answer's model misses the backbone most, in words; empty where it nowhere does."""
     groups = [name for name in tree.children if name.startswith("lack_of_fit")]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.table import Table as PrintedTable
 
@@ -18,7 +17,7 @@ from sysid_trib.plots.at_a_glance import drawn_overview
 from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_panels import MOST_POINTS
 from sysid_trib.plots.overview_data import overview_data
-from sysid_trib.plots.style import FULL_WIDTH, new_figure
+from sysid_trib.plots.style import FULL_WIDTH
 from sysid_trib.printing.blocks import Block, Layer
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
@@ -92,8 +91,6 @@ def as_table(title: str, printed: PrintedTable) -> PageTable:
     return PageTable(title, heads, list(zip(*cells, strict=True)), right)
 
 
-# Of a single panel, inch.
-LONE_PANEL_HEIGHT = 2.4
 CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(encoding="utf-8"))
 TITLE = "Forces of a free decay"
 # By kind of result: the title of its page, and its blocks.
@@ -160,36 +157,22 @@ def _pushed(tree: xr.DataTree) -> list[Figures]:
     for run, (followed, bands) in enumerate(names):
         if followed in tree.children:
             data = tree[followed].to_dataset()
-            drawn = [plots.innovations(data)]
-            drawn += [_wide(plots.prediction_bands, tree[bands].to_dataset())] if bands in tree else []
+            drawn: list[Any] = [plots.innovations(data)]
+            if bands in tree:
+                drawn.append(plots.prediction_bands(tree[bands].to_dataset(), width=FULL_WIDTH).figure)
             made.append(Figures(f"{_of_run(tree, run)}{CAPTIONS['random_force']}", drawn))
     return made
 
 
-def _wide(draw: Callable[[xr.Dataset, Axes], Axes], data: xr.Dataset) -> Figure:
-    """A panel as wide as the page."""
-    figure = new_figure(FULL_WIDTH, LONE_PANEL_HEIGHT)
-    draw(data, figure.subplots())
-    return figure
-
-
 def _motions(tree: xr.DataTree) -> list[Figures]:
-    """Each record with the residuals of the models before and after, the half periods, and the force map."""
+    """Each record with the residuals of the models before and after, and the force map."""
     held = _held_out(tree)
     over_time = [
         _over_time(tree, run, CAPTIONS["motions_apart"] + held, plots.story(tree, run))
         for run in range(len(record_groups(tree)))
     ]
     force_map = Figures(CAPTIONS["force_map"] + held, [plots.disagreement(tree)])
-    return [*over_time, *([] if is_of_driven(tree) else _half_periods(tree)), force_map]
-
-
-def _half_periods(tree: xr.DataTree) -> list[Figures]:
-    """Amplitude and frequency of the half periods of each run, of record and models."""
-    return [
-        Figures(f"{_of_run(tree, run)}{CAPTIONS['half_periods']}", [plots.half_periods(tree, run)])
-        for run in range(len(record_groups(tree)))
-    ]
+    return [*over_time, force_map]
 
 
 def _over_time(tree: xr.DataTree, run: int, caption: str, figure: Figure) -> Figures:
@@ -230,7 +213,6 @@ def _driven(tree: xr.DataTree) -> list[Figures]:
 FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "glance": _glance,
     "driven": _driven,
-    "half_periods": _half_periods,
     "random_force": _pushed,
     "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
     "difference": lambda tree: [Figures(CAPTIONS["difference"], [plots.difference(tree)])],
@@ -238,5 +220,4 @@ FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "sensitivity": lambda tree: [_of_group(tree, "sensitivity", plots.sensitivity)],
     "gap": _motions,
     "scores": partial(_of_discovery, "scores", plots.ranking),
-    "detectable": partial(_of_discovery, "detectable", plots.forecast),
 }

@@ -1,15 +1,19 @@
 """The reference of coefficients: a common one for comparison, and the frequency without contact."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
+from sysid_trib.forces.scaling import signal_degree
+from sysid_trib.results.files import identifications_of
 from sysid_trib.results.schema import force_labels, library_of
-from sysid_trib.results.variables import with_error
+from sysid_trib.results.variables import PER_FORCE_UNIT, variable, with_error
 
+Result = TypeVar("Result", xr.Dataset, xr.DataTree)
 ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 
 
@@ -151,3 +155,45 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
         with_error("omega0", (), (omega0, standard_error), "frequency without contact", "rad/s")
     )
     return whole.sel(force=order, other_force=order)
+
+
+def with_scale_error(result: Result, relative_error: float) -> Result:
+    """An identification whose errors hold that of the signal's calibration.
+
+    Parameters
+    ----------
+    result : Dataset or DataTree
+        An identification, or a result that holds some.
+    relative_error : float
+        Standard error of the factor by which the signal was calibrated, over the factor: 0.003.
+
+    Returns
+    -------
+    Dataset or DataTree
+        The same with `covariance` and `standard_error` that hold it, and `error_of_calibration(force)`, its
+        part. Coefficients that are known, and forces of no degree in the signal as `sin(x) - x`, have none.
+
+    Raises
+    ------
+    UsageError
+        No error from 0 to 1.
+
+    Notes
+    -----
+    With s x in the place of x the coefficient of a force of degree p in x is s^(1-p) c: its relative error is
+    |1 - p| that of s, and those of two forces are wholly correlated.
+    """
+    if not 0.0 <= relative_error < 1.0:
+        raise UsageError(f"The relative error of a scale is a number from 0 to 1, not {relative_error}.")
+    if isinstance(result, xr.DataTree):
+        named = identifications_of(result)
+        changed = {k: xr.DataTree(with_scale_error(own, relative_error)) for k, own in named.items()}
+        return result.assign(changed)
+    degrees = [signal_degree(force) for force in library_of(result)]
+    powers = np.array([0.0 if degree is None else 1.0 - degree.force for degree in degrees])
+    known = result.standard_error.values > 0.0
+    by_scale = np.where(known, powers * result.coefficient.values, 0.0) * relative_error
+    covariance = result.covariance + np.outer(by_scale, by_scale)
+    error = variable("force", np.abs(by_scale), "standard error by the calibration", PER_FORCE_UNIT)
+    whole = {"covariance": covariance, "standard_error": np.hypot(result.standard_error, by_scale)}
+    return result.assign(whole | {"error_of_calibration": error})

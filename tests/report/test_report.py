@@ -24,10 +24,10 @@ KINDS = ("identify", "cross_check", "runs", "compare", "discover")
 
 
 # Figures of each page.
-DRAWN = {"identify": 0, "cross_check": 2, "compare": 2, "discover": 6}
+DRAWN = {"identify": 0, "cross_check": 1, "compare": 2, "discover": 4}
 HEADINGS = {
     "identify": ["Coefficients"],
-    "cross_check": ["At a glance", "Coefficients", "Amplitude and frequency"],
+    "cross_check": ["At a glance", "Coefficients"],
     "compare": ["At a glance", "Coefficients by method", "Prediction of what was held out"],
     "discover": ["At a glance", "Where model and record disagree", "What is missing"],
 }

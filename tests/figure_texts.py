@@ -1,0 +1,51 @@
+"""The texts of a figure as they are drawn: their sizes and their boxes, measured by matplotlib itself."""
+
+from contextlib import contextmanager
+from itertools import combinations
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
+
+# Of a text, points; and by how much boxes may reach over each other or over the edge: the leading of a line.
+SMALLEST, ALLOWED = 6.0, 1.0
+DPI = 100
+
+
+@contextmanager
+def recorded():
+    """The texts that are drawn meanwhile: ticks beyond an axis, and notes outside of one, are not."""
+    drawn, draw = [], Text.draw
+
+    def record(text, renderer, *args, **kwargs):
+        if text.get_visible() and text.get_text().strip():
+            drawn.append((text, text.get_window_extent(renderer)))
+        draw(text, renderer, *args, **kwargs)
+
+    Text.draw = record
+    try:
+        yield drawn
+    finally:
+        Text.draw = draw
+
+
+def faults(figure):
+    """What is wrong with the texts of a figure: too small, cut by its edge, or over each other."""
+    figure.set_dpi(DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    with recorded() as drawn:
+        canvas.draw()
+    wide, high = (DPI * size for size in figure.get_size_inches())
+    found = [
+        f"small: {t.get_text()!r}, {t.get_fontsize():.3g} pt" for t, _ in drawn if t.get_fontsize() < SMALLEST
+    ]
+    found += [
+        f"cut: {text.get_text()!r}"
+        for text, box in drawn
+        if min(box.x0, box.y0, wide - box.x1, high - box.y1) < -ALLOWED
+    ]
+    return found + [
+        f"overlap: {one.get_text()!r} and {other.get_text()!r}"
+        for (one, a), (other, b) in combinations(drawn, 2)
+        if min(a.x1, b.x1) - max(a.x0, b.x0) > ALLOWED and min(a.y1, b.y1) - max(a.y0, b.y0) > ALLOWED
+    ]

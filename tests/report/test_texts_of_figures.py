@@ -1,0 +1,147 @@
+"""No text of a figure is small, cut, or over another, in a column and over a page."""
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sysid_trib as st
+from sysid_trib import plots
+from sysid_trib.cycles.look import look
+from sysid_trib.forces import signature
+from sysid_trib.plots.style import new_figure
+from sysid_trib.validation.samples import held_against
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from figure_texts import faults
+
+# mm, as journals have them.
+WIDTHS = (88.0, 180.0)
+INCH = 25.4
+DECAY = st.free_decay(st.records.paper_twin(), window=(0.0, 10.0))
+
+
+def on_axes(draw):
+    """A figure of a given width of what draws on axes."""
+
+    def drawn(width):
+        figure = new_figure(width, 2.6)
+        draw(ax=figure.subplots())
+        return figure
+
+    return drawn
+
+
+def of_a_result(tree):
+    """The figures of a result, by their names."""
+    if "steps" in tree.children:
+        names = ("overview", "story", "disagreement", "ranking")
+    elif "best" in tree["comparison"].attrs:
+        names = ("overview", "comparison")
+    else:
+        names = ("overview", "backbone")
+    made = {name: partial(getattr(plots, name), tree) for name in names}
+    for name in ("profile", "sensitivity", "innovations"):
+        if name in tree.children:
+            made[name] = partial(getattr(plots, name), tree[name].to_dataset())
+    if "prediction_bands" in tree.children:
+        bands = tree["prediction_bands"].to_dataset()
+        made["prediction_bands"] = lambda width: plots.prediction_bands(bands, width=width).figure
+    return made
+
+
+def of_the_paper():
+    """The figures that show a decay, a model or a study by itself."""
+    halves, library = st.envelope(DECAY), st.load_library()
+    result = st.identify(DECAY, library, st.methods.Direct(reference_frequency=9.9))
+    model = st.physics.model_of(result)
+    envelope = st.physics.predict_envelope(model, np.linspace(0.0, 10.0, 50), 0.3)
+    averages = {force.symbol: signature(force, np.linspace(0.1, 1.0, 10)) for force in library}
+    weighed = st.physics.weights(result, np.linspace(0.05, 0.3, 20))
+    levels = ("level", [1e-4, 1e-3, 1e-2], {"long_name": "standard deviation of the noise", "units": "rad"})
+    study = xr.Dataset(
+        {
+            "error": (("method", "level", "force"), np.ones((2, 3, 4))),
+            "bound": ((*levels[:1], "force"), np.ones((3, 4))),
+        },
+        {
+            "method": ["direct", "averaging"],
+            "level": levels,
+            "force": ["lambda", "zeta", "nu", "sensor_cubic"],
+        },
+    )
+    runs = xr.Dataset(
+        {
+            name: (("run", "quantity"), np.arange(12.0).reshape(6, 2))
+            for name in ("value", "standard_error", "z")
+        },
+        {"run": [f"run_{at}.csv" for at in range(6)], "quantity": ["zeta", "asymptotic frequency"]},
+    )
+    return {
+        "look": partial(plots.look, look([st.records.paper_twin()], [DECAY])),
+        "backbone": partial(plots.backbone, st.backbone(DECAY)),
+        "signatures": partial(plots.signatures, averages),
+        "motions": on_axes(partial(plots.motions, DECAY, {"averaged envelope": envelope})),
+        "half_sines": on_axes(partial(plots.half_sines, DECAY.sel(time=slice(0.0, 1.5)), halves)),
+        "frequency_shift": on_axes(partial(plots.frequency_shift, {"record": halves}, {"model": envelope})),
+        "weights": on_axes(partial(plots.weights, weighed, "decay_share")),
+        "precision": partial(plots.precision, study),
+        "against_condition": partial(plots.against_condition, runs, "load (N)", np.arange(6.0)),
+    }
+
+
+def wrong(figures):
+    """What is wrong with the texts of figures, by figure and width."""
+    return [
+        f"{name} at {width:g} mm: {fault}"
+        for name, draw in figures.items()
+        for width in WIDTHS
+        for fault in faults(draw(width=width / INCH))
+    ]
+
+
+@pytest.mark.parametrize("kind", ["cross_check", "compare", "discover"])
+def test_texts_of_a_result_have_room(results, kind):
+    assert wrong(of_a_result(results[kind])) == []
+
+
+def test_texts_of_the_papers_figures_have_room():
+    assert wrong(of_the_paper()) == []
+
+
+@pytest.mark.slow
+def test_texts_of_what_is_asked_besides_have_room(results):
+    library = st.load_library().select(["lambda", "zeta", "delta", "nu", "epsilon"])
+    answer = results["cross_check"]["direct"].to_dataset()
+    other = DECAY.isel(time=slice(100, None))
+    frequencies = np.linspace(9.0, 11.0, 12)
+    figures = {
+        "profile": partial(plots.profile, st.validation.profile([DECAY], answer, ["zeta", "delta"])),
+        "sensitivity": partial(plots.sensitivity, st.validation.sensitivity([DECAY], answer)),
+        "response": partial(plots.response, st.forced_response(answer, 0.01, frequencies)),
+        "plan": partial(plots.plan, st.validation.plan(results["discover"])),
+        "difference": partial(plots.difference, held_against([DECAY], [other], library, st.methods.Direct())),
+    }
+    assert wrong(figures) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        "string_pendulum/run_1.txt",
+        "roll_decay/model_test_21337.csv",
+        "single_pendulum/free_swing.csv",
+        "sloshing/decay_0p953.csv",
+        "simulated/random_force_1.csv",
+    ],
+)
+def test_texts_of_measured_records_have_room(data_folder, name):
+    decay = st.free_decay(st.read_record(data_folder / name))
+    assert wrong(of_a_result(st.identify(decay))) == []
+    start = st.load_library().select(["lambda", "zeta"])
+    found = st.discover(decay, start, max_effects=1, time_limit=60.0)
+    assert wrong(of_a_result(found)) == []
