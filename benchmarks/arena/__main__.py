@@ -28,7 +28,7 @@ from sysid_trib.likelihood.pysindy_features import ForceFeatures  # noqa: E402
 from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound  # noqa: E402
 
 # A plain shooting takes minutes a record.
-FEW_SEEDS, IS_SLOW = 2, "scipy shooting, as usual"
+FEW_SEEDS, IS_SLOW = 2, "scipy shooting, from SINDy"
 RUNS = {
     "the paper's run": paper_run(),
     "strong friction, lambda = 1e-3, 14 s": paper_run(SIX | {"lambda": 1e-3}, duration=14.0),

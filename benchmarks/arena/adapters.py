@@ -154,7 +154,7 @@ def hilbert_backbone(library: ForceLibrary, w: float, time: np.ndarray, angle: n
 
 
 def shooting(library: ForceLibrary, w: float, time: np.ndarray, angle: np.ndarray) -> Answer:
-    """`scipy.optimize.least_squares` over `solve_ivp`, as it is usually written; from a damping of 1 %."""
+    """`scipy.optimize.least_squares` over `solve_ivp`, from what SINDy says."""
     forces = list(library)
     written = " + ".join(f"p[{at}]*({force.formula.text})" for at, force in enumerate(forces))
     pull = eval(
@@ -168,13 +168,15 @@ def shooting(library: ForceLibrary, w: float, time: np.ndarray, angle: np.ndarra
             x, v = state.tolist()
             return [w * v, -w * (x + pull(coefficients, x, v))]
 
-        found = solve_ivp(rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-6, atol=1e-9)
+        found = solve_ivp(rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-11)
         full = np.full(len(time), 10.0)
         full[: found.y.shape[1]] = found.y[0]
         return full + parameters[-1]
 
-    guess = np.array([0.01 if f.matches("v") else 0.0 for f in forces] + [angle[0], 0.0, 0.0])
-    fitted = least_squares(lambda p: motion(p) - angle, guess, x_scale=np.abs(guess) + 0.01, max_nfev=20)
+    guess = np.append(sindy(library, w, time, angle)[0], [angle[0], 0.0, 0.0])
+    fitted = least_squares(
+        lambda p: motion(p) - angle, guess, x_scale=np.abs(guess) + 0.01, diff_step=1e-4, max_nfev=60
+    )
     variance = 2.0 * fitted.cost / (len(time) - len(guess))
     errors = np.sqrt(variance * np.diag(np.linalg.pinv(fitted.jac.T @ fitted.jac)))
     return fitted.x[:-3], errors[:-3]
@@ -203,5 +205,5 @@ DECAY_PEERS = {
     "pysindy.WeakPDELibrary": weak_sindy,
     "WENDy (ours, after the paper)": wendy,
     "Hilbert backbone (FREEVIB)": hilbert_backbone,
-    "scipy shooting, as usual": shooting,
+    "scipy shooting, from SINDy": shooting,
 }
