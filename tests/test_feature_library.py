@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pysindy
@@ -80,6 +81,28 @@ def test_inputs_may_have_names_of_their_own():
 )
 def test_readable_names(symbol, text):
     assert readable(candidate(symbol)) == text
+
+
+def test_inputs_are_those_of_pysindy():
+    """`u=` has a column for each input; the derivative of one is its spline's, by tau."""
+    truth = {"gain": 0.05, "base_spring": 0.3, "base_damping": 0.01, "zeta": 0.02, "epsilon": 0.3}
+    forces = [*load_library("inputs").select(list(truth)[:3]), *load_library().select(list(truth)[3:])]
+    library = replace(load_library("inputs"), forces=tuple(forces))
+    x, w, step = states(), 9.9, 0.01
+    angle, rate, time = x[:, 0], x[:, 1], step * np.arange(len(x))
+    given = np.column_stack([np.sin(3.0 * time), 0.1 * np.cos(7.3 * time)])
+    shaken = -0.73 * np.sin(7.3 * time) / w
+    exact = np.column_stack([*-given.T, 2.0 * (rate - shaken), 2.0 * rate, angle**3])
+    features = ForceFeatures(library, sampling_time=step, reference_frequency=w)
+    model = pysindy.SINDy(feature_library=features, optimizer=pysindy.STLSQ(threshold=0, alpha=0))
+    model.fit(x, t=step, x_dot=exact @ np.array(list(truth.values()))[:, None], u=given)
+    np.testing.assert_allclose(features.transform(np.column_stack([x, given])), exact, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(model.coefficients()[0], list(truth.values()), rtol=1e-5)
+    assert model.get_feature_names()[:2] == ["(-u)", "(-base)"]
+    with pytest.raises(DecayError, match="a column each of the inputs u, base"):
+        features.fit(x)
+    with pytest.raises(LibraryError, match="give ForceFeatures a positive sampling_time"):
+        ForceFeatures(library).fit(np.column_stack([x, given]))
 
 
 def test_several_trajectories():

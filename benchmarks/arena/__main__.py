@@ -116,7 +116,8 @@ def pysindy_driven(library: ForceLibrary, record, w: float) -> st.Model:
     time, signal = record.time.values, record.angle.values
     window = 14 * (time[1] - time[0])
     x, rate, acceleration = peers.savitzky_golay(time, signal, window)
-    model = pysindy.SINDy(feature_library=ForceFeatures(library), optimizer=peers.plain_optimizer())
+    features = ForceFeatures(library, reference_frequency=w)
+    model = pysindy.SINDy(feature_library=features, optimizer=peers.plain_optimizer())
     target = (acceleration / w**2 + x)[:, None]
     model.fit(
         np.column_stack([x, rate / w]), t=time[1] - time[0], x_dot=target, u=record["u"].values[:, None]

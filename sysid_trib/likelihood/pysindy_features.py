@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, LibraryError
-from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues, channels_of
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
 from sysid_trib.simulation.internal_states import states_along
 
@@ -33,12 +33,15 @@ BINDING: dict[type, tuple[int, str]] = {
 class ForceFeatures(BaseFeatureLibrary):
     """One feature for each force of a library, on the states [theta, theta'] with theta' = dtheta/d(w t).
 
+    Inputs of the forces are those of pysindy, `model.fit(..., u=inputs)`: one column each, in the order of
+    `library.inputs`.
+
     Parameters
     ----------
     library : the forces; sensors act on no equation of motion and are left out.
-    sampling_time : s, needed by forces with states, memory or `t`: these follow each trajectory,
-        which is taken to start at t = 0.
-    reference_frequency : w in rad/s, needed by forces with states or memory.
+    sampling_time : s, needed by forces with states, memory, `t` or the derivative of an input: these follow
+        each trajectory, which is taken to start at t = 0.
+    reference_frequency : w in rad/s, needed by forces with states, memory, or an input that w scales.
     shapes : shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
 
     Examples
@@ -90,12 +93,12 @@ class ForceFeatures(BaseFeatureLibrary):
             A force needs `sampling_time` or `reference_frequency`, which is missing; no forces at all.
         """
         for x in x_full:
-            _check_columns(x)
+            _check_columns(x, self._input_names)
         if not self._forces:
             raise LibraryError(f"Library '{self.library.title}' has no forces to make features of.")
         for force in self._forces:
             self._check_given(force)
-        self.n_features_in_ = 2
+        self.n_features_in_ = 2 + len(self._input_names)
         self.n_output_features_ = len(self._forces)
         return self
 
@@ -107,17 +110,24 @@ class ForceFeatures(BaseFeatureLibrary):
 
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
         """Formulas in readable form, in theta and theta' unless the inputs have names of their own."""
-        given = None if input_features is None else list(input_features)
-        angle, rate = ("theta", "theta'") if given in (None, UNNAMED) else given[:2]
+        given = UNNAMED if input_features is None else list(input_features)[:2]
+        angle, rate = ("theta", "theta'") if given == UNNAMED else given
         return [readable(force, angle, rate, self.shapes) for force in self._forces]
 
     @property
     def _forces(self) -> list[Force]:
         return [force for force in self.library if force.kind == "force"]
 
+    @property
+    def _input_names(self) -> tuple[str, ...]:
+        """Inputs that are columns beside the states."""
+        return tuple(dict.fromkeys(channel.input for channel in channels_of(self._forces)))
+
     def _check_given(self, force: Force) -> None:
-        needs = {"sampling_time (s)": (self.sampling_time, force.holds_time or not force.memoryless)}
-        needs["reference_frequency (rad/s)"] = (self.reference_frequency, not force.memoryless)
+        over_time = force.holds_time or not force.memoryless or any(c.order for c in force.channels)
+        scaled = not force.memoryless or any(channel.power for channel in force.channels)
+        needs = {"sampling_time (s)": (self.sampling_time, over_time)}
+        needs["reference_frequency (rad/s)"] = (self.reference_frequency, scaled)
         for name, (value, needed) in needs.items():
             if needed and not (value is not None and np.isfinite(value) and value > 0):
                 raise LibraryError(
@@ -241,10 +251,13 @@ class ForceFeatures(BaseFeatureLibrary):
         return columns
 
     def _columns(self, x: Any) -> AxesArray:
-        _check_columns(x)
+        _check_columns(x, self._input_names)
         states = np.asarray(x)
-        angle, rate = (states[..., i].astype(float) for i in range(2))
-        time = np.arange(len(states), dtype=np.float64) * np.float64(self.sampling_time or 0.0)
+        angle, rate, *inputs = states.T.astype(float)
+        time = np.arange(len(states), dtype=np.float64) * np.float64(self.sampling_time or 1.0)
+        if inputs:
+            given = zip(self._input_names, inputs, strict=True)
+            self._inputs = {name: KnownInput(time, values, "smooth") for name, values in given}
         columns = self.evaluate(time, angle, rate)
         dtype = np.result_type(states.dtype, np.float32)
         return AxesArray(columns.astype(dtype, copy=False), {"ax_time": 0, "ax_coord": 1})
@@ -299,10 +312,11 @@ def _text(tree: ast.AST, names: Mapping[str, str], binding: int) -> str:
     raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
 
 
-def _check_columns(x: Any) -> None:
+def _check_columns(x: Any, inputs: Sequence[str]) -> None:
     shape = np.shape(x)
-    if len(shape) != 2 or shape[1] != 2:
+    if len(shape) != 2 or shape[1] != 2 + len(inputs):
+        wanted = f", and a column each of the inputs {', '.join(inputs)} (pysindy's u=)" if inputs else ""
         raise DecayError(
-            "Force features need the two columns theta and theta' = dtheta/d(w t) (rad), "
+            f"Force features need the two columns theta and theta' = dtheta/d(w t) (rad){wanted}, "
             f"not data of shape {shape}."
         )

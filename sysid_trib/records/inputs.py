@@ -89,6 +89,9 @@ class KnownInput:
         """The input, or a derivative by time, at times since the first sample; at a jump the mean of both."""
         polynomial = self._polynomials[order]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
+        if self.between in SPLINE_DEGREES:
+            # A derivative at the last sample is that before it, not that of what is held from there on.
+            inside = np.where(inside == self.elapsed[-1], np.nextafter(inside, -np.inf), inside)
         values = polynomial(inside)
         if self.between == "held" or (self.between == "linear" and order):
             values = 0.5 * (values + polynomial(np.nextafter(inside, -np.inf)))
