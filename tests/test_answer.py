@@ -138,7 +138,7 @@ def test_what_is_given_carries_its_parts_and_its_verdict(checked):
     table = csv_text(checked)
     assert "record,verdict,,,approximate" in table
     assert "record,samples" in table
-    assert "verdict: approximate" in latex_text(checked)
+    assert "Verdict: approximate" in latex_text(checked)
 
 
 def test_a_model_that_diverges_is_withheld_everywhere(checked):

@@ -31,12 +31,12 @@ def decay(density, seed, truth=TRUTH):
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_amplitude_and_phase_walk_by_half_of_what_v_grows(curve):
-    response = kick_response(curve)
+    lasting, passing = kick_response(curve)
     # A unit of white acceleration in each half period: half of it in amplitude, half in phase, none in both.
-    walk = np.pi / KICKS * response.lasting.T @ response.lasting
+    walk = np.pi / KICKS * lasting.T @ lasting
     np.testing.assert_allclose(walk, np.pi / 2.0 * np.eye(2), atol=1e-12)
     # A curve takes part in a kick within its own half period and its neighbours'.
-    size = np.abs(response.passing).max(axis=(0, 2))
+    size = np.abs(passing).max(axis=(0, 2))
     assert size[SPAN - 1 : SPAN + 1].min() > 10.0 * size[[0, -1]].max()
 
 
