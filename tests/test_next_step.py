@@ -15,7 +15,7 @@ from helpers import FIVE, W, decay, paper_run, sentences_of
 from known_results import PAPER, known
 
 import sysid_trib as st
-from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, SearchOptions
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.physics.contact import speaks_of_slip
 from sysid_trib.plots.motion_panels import motion_data
@@ -292,3 +292,12 @@ def test_sentences_are_in_the_unit_of_the_record():
 def test_a_file_that_begins_with_a_dash_is_no_option():
     given = DecayOptions(records=[Path("-a.csv"), Path("b.csv")])
     assert command_after(NextStep("identify", ""), [given]) == "sysid-trib identify ./-a.csv b.csv"
+
+
+def test_forces_of_one_s_own_that_were_candidates_are_known_to_the_next_command():
+    groups = [SearchOptions(candidates="own.toml"), ModelOptions()]
+    step = NextStep("identify", "", {"forces": "zeta,slip"})
+    assert command_after(step, groups) == "sysid-trib identify --library own.toml --forces zeta,slip"
+    assert "--candidates own.toml" in command_after(NextStep("discover", ""), groups)
+    both = [SearchOptions(candidates="own.toml"), ModelOptions(library="other.toml")]
+    assert "--library other.toml" in command_after(step, both)

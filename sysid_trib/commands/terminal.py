@@ -218,6 +218,10 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
     words = ["sysid-trib", step.command]
     replaced = {name.replace("-", "_") for name in (*step.options, *step.without)}
     given = {part.name: (part, getattr(group, part.name)) for group in groups for part in fields(group)}
+    library, candidates = (given.get(name, (None, None)) for name in ("library", "candidates"))
+    if "candidates" not in known and library[0] is not None and library[1] == default_of(library[0]):
+        # Of what a search has found the forces that the package ships are known, one's own in that file alone.
+        given["library"] = (library[0], candidates[1] or library[1])
     words += [_as_word(str(record)) for record in given.pop(RECORDS, (None, []))[1]] + list(step.records)
     for name, (part, value) in given.items():
         if name in known and name.strip("_") not in replaced and value != default_of(part):
