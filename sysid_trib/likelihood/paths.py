@@ -28,9 +28,9 @@ from sysid_trib.likelihood.resolution import NO_FINE_MOTION, FineMotion, fine_mo
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import SurfaceKey, TrialEffect
-from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator
+from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
 from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
-from sysid_trib.records.smoothing import SplinesAt, knot_intervals
+from sysid_trib.records.smoothing import SplinesAt, knot_intervals, least_squares_spline
 from sysid_trib.simulation.internal_states import GivenMotion, states_along, tangent_along, values_along
 
 # A sensor that falls while the angle rises is none; a fit may pass by there.
@@ -126,7 +126,8 @@ class RecordPath:
     @cached_property
     def points(self) -> Points:
         """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
-        splines, integrals = self.form.points_between(self.intervals, self.settings.points_per_period)
+        per_period = self.settings.points_per_period
+        splines, integrals = points_between(self.form.tau, self.intervals, per_period)
         tau = splines.points
         half = 0.5 * (tau[1] - tau[0])
         rise = self.fine.value(tau + half, 1) - self.fine.value(tau - half, 1)
@@ -286,19 +287,19 @@ class RecordPath:
         dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
         fine = fine_motion(self.points.tau, self._push - force - self._held_force)
-        spline = self.form.spline(motion - fine.value(self.form.tau), self.intervals)
+        spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
         return replace(self, spline=spline, fine=fine)
 
     def beside(self, deviation: Array) -> "RecordPath":
         """The path with a deviation at the samples, (sample,), rad, added."""
         motion = self.at_samples[0] - self.fine.value(self.form.tau) + deviation
-        return replace(self, spline=self.form.spline(motion, self.intervals))
+        return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
 
     def rescaled(self, frequency: float) -> "RecordPath":
         """The same with coefficients that refer to another frequency."""
-        form = self.form.rescaled(frequency / self.frequency)
+        form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
         fine = self.fine.rescaled(frequency / self.frequency)
-        spline = form.spline(self.at_samples[0] - fine.value(form.tau), self.intervals)
+        spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)
         return replace(self, frequency=frequency, form=form, spline=spline, fine=fine)
 
     def of_run(self, run: xr.Dataset, frequency: float, origin: float) -> "RecordPath":
@@ -319,8 +320,10 @@ def path_of(
     """A record with its least-squares spline as the path; see `RecordPath`."""
     tau = frequency * (time - time[0])
     intervals = knot_intervals(tau)
-    form = build_weak_form(tau, intervals)
+    form, spline = build_weak_form(tau, intervals), _spline(tau, angle, intervals)
     since = float(time[0]) if origin is None else origin
-    return RecordPath(
-        time, angle, frequency, form, form.spline(angle, intervals), sensor, since, intervals, settings
-    )
+    return RecordPath(time, angle, frequency, form, spline, sensor, since, intervals, settings)
+
+
+def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:
+    return least_squares_spline(tau, motion, intervals)[0]

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
@@ -25,7 +25,6 @@ from sysid_trib.records.smoothing import (
     SplinesAt,
     knot_intervals,
     knot_sequence,
-    least_squares_spline,
     spline_design,
 )
 
@@ -58,10 +57,6 @@ class WeakForm:
         with psi' and psi''.
     splines : SplinesAt
         On the knots of the test functions, at the samples.
-    factor : float
-        By which tau is longer than that of the `first` form, which it was made of.
-    first : WeakForm, optional
-        Where that is another one.
     """
 
     tau: Array
@@ -69,36 +64,6 @@ class WeakForm:
     slope: sp.csr_matrix
     curvature: sp.csr_matrix
     splines: SplinesAt
-    factor: float = 1.0
-    first: "WeakForm | None" = None
-
-    def rescaled(self, factor: float) -> "WeakForm":
-        """The same over a time that runs faster by a factor: thirty times as fast as a form built anew."""
-        first, whole = self.first or self, self.factor * factor
-        value, curvature = whole * first.value, first.curvature / whole
-        return WeakForm(
-            whole * first.tau, value, first.slope, curvature, first.splines.rescaled(whole), whole, first
-        )
-
-    def spline(self, motion: Array, intervals: int) -> BSpline:
-        """The least-squares spline through a motion at the samples, so many intervals of its knots."""
-        spline, _ = least_squares_spline((self.first or self).tau, motion, intervals)
-        return BSpline.construct_fast(self.factor * spline.t, spline.c, spline.k)
-
-    def points_between(self, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
-        """Points between the samples, so many in 2 pi of tau at least: splines there, integrals of the rows.
-
-        For integrands that turn quickly; each step of `tau` is in equal parts. `intervals` : of the form.
-        """
-        first = (self.first or self).tau
-        step = float(np.median(np.diff(self.tau)))
-        parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
-        splines, integrals = _kept_between(first.tobytes(), intervals, parts)
-        return (
-            (splines, integrals)
-            if self.first is None
-            else (splines.rescaled(self.factor), self.factor * integrals)
-        )
 
     @cached_property
     def gram(self) -> Array:
@@ -172,6 +137,30 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
     between = make_interp_spline(tau[:used], np.eye(used), END_DEGREE)(points)
     rows = sp.csr_matrix(_integrals(points, tau, intervals, order)[:END_ROWS] @ between)
     return sp.hstack([rows, sp.csr_matrix((END_ROWS, len(tau) - used))]).tocsr()
+
+
+def points_between(tau: Array, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
+    """Points between the samples of a weak form, for integrands that turn quickly; the last few are kept.
+
+    Parameters
+    ----------
+    tau : (sample,) array of float
+        Of the weak form.
+    intervals : int
+        Of the weak form.
+    per_period : float
+        Points wanted in 2 pi of tau, at least.
+
+    Returns
+    -------
+    splines : SplinesAt
+        On the knots of the test functions, at the points: each step of `tau` in equal parts.
+    integrals : (row, point) sparse array of float
+        Of the same rows as `WeakForm.value`.
+    """
+    step = float(np.median(np.diff(tau)))
+    parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
+    return _kept_between(tau.tobytes(), intervals, parts)
 
 
 @lru_cache(maxsize=8)

@@ -172,17 +172,10 @@ class SplinesAt:
     ----------
     points : (point,) array of float
     knots : (knot,) array of float
-    scaled : (SplinesAt, float), optional
-        Those of which these are the same with points and knots times a factor.
     """
 
     points: Array
     knots: Array
-    scaled: "tuple[SplinesAt, float] | None" = None
-
-    def rescaled(self, factor: float) -> "SplinesAt":
-        """The same with points and knots times a factor."""
-        return SplinesAt(factor * self.points, factor * self.knots, (self, factor))
 
     @cached_property
     def _designs(self) -> dict[int, sp.csr_matrix]:
@@ -190,10 +183,7 @@ class SplinesAt:
 
     def design(self, order: int = 0) -> sp.csr_matrix:
         """Values of every B-spline, or of a derivative of it, (point, spline); computed once."""
-        if order not in self._designs and self.scaled is not None:
-            first, factor = self.scaled
-            self._designs[order] = first.design(order) * factor**-order
-        elif order not in self._designs:
+        if order not in self._designs:
             self._designs[order] = spline_design(self.points, self.knots, order)
         return self._designs[order]
 
