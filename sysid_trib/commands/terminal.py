@@ -220,7 +220,7 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
     given = {part.name: (part, getattr(group, part.name)) for group in groups for part in fields(group)}
     library, candidates = (given.get(name, (None, None)) for name in ("library", "candidates"))
     if "candidates" not in known and library[0] is not None and library[1] == default_of(library[0]):
-        # Of what a search has found the forces that the package ships are known, one's own in that file alone.
+        # Forces that the package ships are known to every command, one's own candidates by their file.
         given["library"] = (library[0], candidates[1] or library[1])
     words += [_as_word(str(record)) for record in given.pop(RECORDS, (None, []))[1]] + list(step.records)
     for name, (part, value) in given.items():
