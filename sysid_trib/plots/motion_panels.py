@@ -1,5 +1,6 @@
 """A record with its models: panels over time, the figure of the half periods, and their numbers."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -71,7 +72,7 @@ class MotionData:
     @property
     def label(self) -> str:
         """Label of an axis of the record."""
-        return signal_label(self.units)
+        return axis_label(*signal_label(self.units).split(" ", 1))
 
     @property
     def small_units(self) -> tuple[float, str]:
@@ -160,6 +161,11 @@ def _record(ax: Axes, drawn: MotionData) -> None:
     ax.legend(ncols=columns_of_legend(labels, 3, room), **LEGEND)
 
 
+def axis_label(name: str, unit: str) -> str:
+    """The label of an axis: a long unit has lines of its own, since a panel is a few words high."""
+    return f"{name} {unit}" if len(unit) < 8 else f"{name}\n{textwrap.fill(unit, 12)}"
+
+
 def _residual(ax: Axes, drawn: MotionData, model: str) -> None:
     """The residual of a model, named by the axis where there are several."""
     if model in drawn.lines:
@@ -169,5 +175,5 @@ def _residual(ax: Axes, drawn: MotionData, model: str) -> None:
     band = ax.axhspan(-2.0 * factor * drawn.noise, 2.0 * factor * drawn.noise, color="0.85", zorder=0)
     ax.legend([band], ["± 2 noise levels"], **LEGEND)
     name = f"model\n{model}" if len(drawn.labels) > 1 else "model"
-    label = f"record \N{MINUS SIGN} {name} ({unit})"
+    label = axis_label(f"record \N{MINUS SIGN} {name}", f"({unit})")
     ax.set(xlabel="time (s)", ylabel=label, xlim=(drawn.time[0], drawn.time[-1]))

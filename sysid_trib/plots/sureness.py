@@ -66,7 +66,7 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
-    across = 6 if width >= TWO_COLUMNS else 4
+    across = 6 if width >= TWO_COLUMNS else 3
     figure, panels = grid(count, across, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
     colours = [KIND_COLOURS.get(kind, INK) for kind in data.kind.values.tolist()]
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
