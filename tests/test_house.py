@@ -136,7 +136,7 @@ def test_the_house_does_not_grow():
     now = numbers()
     assert len(arrows()) <= 141
     assert now["files"] <= 265
-    assert now["code lines"] <= 31_410
+    assert now["code lines"] <= 31_420
     assert now["classes"] <= 222
 
 
