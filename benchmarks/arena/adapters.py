@@ -109,7 +109,7 @@ def wendy(library: ForceLibrary, w: float, time: np.ndarray, angle: np.ndarray) 
     target = bent @ angle + w**2 * test @ angle
     by_x, by_v = (np.column_stack(_slopes(library, x, v, at)) for at in range(2))
     plain, by_rate = bent + w**2 * test, rate / w
-    values, factor = np.linalg.lstsq(columns, target, rcond=None)[0], None
+    values = np.linalg.lstsq(columns, target, rcond=None)[0]
     for _ in range(TURNS):
         operator = plain + w**2 * (test * (by_x @ values) + (test * (by_v @ values)) @ by_rate)
         covariance = operator @ operator.T

@@ -201,8 +201,7 @@ def _add_si_units(tree: "xr.DataTree", measured: "dict[str, tuple[float, float]]
     """Add the answer in SI units, if what they take is given."""
     import xarray as xr
 
-    from sysid_trib.physics.si_units import in_si_units
-    from sysid_trib.printing.exported import SI
+    from sysid_trib.physics.si_units import SI, in_si_units
     from sysid_trib.validation.findings import answer_of, kept_results
 
     answer = answer_of(tree)
@@ -265,9 +264,9 @@ def _figures(tree: "xr.DataTree", driven: bool, plots: Any) -> "list[tuple[str, 
 
     of_groups = {name: getattr(plots, name) for name in ("innovations", "profile", "sensitivity")}
     of_groups["prediction_bands"] = lambda data: plots.prediction_bands(data).figure
-    count = len(record_groups(tree))
+    count, over_time = len(record_groups(tree)), "driven" if driven else "overview"
     return [
-        *figures_of_runs(tree, name := "driven" if driven else "overview", getattr(plots, name)),
+        *figures_of_runs(tree, over_time, getattr(plots, over_time)),
         *(
             (name, partial(draw, tree[name].to_dataset()))
             for kind, draw in of_groups.items()

@@ -152,10 +152,10 @@ def _calibrated(record: "xr.Dataset", given: DecayOptions) -> "xr.Dataset":
     from sysid_trib.simulation.initial_conditions import MEASURED
 
     factor = calibration_of(given)[0]
+    if factor == 1.0:
+        return record
     names = [name for name in ("angle", MEASURED) if name in record]
-    # Multiplied by one it stays as it is, to the bit and its attributes.
-    scaled = {name: record[name].copy(data=factor * record[name].values) for name in names}
-    return record if factor == 1.0 else record.assign(scaled)
+    return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
 
 def read_sources(given: DecayOptions) -> "tuple[list[xr.Dataset], list[str]]":
@@ -185,9 +185,8 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
         if idle:
             raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
         read = paper_twin()
-        return [
-            _calibrated(read, given)
-        ], f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
+        source = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
+        return [_calibrated(read, given)], source
     usual = None if given.system is None else load_system(given.system).signal
     try:
         driving = named_inputs(given.input_ and given.input_.split(","))

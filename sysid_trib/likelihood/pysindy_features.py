@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, LibraryError
-from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues, channels_of
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
 from sysid_trib.simulation.internal_states import states_along
 
@@ -93,12 +93,12 @@ class ForceFeatures(BaseFeatureLibrary):
             A force needs `sampling_time` or `reference_frequency`, which is missing; no forces at all.
         """
         for x in x_full:
-            _check_columns(x, self._input_names)
+            _check_columns(x, self.library.inputs)
         if not self._forces:
             raise LibraryError(f"Library '{self.library.title}' has no forces to make features of.")
         for force in self._forces:
             self._check_given(force)
-        self.n_features_in_ = 2 + len(self._input_names)
+        self.n_features_in_ = 2 + len(self.library.inputs)
         self.n_output_features_ = len(self._forces)
         return self
 
@@ -117,11 +117,6 @@ class ForceFeatures(BaseFeatureLibrary):
     @property
     def _forces(self) -> list[Force]:
         return [force for force in self.library if force.kind == "force"]
-
-    @property
-    def _input_names(self) -> tuple[str, ...]:
-        """Inputs that are columns beside the states."""
-        return tuple(dict.fromkeys(channel.input for channel in channels_of(self._forces)))
 
     def _check_given(self, force: Force) -> None:
         over_time = force.holds_time or not force.memoryless or any(c.order for c in force.channels)
@@ -251,13 +246,13 @@ class ForceFeatures(BaseFeatureLibrary):
         return columns
 
     def _columns(self, x: Any) -> AxesArray:
-        _check_columns(x, self._input_names)
+        _check_columns(x, self.library.inputs)
         states = np.asarray(x)
         angle, rate, *inputs = states.T.astype(float)
         time = np.arange(len(states), dtype=np.float64) * np.float64(self.sampling_time or 1.0)
         if inputs:
-            given = zip(self._input_names, inputs, strict=True)
-            self._inputs = {name: KnownInput(time, values, "smooth") for name, values in given}
+            given = zip(self.library.inputs, inputs, strict=True)
+            self.driven_by({name: KnownInput(time, values, "smooth") for name, values in given})
         columns = self.evaluate(time, angle, rate)
         dtype = np.result_type(states.dtype, np.float32)
         return AxesArray(columns.astype(dtype, copy=False), {"ax_time": 0, "ax_coord": 1})

@@ -255,6 +255,14 @@ def _error(result: xr.Dataset, gain: str, symbol: str | None, value: float, powe
 
 
 Measured = tuple[float, float]
+# Group of a result in SI units, what was given for it, and what it may hold.
+SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
+MU = "friction_coefficient"
+
+
+def si_of(tree: xr.DataTree) -> xr.Dataset | None:
+    """The answer of a result in SI units, where it holds it."""
+    return tree[SI].to_dataset() if SI in tree.children else None
 
 
 def in_si_units(
@@ -321,9 +329,7 @@ def in_si_units(
     errors = np.hypot(values.standard_error.values / over.prod(), friction * np.linalg.norm(error / over))
     for name, measured in arm.items():
         values = values.assign(with_error(name, (), measured, name, {"load": "N", "radius": "m"}[name]))
-    return values.assign(
-        with_error("friction_coefficient", "force", (friction, errors), "coefficient of friction")
-    )
+    return values.assign(with_error(MU, "force", (friction, errors), "coefficient of friction"))
 
 
 def _degrees(estimate: ModelEstimate) -> Array:

@@ -12,6 +12,7 @@ import xarray as xr
 
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import Formula
+from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing.layout import by_label, error_of, quantity, reference_sentence, value_with_error
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
@@ -44,9 +45,6 @@ COLUMNS = {
     "error_of_model": "error_of_model",
     "error_of_calibration": "error_of_calibration",
 }
-# Group of a result in SI units, what was given for it, and what it may hold.
-SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
-MU = "friction_coefficient"
 # More methods than this are rows.
 MOST_COLUMNS = 3
 # Signs by which a spreadsheet knows a formula.
@@ -239,8 +237,8 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
             value, error = (result[key].item() for key in (name, error_of(name)))
             words = {"method": method, "quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
             yield words | {"value": value, "standard_error": error}
-    if SI in tree.children:
-        yield from _si_rows(tree[SI].to_dataset())
+    if (converted := si_of(tree)) is not None:
+        yield from _si_rows(converted)
     for symbol, row in _contrasts(tree).items():
         words = {"method": "first minus second", "quantity": symbol, "name": f"z = {row.z.item():.4g}"}
         yield words | {"value": row.difference.item(), "standard_error": row.standard_error.item()}
@@ -282,8 +280,7 @@ def latex_text(tree: xr.DataTree) -> str:
         for name, symbol in FREQUENCIES_LATEX.items():
             cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
     heads, contrasts = [*named], _contrasts(tree)
-    if SI in tree.children:
-        values = tree[SI].to_dataset()
+    if (values := si_of(tree)) is not None:
         heads.append("SI units")
         library = library_of(named[values.attrs["of_method"]])
         for symbol, force in by_label(values, "force").items():
@@ -292,8 +289,8 @@ def latex_text(tree: xr.DataTree) -> str:
             cells[f"${letter}$"]["SI units"] = text
             if np.isfinite(force.get(MU, np.nan)):
                 cells[rf"$\mu_{{{letter}}}$"] = {"SI units": _in_latex(quantity(force, MU))}
+    heads += ["difference"] if contrasts else []
     for symbol, row in contrasts.items():
-        heads = [*named, "difference"]
         own = next(library_of(result)[symbol] for result in named.values() if symbol in result.force)
         text = value_with_error(row.difference.item(), row.standard_error.item())
         of_force = cells.setdefault(f"${own.latex_symbol}$", {})
@@ -318,7 +315,8 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
     refers = "".join(reference_sentence(result) for result in list(named.values())[-1:])
-    given = tree[SI].to_dataset() if SI in tree.children else xr.Dataset()
+    converted = si_of(tree)
+    given = xr.Dataset() if converted is None else converted
     si = "".join(
         f"; {name}: {_in_latex(quantity(given, name))} {unit_in_latex(given[name].attrs['units'])}"
         for name in GIVEN

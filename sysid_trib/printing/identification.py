@@ -7,6 +7,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
+from sysid_trib.physics.si_units import si_of
 from sysid_trib.printing import verdict
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.exported import equation_text
@@ -18,7 +19,7 @@ from sysid_trib.printing.layout import (
     text_table,
     values_with_errors,
 )
-from sysid_trib.printing.physics import physics_sentences, si_block, si_of, weight_sentences
+from sysid_trib.printing.physics import physics_sentences, si_block, weight_sentences
 from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of

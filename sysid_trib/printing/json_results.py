@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib.physics.si_units import MU, SI, si_of
 from sysid_trib.printing.discovery_tables import steps_of
-from sysid_trib.printing.exported import MU, SI
 from sysid_trib.printing.identification import consequences
 from sysid_trib.printing.layout import (
     COEFFICIENT,
@@ -19,7 +19,7 @@ from sysid_trib.printing.layout import (
     records_json,
     same,
 )
-from sysid_trib.printing.physics import physics_json, si_of
+from sysid_trib.printing.physics import physics_json
 from sysid_trib.printing.random_force import random_force_json
 from sysid_trib.printing.verdict import GROUP, TESTED, runs_json
 from sysid_trib.records.decay import RECORD_PARTS

@@ -11,8 +11,8 @@ from sysid_trib.physics.contact import SIGNIFICANT_FRICTION, slip_fingerprint, s
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
+from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing.blocks import ALWAYS, Block
-from sysid_trib.printing.exported import GIVEN, MU, SI
 from sysid_trib.printing.layout import (
     COEFFICIENT,
     Source,
@@ -134,11 +134,6 @@ def weight_sentences(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLik
         return _weights(result, *_ends(amplitude, time)[0])
     except LibraryError:
         return []
-
-
-def si_of(tree: xr.DataTree) -> xr.Dataset | None:
-    """The answer of a result in SI units, where it holds it."""
-    return tree[SI].to_dataset() if SI in tree.children else None
 
 
 def si_block(tree: xr.DataTree) -> list[Block]:
