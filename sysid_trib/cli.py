@@ -120,7 +120,7 @@ def _leave_standard_output() -> None:
 
 
 def _memory_is_short() -> bool:
-    """Whether next to no memory is left: libraries that cannot be loaded then end in errors of any kind."""
+    """True if next to no memory is left: libraries that cannot be loaded then end in errors of any kind."""
     try:
         bytearray(LIBRARY_SIZE)
     except MemoryError:

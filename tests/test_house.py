@@ -96,6 +96,13 @@ def sentences(tree, text):
             yield node.value, node.lineno
 
 
+def docstrings(tree):
+    """Docstrings of a module with their lines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
+            yield text, node.body[0].lineno
+
+
 def phrases(text, line=1):
     """Forbidden phrases of a text, with their lines."""
     return [(line + text.count("\n", 0, m.start()), m[0]) for m in PHRASES.finditer(text)]
@@ -158,6 +165,16 @@ def test_identifiers_name_the_thing(room):
         for name, tree, _ in modules_of(room)
         for word, line in bound(tree)
         if word.strip("_") in COMMON_WORDS
+    ]
+    assert not wrong
+
+
+def test_docstrings_begin_with_what_a_thing_is_or_does():
+    wrong = [
+        f"{name}:{line}: {text.splitlines()[0]}"
+        for name, (tree, _) in modules().items()
+        for text, line in docstrings(tree)
+        if re.match(r"(?:Of|Those|The same|Whether|How far)\b", text)
     ]
     assert not wrong
 

@@ -124,7 +124,7 @@ def arrays_of(path: Path) -> dict[str, Any]:
 
 
 def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Those that hold the rows of the records, in the order of the checksum."""
+    """The arrays that hold the rows of the records, in the order of the checksum."""
     coordinates = ("record", CHECKSUM)
     return {
         name: array

@@ -43,12 +43,12 @@ class CampaignRecords:
 
     @property
     def simulated(self) -> bool:
-        """Whether the truth of each is known."""
+        """True if the truth of each is known."""
         return isinstance(self.items, Study)
 
     @property
     def names(self) -> list[str]:
-        """Of the records in the store."""
+        """The names of the records in the store."""
         if isinstance(self.items, Study):
             return [str(at) for at in range(len(self))]
         return [
@@ -70,7 +70,7 @@ class CampaignRecords:
         return _digest([self.fingerprint_of_task(task), self.names, self._content()])
 
     def fingerprint_of_task(self, task: Task) -> str:
-        """The same without the records: of files and of a study more may come."""
+        """A checksum without the records: of files and of a study more may come."""
         libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
         methods = {label: repr(method) for label, method in task.methods.items()}
         asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
@@ -91,7 +91,7 @@ class CampaignRecords:
         )
 
     def _content(self) -> Any:
-        """Of a study, or of what is in memory; files say themselves when they change."""
+        """What a study, or what is in memory, holds; files say themselves when they change."""
         if isinstance(self.items, Study):
             return asdict(self.items)
         in_memory = [item for item in self.items if isinstance(item, xr.Dataset)]

@@ -226,7 +226,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _has_grown(group: Any, task: Task, records: CampaignRecords) -> bool:
-    """Whether a store is of the same campaign with fewer records."""
+    """True if a store is of the same campaign with fewer records."""
     if dict(group.attrs).get(TASK_FINGERPRINT) != records.fingerprint_of_task(task):
         return False
     return set(np.asarray(group["record"][:]).astype(str).tolist()) < set(records.names)

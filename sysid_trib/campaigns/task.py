@@ -115,12 +115,12 @@ class Task:
 
     @property
     def labels(self) -> list[str]:
-        """Of the identifications that come of a record."""
+        """The labels of the identifications that come of a record."""
         return list(MODELS) if self.name == "discover" else list(self.methods)
 
     @property
     def symbols(self) -> list[str]:
-        """Of all forces that may come of a record."""
+        """The symbols of all forces that may come of a record."""
         candidates = self.candidates.symbols if self.candidates is not None else ()
         return list(dict.fromkeys([*self.library.symbols, *candidates]))
 

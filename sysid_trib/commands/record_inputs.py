@@ -52,7 +52,7 @@ def what_else(path: Path) -> str:
 
 
 def _is_printed(path: Path) -> bool:
-    """Whether a file is the JSON that a command printed."""
+    """True if a file is the JSON that a command printed."""
     # Bytes; what a command prints with --json is far smaller.
     if path.stat().st_size > 2**24:
         return False

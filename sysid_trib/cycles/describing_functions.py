@@ -60,7 +60,7 @@ class DescribingFunctions:
 
     @cached_property
     def _parts(self) -> list[tuple[list[Force], Array]]:
-        """Of each force that at some ratios, and weights of these at each frequency, (frequency, node)."""
+        """Forces that act at some ratios of frequencies, and their weights at each, (frequency, node)."""
         parts = []
         for force in self.forces:
             power = force.speed_degree if force.memoryless else None
@@ -80,7 +80,7 @@ class DescribingFunctions:
         return self._sums(amplitude, "fn,nka->kfa", np.arange(len(self.ratio)))
 
     def at(self, frequency: Index, amplitude: Array) -> Array:
-        """The same at amplitudes, each at the frequency of a number, (force, 2, amplitude)."""
+        """Describing functions at amplitudes, each at the frequency of a number, (force, 2, amplitude)."""
         return self._sums(amplitude, "an,nka->ka", frequency)
 
     def _sums(self, amplitude: Array, how: str, frequency: Index) -> Array:

@@ -246,7 +246,7 @@ def _beside_a_drift(amplitude: Array) -> Array:
 
 
 def _drift(curve: xr.Dataset) -> float:
-    """How far the middle moves along a line, from the first half period to the last; 0 within its errors."""
+    """Movement of the middle along a line, from the first half period to the last; 0 within its errors."""
     signed, time = curve.sign.values * curve.extremum.values, curve.extremum_time.values
     if signed.size < FEWEST_FOR_DRIFT:
         return 0.0

@@ -17,7 +17,7 @@ from sysid_trib.likelihood.trials import TrialEffect
 
 
 def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:
-    """Whether a force may have these coefficients: one that only takes energy is not negative.
+    """True if a force may have these coefficients: one that only takes energy is not negative.
 
     `relative_force` : of the force of coefficient 1, over the restoring force; `strongest` one may be.
     """
@@ -29,7 +29,7 @@ def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, str
 def are_physical(
     trials: Sequence[TrialEffect], coefficients: Array, relative_force: Array, strongest: float
 ) -> Mask:
-    """The same of several trials and the coefficient of each, (trial,)."""
+    """True where a trial may have its coefficient, (trial,)."""
     forces = zip(trials, coefficients, relative_force, strict=True)
     return np.array([is_physical(trial.force, c, size, strongest) for trial, c, size in forces], dtype=bool)
 
@@ -106,7 +106,7 @@ def each_beside(
 def _each_in_noise(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
 ) -> Beside:
-    """The same, coefficients of several runs in the noise of a model."""
+    """Gains of several runs' coefficients in the noise of a model."""
     every = [0, *base, *columns]
     parts = [_for_each_ratio(run, every, 1 + len(base)) for run in runs]
     count = len(columns)

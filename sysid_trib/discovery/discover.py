@@ -386,7 +386,7 @@ def _offered(
 
 
 def _same(force: Force, other: Force) -> bool:
-    """Whether two forces are the same function."""
+    """True if two forces are the same function."""
     if force.kind != other.kind:
         return False
     if force.memoryless and not force.shape and force.kind == "force" and not force.channels:

@@ -46,7 +46,7 @@ def in_place(
 
 
 def pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
-    """The same of two candidates in the place of effects; which, by the noise of the present model.
+    """Pairs of candidates in the place of effects; which, by the noise of the present model.
 
     Of any two shapes of theirs: beside another one a candidate may have a shape that gains nothing alone.
     """
@@ -88,7 +88,7 @@ def _columns(current: Screening) -> list[int]:
 
 
 def _testable(current: Screening, part: Array) -> list[int]:
-    """Those of these trials of whose columns such parts are outside of the columns that stay."""
+    """Trials of whose columns such parts are outside of the columns that stay."""
     least = current.model.settings.testable
     return [at for at, outside in zip(current.in_place, part, strict=True) if outside >= least]
 

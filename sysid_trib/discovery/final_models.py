@@ -88,7 +88,7 @@ def likelier_pair(
 
 
 def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:
-    """Whether each of two trials in the place of an effect explains more beside the other than chance."""
+    """True if each of two trials in the place of an effect explains more beside the other than chance."""
     kept = current.model.columns_without((symbol,))
     columns = [current.first_trial + at for at in pair]
     for at, other in zip(pair, reversed(columns), strict=True):
@@ -144,7 +144,7 @@ class Growth:
         return self.predictions[key]
 
     def goes_on(self, model: FittedModel) -> bool:
-        """Whether a model may grow: not so many in a row were no better; else `best` is that to end with."""
+        """True if a model may grow: not so many in a row were no better; else `best` is that to end with."""
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self.known:
             referred = refitted(model)
@@ -158,7 +158,7 @@ class Growth:
         return self.known[symbols]
 
     def is_complete(self, model: FittedModel) -> bool:
-        """Whether a model leaves nothing of any run but noise."""
+        """True if a model leaves nothing of any run but noise."""
         return self.noise_p_value(model) >= model.settings.level
 
     def noise_p_value(self, model: FittedModel) -> float:
@@ -253,14 +253,14 @@ def final_of_set(
 
 
 def _plainness(model: FittedModel, symbol: str) -> tuple[bool, int]:
-    """Whether an effect is a usual candidate, and the number of its shapes: the least is plainest."""
+    """True if an effect is a usual candidate, and the number of its shapes: the least is plainest."""
     force = model.trials[model.columns_of(symbol)[0]].force
     usual = {(other.symbol, other.formula.text) for other in load_library("candidate_effects")}
     return (force.symbol, force.formula.text) in usual, len(force.shape)
 
 
 def _is_followed(model: FittedModel) -> bool:
-    """Whether the fit has settled, and without a random force moves as its path does.
+    """True if the fit has settled, and without a random force moves as its path does.
 
     Rows say how a motion deviates, and not that it stops before the record does.
     """

@@ -120,12 +120,12 @@ class Fits:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the deadline has passed."""
+        """True if the deadline has passed."""
         return monotonic() > self.deadline
 
     @property
     def ended(self) -> bool:
-        """Whether no further model is fitted: it is too late, or as many were as the settings say."""
+        """True if no further model is fitted: it is too late, or as many were as the settings say."""
         return self.out_of_time or len(self.tried) >= self.start.settings.most_fits
 
     def of(
@@ -189,7 +189,7 @@ class Fits:
         return frozenset(t.force.symbol for t in trials) - {t.force.symbol for t in self.start.trials}
 
     def _is_astray(self, model: FittedModel | None, key: frozenset[str]) -> bool:
-        """Whether a fit has settled where it is less likely than a model that it contains."""
+        """True if a fit has settled where it is less likely than a model that it contains."""
         deviances = [kept.deviance for symbols, kept in self.kept.items() if symbols <= key]
         contained = min(deviances, default=np.inf)
         return model is not None and model.settled and model.deviance > contained + ROUNDS_AGREE
@@ -218,7 +218,7 @@ def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect
 
 
 def _is_physical(model: FittedModel, base: int) -> bool:
-    """Whether the forces beside the first ones, those of the start model, may have their coefficients."""
+    """True if the forces beside the first ones, those of the start model, may have their coefficients."""
     relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
     physical = are_physical(model.trials, model.coefficients, relative_force, model.settings.strongest)
     return bool(np.all(physical[base:]))

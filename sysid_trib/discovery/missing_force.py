@@ -85,7 +85,7 @@ def _force(run: FreeMotion) -> Array:
 
 
 def _force_of_noise(run: FreeMotion) -> Array:
-    """The same of drawings of the noise, (draw, sample); what it does to the model's forces is small."""
+    """Forces that drawings of the noise ask for, (draw, sample); the model's forces change little."""
     # Drawings of noise, for the errors of the map.
     drawn = run.noise.draws(len(run.time), 32)
     angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
@@ -184,7 +184,7 @@ def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, list[st
 
 
 def _best(screening: Screening, symbol: str) -> int:
-    """Of a force's trials that can be tested the one of the least error, in units of its force; else any."""
+    """The testable trial of a force with the least error, in units of its force; else any."""
     of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
     good = [i for i in of_force if not screening.reasons[i]]
     size = screening.errors * screening.relative_force

@@ -1,4 +1,4 @@
-"""Whether runs differ, and whether names and coefficients stand in parts of the record."""
+"""True if runs differ, and whether names and coefficients stand in parts of the record."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -104,12 +104,12 @@ class InParts(NamedTuple):
 
     @property
     def likeliest(self) -> list[str]:
-        """Of each part the likeliest name, "" of no force in the effect's place."""
+        """The likeliest name by each part, "" for no force in the effect's place."""
         names = list(self.costs)
         return [names[at] for at in np.argmin([*self.costs.values()], axis=0)]
 
     def probabilities(self, whole: dict[str, float]) -> Array:
-        """Of each rival, (rival,): the mean of those by the whole record and by its parts."""
+        """Probability of each rival, (rival,): the mean over the whole record and its parts."""
         table = [
             np.append(self.costs.get(name, np.full(len(RECORD_PARTS), np.inf)), whole[name]) for name in whole
         ]
@@ -132,7 +132,7 @@ class Stability(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether the model follows the record to the noise."""
+        """True if the model follows the record to the noise."""
         return self.noise_p_value >= 1.0
 
 

@@ -109,7 +109,7 @@ class Screening:
         return list(best.values())
 
     def are_fine(self, trials: Sequence[int]) -> list[bool]:
-        """Whether the motion is known as finely as each acts."""
+        """True if the motion is known as finely as each acts."""
         unasked = [at for at in trials if at not in self.fine]
         if unasked:
             known = are_known_finely(self.model, [self.trials[at] for at in unasked], self.effects)
@@ -117,7 +117,7 @@ class Screening:
         return [self.fine[at] for at in trials]
 
     def first_fine(self, order: Sequence[int]) -> list[int]:
-        """Of trials in an order the first of each candidate as finely as which the motion is known."""
+        """For each candidate the first trial, in an order, as finely as which the motion is known."""
         waiting: dict[str, list[int]] = {}
         for at in order:
             waiting.setdefault(self.trials[at].force.symbol, []).append(at)
@@ -144,7 +144,7 @@ class Screening:
         return settings.kin if family in {force.family for force in fitted} else settings.slack
 
     def allows(self, at: int, coefficient: ArrayLike) -> Mask:
-        """Whether physics allows a trial this coefficient, or these."""
+        """True if physics allows a trial this coefficient, or these."""
         strongest = self.model.settings.strongest
         return is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
 

@@ -196,7 +196,7 @@ def _ended(
 
 
 def with_steps(search: Search, candidates: Sequence[Force], tell: Tell = silent) -> Search:
-    """The same with the models of none, one, two, ... of its effects, and the candidates beside each."""
+    """A search with the models of none, one, two, ... of its effects, and the candidates beside each."""
     effects, last = search.effects, search.screenings[-1]
     models = nested_models(search.models[-1], effects)
     tell("candidates beside each model")
@@ -250,7 +250,7 @@ def _likeliest(moves: Sequence[Move]) -> tuple[FittedModel, tuple[str, ...]] | N
 
 
 def may_gain(current: Screening) -> bool:
-    """Whether the column of any candidate gains more than chance."""
+    """True if the column of any candidate gains more than chance."""
     return any(current.p_values[at] < current.model.settings.level for at in current.best())
 
 

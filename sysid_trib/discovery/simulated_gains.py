@@ -56,7 +56,7 @@ def outside_of(
 def known_finely(
     model: FittedModel, columns: Sequence[Array], aside: Sequence[Array], effects: Sequence[str] = ()
 ) -> Mask:
-    """Whether columns are the same along a motion that is as likely, (column,).
+    """True if columns are the same along a motion that is as likely, (column,).
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequen
 
 
 def _alike(here: Array, there: Array, slack: float) -> Mask:
-    """Whether columns correlate but for such a part of their squares, (column,)."""
+    """True if columns correlate but for such a part of their squares, (column,)."""
     along = np.einsum("ij,ij->j", here, there)
     return along >= np.sqrt(1.0 - slack) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)
 

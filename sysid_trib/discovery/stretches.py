@@ -36,7 +36,7 @@ class SearchParts(NamedTuple):
 
     @property
     def in_stretches(self) -> bool:
-        """Whether models are fitted to stretches of the runs."""
+        """True if models are fitted to stretches of the runs."""
         return len(self.learnt) > len(self.runs)
 
     @property

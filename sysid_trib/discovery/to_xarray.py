@@ -124,7 +124,7 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
 
 
 def _best_trials(screening: Screening) -> dict[str, int]:
-    """Of each candidate the trial that gains most."""
+    """The trial of each candidate that gains most."""
     best: dict[str, int] = {}
     for at in np.argsort(-screening.gains, kind="stable").tolist():
         best.setdefault(screening.trials[at].force.symbol, at)
@@ -271,7 +271,7 @@ def _competition(search: Search, offered: ForceLibrary, stability: Stability) ->
 
 
 def _pairs(search: Search) -> Variables:
-    """Of each effect the pairs of candidates that may be the truth in its place."""
+    """Pairs of candidates that may be the truth in the place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
     texts = [PAIRS.join(PAIR.join(names) for names in of_effect) for of_effect in pairs]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])

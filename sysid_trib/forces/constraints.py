@@ -79,7 +79,7 @@ class Constraints:
         return {name: value for name, value in self.table.items() if isinstance(value, str)}
 
     def holding(self, values: Mapping[str, float]) -> "Constraints":
-        """The same with further parameters held, whatever they were."""
+        """These constraints with further parameters held, whatever they were."""
         return Constraints({**self.table, **values})
 
     @classmethod
@@ -111,7 +111,7 @@ class Constraints:
         return cls({**bounds, **fixed, **ties})
 
     def of_each_run(self, symbols: Iterable[str], runs: int) -> "Constraints":
-        """The same for forces whose coefficient is each run's own (see `ForceLibrary.with_own`)."""
+        """These constraints for forces whose coefficient is each run's own (see `ForceLibrary.with_own`)."""
         names = {symbol: [f"{symbol}_{run}" for run in range(1, runs + 1)] for symbol in symbols}
         copied = {name: given for key, given in self.table.items() for name in names.get(key, [key])}
         return Constraints(copied)

@@ -135,7 +135,7 @@ class Force:
 
     @property
     def memoryless(self) -> bool:
-        """Whether the force is a function of x, v and t alone."""
+        """True if the force is a function of x, v and t alone."""
         return not self.state and not self.memory
 
     @cached_property
@@ -146,7 +146,7 @@ class Force:
 
     @property
     def holds_time(self) -> bool:
-        """Whether any of its formulas holds `t`."""
+        """True if any of its formulas holds `t`."""
         return any("t" in f.names for f in self.formulas)
 
     @property
@@ -198,7 +198,7 @@ class Force:
         return np.broadcast_to(h, np.broadcast_shapes(arrays["x"].shape, arrays["v"].shape, np.shape(h)))
 
     def matches(self, formula: str) -> bool:
-        """Whether this is the force of the given formula, without history or shape parameters.
+        """True if this is the force of the given formula, without history or shape parameters.
 
         Parameters
         ----------

@@ -42,7 +42,7 @@ def forces_to_identify(
 
 
 def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
-    """Whether a motion may be anywhere: the only force that holds `x` takes the restoring one away.
+    """True if a motion may be anywhere: the only force that holds `x` takes the restoring one away.
 
     Parameters
     ----------

@@ -108,7 +108,7 @@ class Lines:
         return self.independent * self.noise(filter_).innovation ** 2
 
     def log_determinant(self, filter_: Array) -> float:
-        """Of the covariance of these samples, in units of the variance of the innovations (Whittle)."""
+        """Log determinant of the samples' covariance, in units of the innovations' variance (Whittle)."""
         return -2.0 * INDEPENDENT_PART * float(np.sum(self.count * np.log(self._gain(filter_))))
 
     def colour(self, order: int) -> Array:
@@ -262,7 +262,7 @@ def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, A
 
 
 def _is_uneven(tau: Array) -> bool:
-    """Whether steps differ by so much that lines say nothing; 2 % move a thousandth of the power."""
+    """True if steps differ by so much that lines say nothing; 2 % move a thousandth of the power."""
     return not is_uniform(tau)
 
 

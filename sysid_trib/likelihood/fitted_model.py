@@ -67,7 +67,7 @@ class FittedModel:
 
     @property
     def settings(self) -> Settings:
-        """Of the search."""
+        """Settings of the search."""
         return self.rows[0].path.settings
 
     @cached_property
@@ -83,7 +83,7 @@ class FittedModel:
 
     @property
     def is_finite(self) -> bool:
-        """Whether it and the steps of its shapes have a likelihood."""
+        """True if it and the steps of its shapes have a likelihood."""
         return bool(np.isfinite(self.likelihood.deviance) and np.isfinite(self.stepped.deviance))
 
     @property
@@ -123,12 +123,12 @@ class FittedModel:
         )
 
     def light(self) -> "FittedModel":
-        """The same without what its runs can compute again: many are kept."""
+        """The model without what its runs can compute again: many are kept."""
         return replace(self, rows=tuple(replace(run, path=replace(run.path)) for run in self.rows))
 
     @property
     def follows(self) -> bool:
-        """Whether each path is nearer to its record than rest."""
+        """True if each path is nearer to its record than rest."""
         near = [
             np.max(np.abs(run.path.at_samples[0] - run.path.angle)) < np.max(np.abs(run.path.angle))
             for run in self.rows
@@ -194,7 +194,7 @@ class FittedModel:
         return [rows.target - table @ b for rows, table in zip(self.rows, self.tables, strict=True)]
 
     def white_residuals(self) -> list[Array]:
-        """The same, white and of unit variance."""
+        """Residuals, white and of unit variance."""
         pairs = zip(self.rows, self.residuals(), strict=True)
         return [
             rows.whitened(residual[:, None], self.likelihood, at)[:, 0]

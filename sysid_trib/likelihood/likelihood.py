@@ -63,7 +63,7 @@ class Likelihood:
     gains: Array
 
     def among(self, columns: Sequence[int], count: int) -> "Likelihood":
-        """The same as of `count` columns, of which those that are not among these are held at zero."""
+        """The fit as one of `count` columns, of which those that are not among these are held at zero."""
         if len(columns) == count:
             return self
         coefficients, covariance = np.zeros(count), np.zeros((count, count))

@@ -41,7 +41,7 @@ class Limits(NamedTuple):
     possible: Callable[[FittedModel], bool] = lambda model: True
 
     def is_hopeless(self, model: FittedModel, fall: float) -> bool:
-        """Whether a fit whose last round lowered the deviance by so much will not reach `worst`."""
+        """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
         return model.stepped.deviance - 2.0 * abs(fall) > self.worst
 
 
@@ -49,14 +49,14 @@ NO_LIMITS = Limits()
 
 
 class Stride(NamedTuple):
-    """How far a round goes: a shape by `reach` of its range, and by `longest` at most, the path by `part`."""
+    """The step of a round: a shape by `reach` of its range, and by `longest` at most, the path by `part`."""
 
     longest: float
     reach: float
     part: float
 
     def after(self, turn: int, fall: float, before: float) -> "Stride":
-        """Of the round after the one number `turn`, by which the deviance fell so much, and before it.
+        """The length of the next round, after round `turn` whose deviance fell by `fall`.
 
         Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
         long a one is tried (trust region: Conn, Gould, Toint 2000). A force that is narrow or has a history
@@ -141,7 +141,7 @@ def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
 
 
 def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
-    """Whether a model has an error of the sensor of which nothing is known yet."""
+    """True if a model has an error of the sensor of which nothing is known yet."""
     return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
 
 
@@ -186,7 +186,7 @@ def _best(rounds: Sequence[FittedModel]) -> FittedModel:
 
 
 def _agree(rounds: Sequence[FittedModel]) -> bool:
-    """Whether no coefficient or shape differs between rounds by more than its standard error."""
+    """True if no coefficient or shape differs between rounds by more than its standard error."""
     shapes = [[to_unit(shape, value) for shape, value in shape_values(fitted.trials)] for fitted in rounds]
     ranges = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
     errors = np.sqrt(np.diag(rounds[-1].likelihood.covariance))

@@ -215,7 +215,7 @@ class SignificanceSelection(BaseOptimizer):
 
 
 def _correlated(residual: Array) -> bool:
-    """Whether the residuals of neighbouring rows are correlated (Ljung and Box 1978)."""
+    """True if the residuals of neighbouring rows are correlated (Ljung and Box 1978)."""
     n, total = len(residual), float(residual @ residual)
     lags = np.arange(1, min(CORRELATION_TEST_LAGS, n // 2 - 1) + 1)
     if not lags.size or total == 0.0:

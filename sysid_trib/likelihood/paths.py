@@ -296,7 +296,7 @@ class RecordPath:
         return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
 
     def rescaled(self, frequency: float) -> "RecordPath":
-        """The same with coefficients that refer to another frequency."""
+        """The rows with coefficients that refer to another frequency."""
         form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
         fine = self.fine.rescaled(frequency / self.frequency)
         spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)

@@ -72,7 +72,7 @@ class ForceFeatures(BaseFeatureLibrary):
         self._inputs: Mapping[str, KnownInput] = {}
 
     def driven_by(self, inputs: Mapping[str, KnownInput]) -> "ForceFeatures":
-        """The same with inputs that `evaluate` and `cell_averages` know over time."""
+        """These features with inputs that `evaluate` and `cell_averages` know over time."""
         self._inputs = inputs
         return self
 

@@ -44,7 +44,7 @@ class RandomForce:
 
     @staticmethod
     def p_value_of_gain(gain: float) -> float:
-        """Of no random force, where one lowers the deviance by so much: half a chi-square (Chernoff 1954)."""
+        """p-value of no random force, where one lowers the deviance by `gain` (Chernoff 1954)."""
         return 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
 
     def relative(self, frequency: float) -> float:
@@ -85,7 +85,7 @@ def check_random_force(option: RandomForceOption) -> None:
 
 
 def is_fitted(option: RandomForceOption) -> bool:
-    """Whether a method itself has a random force beside the sensor's noise."""
+    """True if a method itself has a random force beside the sensor's noise."""
     return option not in ("auto", "off")
 
 

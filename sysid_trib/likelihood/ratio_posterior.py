@@ -53,7 +53,7 @@ class RatioAverage(NamedTuple):
 
 
 class _Likelihood(NamedTuple):
-    """Of a ratio: its logarithm, deviance, variance, logarithm of the determinant, degrees of freedom."""
+    """The likelihood of a ratio: logarithm, deviance, variance, log determinant, degrees of freedom."""
 
     logarithm: float
     deviance: float
@@ -108,7 +108,7 @@ def average_over_ratios(
 
 
 def probability_of_none(gain: float, samples: int) -> float:
-    """Of a ratio of zero, where one above it lowers the deviance by `gain`, both being as probable before.
+    """Probability of a ratio of zero, where one above it lowers the deviance by `gain`; both equal before.
 
     By the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to kicks that
     each sample shows, also grows with the root of the number of samples.

@@ -105,7 +105,7 @@ def _refined(
 
 
 def has_slipped(run: RunRegression) -> bool:
-    """Whether the motion of a run's model is out of phase with the record."""
+    """True if the motion of a run's model is out of phase with the record."""
     return _missed(run) > SLIPPED
 
 

@@ -45,7 +45,7 @@ class FineMotion:
         return np.asarray(speed + bend * since if order else place + speed * since + 0.5 * bend * since**2)
 
     def rescaled(self, part: float) -> "FineMotion":
-        """The same over a time that runs faster by `part`."""
+        """The resolution over a time that runs faster by `part`."""
         return FineMotion(part * self.tau, self.acceleration / part**2)
 
 
@@ -100,7 +100,7 @@ def unresolved(
 
 
 def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Array) -> float:
-    """Of the Gram matrix of the two free motions with a unit angle and a unit rate at the start."""
+    """Log determinant of the Gram matrix of the free motions with unit angle and unit rate."""
     step, count = tau[1] - tau[0], len(tau)
     half = 0.5 * step * damping
     # Central differences, each angle from the two before it: a lower triangular band.

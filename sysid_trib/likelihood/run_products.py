@@ -63,28 +63,28 @@ class RunProducts:
         return self.block(ratio, at, at)
 
     def block(self, ratio: float, rows: Array, columns: Array) -> Array:
-        """The same of any columns, the target among them, with others, (row, column)."""
+        """Products of any columns, the target among them, with others, (row, column)."""
         at, weights = self._weighed(ratio)
         return np.asarray(np.tensordot(weights, self.products[np.ix_(at, rows, columns)], 1))
 
     def squares(self, ratio: float, columns: Array) -> Array:
-        """The same of columns with themselves, (column,)."""
+        """Products of columns with themselves, (column,)."""
         at, weights = self._weighed(ratio)
         return np.asarray(weights @ self.products[at[:, None], columns, columns])
 
     def is_close(self, ratio: float) -> bool:
-        """Whether a ratio is tried, or between others that are close to each other."""
+        """True if a ratio is tried, or between others that are close to each other."""
         logs = np.log(self.ratios[1:])
         above = int(np.clip(np.searchsorted(logs, np.log(ratio)), 1, len(logs) - 1)) if ratio else 0
         return bool(not ratio or logs[above] - logs[above - 1] < CLOSE)
 
     def scaled(self, factors: Array) -> "RunProducts":
-        """The same of columns times factors, (column,)."""
+        """The products of columns times factors, (column,)."""
         with_target = np.concatenate([[1.0], factors])
         return replace(self, products=self.products * np.outer(with_target, with_target))
 
     def log_determinant_at(self, ratio: float) -> float:
-        """The same of the covariance, over that of white noise of the sensor alone."""
+        """Log determinant of the covariance, over that of white noise of the sensor alone."""
         at, weights = self._weighed(ratio)
         return float(weights @ self.log_determinant[at])
 
@@ -178,6 +178,6 @@ def _ratios(form: WeakForm, settings: Settings, near: float | None) -> Array:
 
 
 def has_products(columns: Array) -> Mask:
-    """Whether the squares of columns, of which products are made, are far from overflowing, (column,)."""
+    """True if the squares of columns, of which products are made, are far from overflowing, (column,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(np.sum(columns**2, axis=0) < MOST_SQUARES)

@@ -89,7 +89,7 @@ class RunRows:
 
     @cached_property
     def white_band(self) -> Array:
-        """The same by white noise of the sensor."""
+        """The band of the covariance by white noise of the sensor."""
         return self.band if self.acting is self.operator else covariance_of_local_rows(self.operator)
 
     @cached_property
@@ -98,11 +98,11 @@ class RunRows:
         return -(self.operator @ (self.path.angle - self.path.at_samples[0])) - self.path.known_part
 
     def columns(self, trials: Sequence[TrialEffect]) -> Array:
-        """Of each trial, (row, trial)."""
+        """The column of each trial, (row, trial)."""
         return self.path.columns(trials, self.operator)
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
-        """The same from a fifth of the points, as far as they serve to compare."""
+        """Columns of trials from a fifth of the points, as far as they serve to compare."""
         settings = self.path.settings
         # Not kept: of a long record it is tens of MB for the rows of each model.
         fewer = replace(settings, points_per_period=settings.points_per_period // 5)

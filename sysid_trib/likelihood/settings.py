@@ -114,7 +114,7 @@ class Settings:
 
     @property
     def far(self) -> float:
-        """The same of one of as many models as are fitted."""
+        """Threshold of one of as many models as are fitted."""
         return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
 
     @property

@@ -210,7 +210,7 @@ def colour_penalty(model: FittedModel) -> float:
 
 
 def _parameters_of(sensor: NoiseModel) -> int:
-    """Of its colour: a filter that is longer than any autoregression's is that of 1/f noise, with one."""
+    """Number of parameters of a colour: a filter longer than any autoregression's is 1/f noise, with one."""
     order = len(sensor.filter_) - 1
     return order if order <= MAX_COLOUR else 1
 

@@ -22,7 +22,7 @@ TURN = 2.0 * np.pi
 
 @lru_cache(maxsize=1024)
 def is_frequency(force: Force, name: str) -> bool:
-    """Whether a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
+    """True if a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
     if not force.memoryless or "t" not in force.formula.names:
         return False
     shape, t = force.shape[name], np.linspace(0.0, 3.0, 41)
@@ -40,7 +40,7 @@ def is_frequency(force: Force, name: str) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_resonance(force: Force, name: str) -> bool:
-    """Whether a shape parameter is the natural frequency of a force's states (by their equations)."""
+    """True if a shape parameter is the natural frequency of a force's states (by their equations)."""
     states = tuple(force.state)
     for factor in (1.0, 1.7):
         value = factor * force.shape[name].default
@@ -63,18 +63,18 @@ def is_resonance(force: Force, name: str) -> bool:
 
 
 def is_frequency_parameter(force: Force, name: str) -> bool:
-    """Whether a shape parameter is a frequency of either kind, which is found among those of the record."""
+    """True if a shape parameter is a frequency of either kind, which is found among those of the record."""
     return is_frequency(force, name) or is_resonance(force, name)
 
 
 def has_frequency_parameter(force: Force) -> bool:
-    """Whether a force has such a frequency."""
+    """True if a force has such a frequency."""
     return any(is_frequency_parameter(force, name) for name in force.shape)
 
 
 @lru_cache(maxsize=1024)
 def is_phase(force: Force, name: str) -> bool:
-    """Whether a turn more of a shape parameter is the same, and its range is a turn at least."""
+    """True if a turn more of a shape parameter is the same, and its range is a turn at least."""
     shape, points = force.shape[name], force.test_points
     if not force.memoryless or shape.high - shape.low < TURN:
         return False
@@ -118,7 +118,7 @@ class TrialEffect:
         }
 
     def referred(self, factor: float) -> "TrialEffect":
-        """The same effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
+        """The effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
         powers = reference_powers(self.force)
         if powers is None or not self.shapes:
             return self
@@ -225,7 +225,7 @@ def _middle(shape: Shape) -> float:
 
 
 def is_wide(shape: Shape) -> bool:
-    """Whether a shape parameter spans more than a decade, so that its logarithm is what is even."""
+    """True if a shape parameter spans more than a decade, so that its logarithm is what is even."""
     return shape.low > 0.0 and shape.high > 10.0 * shape.low
 
 

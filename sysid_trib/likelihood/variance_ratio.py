@@ -115,7 +115,7 @@ class VarianceRatio:
 
     @property
     def p_value(self) -> float:
-        """Of a ratio of zero: half a chi-square (Chernoff 1954)."""
+        """p-value of a ratio of zero: half a chi-square (Chernoff 1954)."""
         return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
 
 

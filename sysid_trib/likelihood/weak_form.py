@@ -73,7 +73,7 @@ class WeakForm:
 
     @cached_property
     def shares_entries(self) -> bool:
-        """Whether the three matrices have entries in the same places, in the same order."""
+        """True if the three matrices have entries in the same places, in the same order."""
         return all(
             np.array_equal(getattr(self.value, name), getattr(other, name))
             for other in (self.slope, self.curvature)

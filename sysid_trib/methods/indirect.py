@@ -124,7 +124,7 @@ def indirect_estimate(
 
 
 def _settled(before: RandomForce, after: RandomForce) -> bool:
-    """Whether a density hardly differs from that of the round before; one that is held does not."""
+    """True if a density hardly differs from that of the round before; one that is held does not."""
     return abs(after.density - before.density) <= SETTLED_DENSITY * np.nan_to_num(after.standard_error)
 
 

@@ -170,7 +170,7 @@ def _swing(part: Array, root: complex, block: int) -> tuple[complex, float]:
 
 
 def _influence_on_root(root: complex, weight: complex, length: int) -> ComplexArray:
-    """Of unit errors of the samples on the root, to first order in the noise: (sample,).
+    """Effect of unit errors of the samples on the root, to first order in the noise: (sample,).
 
     The samples are the real part of weight root^l, l counted from the middle. Errors of the Hankel matrices
     act on an eigenvalue by its left and right vectors, columns of pseudo-inverse Vandermonde matrices.

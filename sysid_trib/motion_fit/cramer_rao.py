@@ -105,7 +105,7 @@ def sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
 
 
 def _white_sensitivities(model: Model, time: Array, start: Array, free: bool, ratio: float) -> Array:
-    """The same columns as innovations of a motion with a random force, over their size."""
+    """Sensitivities as innovations of a motion with a random force, over their size."""
     motion = trajectory(model, time, *start.tolist())
     linear = linearised_along(model, time, motion, Derivatives(tuple(model.coefficients), free))
     columns = linear.rows(ratio).design

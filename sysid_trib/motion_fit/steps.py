@@ -90,7 +90,7 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
 
 
 def _followed(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...]) -> Steps:
-    """The same of short intervals, one after the other."""
+    """Steps of short intervals, one after the other."""
     ends = ends_of(model, (tau, length), states, by, (GAUSS_POINTS, np.sqrt(GAUSS_WEIGHTS)))
     pushed = ends.impulses * np.sqrt(length)[:, None, None]
     return Steps(ends.end, ends.transition, ends.sensitivity, pushed @ pushed.swapaxes(1, 2))

@@ -96,7 +96,7 @@ class FollowedRuns:
     _tests: dict[str, xr.Dataset] = field(default_factory=dict)
 
     def with_result(self, result: xr.Dataset) -> "FollowedRuns":
-        """The same for a result of the same model whose errors are others."""
+        """The tracked record for a result of the same model whose errors are others."""
         return replace(self, result=result)
 
     def tested(self, name: str, test: "Callable[[FollowedRuns], xr.Dataset]") -> xr.Dataset:

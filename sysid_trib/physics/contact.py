@@ -121,7 +121,7 @@ CONTACT_STIFFNESS = ("x", "x*abs(x)", "x**3")
 
 
 def speaks_of_slip(result: xr.Dataset) -> bool:
-    """Whether the ratio nu/delta of an identification can say anything of partial slip.
+    """True if the ratio nu/delta of an identification can say anything of partial slip.
 
     Parameters
     ----------

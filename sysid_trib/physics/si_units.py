@@ -145,7 +145,7 @@ def _stiffness(estimate: ModelEstimate, values: Array) -> float:
 
 
 def _is_monomial(force: Force) -> bool:
-    """Whether the force is a product of a power of |x|, one of |v|, signs and a number."""
+    """True if the force is a product of a power of |x|, one of |v|, signs and a number."""
     return force.degree is not None and force.speed_degree is not None
 
 
@@ -230,7 +230,7 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
 
 
 def _is_gain(force: Force) -> bool:
-    """Whether a force is an input of a unit of its own, with the sign of one that drives."""
+    """True if a force is an input of a unit of its own, with the sign of one that drives."""
     single = len(force.channels) == 1 and not force.channels[0].kind
     return single and force.formula.text.replace(" ", "") == f"-{force.channels[0].name}"
 

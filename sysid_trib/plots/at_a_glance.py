@@ -68,7 +68,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
 
 
 def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
-    """The same of an overview's numbers."""
+    """The overview of its numbers."""
     wide, rows = width >= TWO_COLUMNS, []
     if data.backbone is not None:
         rows += ["IJ"] if wide else ["I", "J"]

@@ -80,7 +80,7 @@ class OverviewData:
 
 
 def _is_incomplete(tree: xr.DataTree) -> bool:
-    """Whether the final model of a discovery lacks something; else names alone are in doubt."""
+    """True if the final model of a discovery lacks something; else names alone are in doubt."""
     tests = [tree[group].significant.isel(selection_step=-1) for group in ("omnibus", "ranking")]
     return tree.attrs["verdict"] == "unknown effect" and any(test.values.any() for test in tests)
 

@@ -111,7 +111,7 @@ class LiteralFigure(Figure):
 
 @lru_cache(maxsize=1000)
 def _is_written(text: str) -> bool:
-    """Whether matplotlib can write a text with what it takes for mathematics in it."""
+    """True if matplotlib can write a text with what it takes for mathematics in it."""
     try:
         for line in text.split("\n") if "$" in text else ():
             MathTextParser("path").parse(line)

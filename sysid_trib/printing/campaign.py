@@ -90,7 +90,7 @@ def named_counts(store: xr.Dataset) -> dict[str, int]:
 
 
 def named_sentences(store: xr.Dataset) -> list[str]:
-    """The same in a sentence."""
+    """A sentence that counts the names of a campaign."""
     counts = named_counts(store)
     if not counts:
         return []

@@ -79,7 +79,7 @@ def effect_name(step: xr.Dataset) -> str:
 
 
 def effect_with_ties(step: xr.Dataset) -> str:
-    """The same with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
+    """An effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
     others = [symbol for symbol in others_in_place(step) if symbol != step.symbol.item()]
     return f"{effect_name(step)}{f' (or {or_others(others, TIES_NAMED)})' if others else ''}"
 

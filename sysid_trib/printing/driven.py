@@ -110,7 +110,7 @@ def _z(compared: xr.Dataset, label: str) -> str:
 
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
-    """The same as plain data."""
+    """A driven result as plain data."""
     compared = tree["comparison"].to_dataset()
     methods = {}
     for name in compared.model.values.tolist():
@@ -145,7 +145,7 @@ def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
-    """The same as plain data, under `test`; nothing where nothing was predicted."""
+    """A prediction as plain data, under `test`; nothing where nothing was predicted."""
     rows = [
         {"source": record.attrs.get("source", ""), "warm_up": record.attrs["warm_up"]}
         | mapped(record, same("residual_rms", "residual_over_motion"))

@@ -72,7 +72,7 @@ def equation_text(result: xr.Dataset) -> str:
 
 
 def equation_latex(result: xr.Dataset) -> str:
-    r"""The same for LaTeX, between `\begin{equation}` and `\end{equation}`."""
+    r"""The equation of motion for LaTeX, between `\begin{equation}` and `\end{equation}`."""
     import sympy
 
     # A displacement is no angle.

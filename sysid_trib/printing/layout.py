@@ -40,7 +40,7 @@ def value_with_error(value: float, error: float) -> str:
 
 
 def values_with_errors(values: ArrayLike, errors: ArrayLike) -> list[str]:
-    """The same of several."""
+    """Several values with their errors as texts."""
     pairs = zip(np.ravel(values).tolist(), np.ravel(errors).tolist(), strict=True)
     return [value_with_error(value, error) for value, error in pairs]
 

@@ -89,7 +89,7 @@ POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or
 
 
 def loses_power(force: Force) -> str:
-    """Whether a positive coefficient takes energy out, at the amplitudes at which a pendulum swings."""
+    """True if a positive coefficient takes energy out, at the amplitudes at which a pendulum swings."""
     power = dissipated_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
     if np.all(np.abs(power) < 1e-13):
         return "no"
@@ -153,7 +153,7 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
 
 
 def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
-    """The same facts as plain data, in the unit of the record."""
+    """The facts about a record as plain data, in the unit of the record."""
     records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
         "records": [mapped(record, RECORD_JSON) for record in records],

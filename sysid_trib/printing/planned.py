@@ -61,7 +61,7 @@ def _table(data: xr.Dataset) -> Any:
 
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
-    """The same as plain data, all runs."""
+    """A plan as plain data, all runs."""
     names = same("amplitude", "duration", "samples", "probability", "entropy", "meets")
     runs = []
     for at in range(data.sizes["run"]):

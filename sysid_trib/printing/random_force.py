@@ -98,7 +98,7 @@ def allowed_for(force: RandomForce, units: str) -> str:
 
 
 def _periods_of_record(tree: xr.DataTree, frequency: float) -> float:
-    """Of the longest record."""
+    """Number of periods of the longest record."""
     longest = max(float(np.ptp(tree[name].time.values)) for name in record_groups(tree))
     return longest * frequency / (2.0 * np.pi)
 
@@ -131,7 +131,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _whose(tree: xr.DataTree, contradicted: bool) -> list[str]:
-    """Whether the random force is a property of the experiment, or stands for something that is missing."""
+    """True if the random force is a property of the experiment, or stands for something that is missing."""
     tested = tree["random_force"].to_dataset()
     p_value = p_value_of_dependence(tested)
     if p_value < DEPENDENCE_LEVEL:

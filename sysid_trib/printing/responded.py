@@ -48,7 +48,7 @@ def _row(motion: xr.Dataset, sweep: str) -> list[str]:
 
 
 def _sentences(response: xr.Dataset) -> list[str]:
-    """How far simulations differ, and what the bands hold."""
+    """Sentences on how much simulations differ, and on what the bands hold."""
     off = np.abs(response.simulated_amplitude / response.check_amplitude - 1.0).values
     count, kept = len(off), int(np.sum(off <= response.left_open.item()))
     said = (

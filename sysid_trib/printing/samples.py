@@ -167,5 +167,5 @@ JSON: dict[str, Source] = {
 
 
 def difference_json(tree: xr.DataTree) -> dict[str, Any]:
-    """The same as plain data."""
+    """A difference as plain data."""
     return mapped(tree.to_dataset(), JSON)

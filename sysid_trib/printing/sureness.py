@@ -85,7 +85,7 @@ REFITS_JSON: dict[str, Source] = same("estimate", "stated_error", "low", "high")
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
-    """The same as plain data, under `profile` and `sensitivity`; nothing where nothing was asked for."""
+    """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
     made: dict[str, Any] = {}
     if PROFILE in tree.children:
         made[PROFILE] = per_label(tree[PROFILE].to_dataset(), "parameter", PROFILE_JSON)

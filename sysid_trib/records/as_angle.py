@@ -17,13 +17,13 @@ _AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<
 
 
 def are_axes(first: str, second: str) -> bool:
-    """Whether two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
+    """True if two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
     plain = [_AXIS.sub("", name) for name in (first, second)]
     return first != second and plain[0] == plain[1] and first not in plain and second not in plain
 
 
 def in_phase(first: Array, second: Array) -> bool:
-    """Whether two columns are one motion, of either sign, but for their noise."""
+    """True if two columns are one motion, of either sign, but for their noise."""
     if first.size != second.size:
         return False
     good = np.isfinite(first) & np.isfinite(second)
@@ -33,7 +33,7 @@ def in_phase(first: Array, second: Array) -> bool:
 
 
 def is_magnitude(values: Array) -> bool:
-    """Whether a column is never negative but near zero to the end: a magnitude, not a signal with a sign."""
+    """True if a column is never negative but near zero to the end: a magnitude, not a signal with a sign."""
     good = values[np.isfinite(values)]
     if good.size < 2 or good.min() < 0.0:
         return False

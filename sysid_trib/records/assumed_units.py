@@ -100,7 +100,7 @@ def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str | None,
 
 
 def are_whole(stamps: Array) -> bool:
-    """Whether stamps are whole numbers, one or more apart."""
+    """True if stamps are whole numbers, one or more apart."""
     stamps = stamps[np.isfinite(stamps)]
     return bool(stamps.size > 1 and np.all(stamps == np.round(stamps)) and np.median(np.diff(stamps)) >= 1.0)
 
@@ -205,7 +205,7 @@ def assumed_unit(
 
 
 def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
-    """How far the frequency rises over a decay, as a part of it, and how far that of a pendulum would in rad.
+    """Rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
 
     None where there is no decay.
     """

@@ -56,7 +56,7 @@ def spikes(time: Array, signal: Array) -> Indices:
 
 
 def _and_back(signal: Array, off: Array) -> "NDArray[np.bool_]":
-    """Whether the neighbours of a sample are near each other: a step is no spike. True of the ends."""
+    """True if the neighbours of a sample are near each other: a step is no spike. True of the ends."""
     back = np.ones(signal.size, dtype=bool)
     back[1:-1] = off[1:-1] > 2.0 * np.abs(signal[2:] - signal[:-2])
     return back
@@ -170,7 +170,7 @@ def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
 
 
 def pulses(signal: Array) -> bool:
-    """Whether a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    """True if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
     low, high = np.percentile(signal, [0.5, 99.5])
     # Clearly on either side: noise about the middle is no crossing.
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
@@ -259,7 +259,7 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
 
 
 def _is_by_itself(at: int, signal: Array, off: Array, bad: Mask) -> bool:
-    """Whether a bad sample is among good ones, or is one of several that hold one value."""
+    """True if a bad sample is among good ones, or is one of several that hold one value."""
     near = slice(max(0, at - NEIGHBOURS), at + NEIGHBOURS + 1)
     values, others = signal[near][bad[near]], off[near][~bad[near]]
     # More of its neighbours are bad only where they hold one value, as of a sensor that drops out or freezes.

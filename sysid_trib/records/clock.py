@@ -103,7 +103,7 @@ def read_clock(
 
 
 def _is_even(given: Array) -> bool:
-    """Whether all steps are the same."""
+    """True if all steps are the same."""
     steps = np.diff(given)
     return bool(np.ptp(steps) <= UNEVEN_PART * steps[0] + 4e-16 * np.abs(given).max())
 

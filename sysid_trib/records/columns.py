@@ -205,7 +205,7 @@ def _is_like_time(base: str, unit: str) -> bool:
 
 
 def _is_empty(values: object) -> bool:
-    """Whether a column holds nothing, as that of the times where a logger leaves them out."""
+    """True if a column holds nothing, as that of the times where a logger leaves them out."""
     column = np.asarray(values)
     return column.dtype.kind == "f" and not np.isfinite(column).any()
 
@@ -219,7 +219,7 @@ def _rises(values: object) -> bool:
 
 
 def _starts_anew(values: object) -> bool:
-    """Whether a column rises and starts anew where it began, for each of a few runs."""
+    """True if a column rises and starts anew where it began, for each of a few runs."""
     column = np.asarray(values)
     if column.dtype.kind not in "fiu" or not np.isfinite(column.astype(float)).all():
         return False
@@ -341,7 +341,7 @@ def _without_copies(pool: list[_Candidate]) -> list[_Candidate]:
 
 
 def _is_rate_of(column: _Candidate, other: _Candidate) -> bool:
-    """Whether a column is the derivative of another: a quarter of a period ahead, and w times as large."""
+    """True if a column is the derivative of another: a quarter of a period ahead, and w times as large."""
     if column.swing is None or other.swing is None or column is other:
         return False
     mine, its = column.swing.oscillation, other.swing.oscillation
@@ -390,7 +390,7 @@ def time_of_column(column: str, table: FileTable) -> str | None:
 
 
 def has_column(table: FileTable, wanted: str | int | None) -> bool:
-    """Whether a table has a column of that name or number."""
+    """True if a table has a column of that name or number."""
     try:
         return wanted is not None and bool(find_column(table, wanted, ""))
     except UsageError:

@@ -151,7 +151,7 @@ def _line(index: Array, given: Array, step: float | Array) -> Array:
 
 
 def _shows_period(step: float | Array, line: Array, values: Array | None) -> bool:
-    """Whether a clock with such steps moves within half a period; without a signal, within two rows."""
+    """True if a clock with such steps moves within half a period; without a signal, within two rows."""
     if values is None:
         return bool(np.max(step) < 2.0 * np.median(np.diff(line)))
     good = np.isfinite(values)
@@ -160,7 +160,7 @@ def _shows_period(step: float | Array, line: Array, values: Array | None) -> boo
 
 
 def _in_packets(given: Array, line: Array, values: Array) -> bool:
-    """Whether rows come at once, then late, and the signal moves as far between packets as within them."""
+    """True if rows come at once, then late, and the signal moves as far between packets as within them."""
     steps, moves = np.diff(given), np.abs(np.diff(values))
     at_once = steps < AT_ONCE * (line[1] - line[0])
     if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):

@@ -95,7 +95,7 @@ def evaluated(
 
 
 def is_expression(text: str | int | None) -> bool:
-    """Whether a text could be a formula of columns, where no column has that name."""
+    """True if a text could be a formula of columns, where no column has that name."""
     return isinstance(text, str) and EXPRESSION_SIGNS.search(text) is not None
 
 
@@ -153,7 +153,7 @@ def _agreed(follows: str | None, given: str | None) -> str | None:
 
 
 def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
-    """Whether the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
+    """True if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
     of_unit = signal_unit(unit)
     table = RADIANS if of_unit and of_unit.position == "rad" else METRES
     if of_unit is None or (table is METRES and of_unit.position not in METRES):
@@ -207,7 +207,7 @@ def _dimension(tree: ast.AST, units: Mapping[str, str]) -> Dimension | None:
 
 
 def _sum(first: Dimension, second: Dimension) -> Dimension | None:
-    """Of a sum; a number beside a column is in its unit."""
+    """The unit of a sum; a number beside a column is in its unit."""
     if NUMBER in (first, second):
         return second if first == NUMBER else first
     return first if first == second else None

@@ -1,4 +1,4 @@
-"""Whether a swing is a free decay: long enough, falling, never pushed, not clipped, not stopped by a hand."""
+"""True if a swing is a free decay: long enough, falling, never pushed, not clipped, not stopped by a hand."""
 
 from dataclasses import replace
 
@@ -251,7 +251,7 @@ def before_the_hand(swing: Swing) -> slice | None:
 
 
 def _disturbed(swing: Swing, half: int) -> bool:
-    """Whether amplitude or duration leave the course of the half periods of the same sign before."""
+    """True if amplitude or duration leave the course of the half periods of the same sign before."""
     peak, duration = swing.halves.peak, swing.halves.duration
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
     fall = peak[half - 4] - peak[half - 2]
@@ -264,7 +264,7 @@ def _disturbed(swing: Swing, half: int) -> bool:
 
 
 def _nearly_stopped(swing: Swing, half: int) -> bool:
-    """Whether the amplitude, at its pace, is about to end or to be off_pace in the noise."""
+    """True if the amplitude, at its pace, is about to end or to be lost in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
     # Friction alone stops a swing that, at its last pace, would end within so many half periods.

@@ -144,14 +144,14 @@ def names_quantity(base: str) -> str:
 
 
 def is_time(base: str, unit: str) -> bool:
-    """Whether a header is that of a time column."""
+    """True if a header is that of a time column."""
     base = _without_accents(base)
     plain = re.sub(r"\s*\d+$", "", base)
     return plain in TIME_NAMES or base in TIME_NAMES or (unit in TIME_UNITS and base.startswith("time"))
 
 
 def counts_rows(base: str) -> bool:
-    """Whether a header is that of a number of the row, such as `frame`."""
+    """True if a header is that of a number of the row, such as `frame`."""
     return base in COUNTER_NAMES
 
 

@@ -98,7 +98,7 @@ class KnownInput:
         return np.asarray(values)
 
     def polynomials(self, knots: Array, frequency: float, order: int = 0) -> Array:
-        """The same from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
+        """Polynomials from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
         polynomial = self._polynomials[order]
         # Rounding must not take a knot for the polynomial that ends there.
         here = knots / frequency

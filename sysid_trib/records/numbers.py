@@ -109,7 +109,7 @@ def without_sentinels(values: Array) -> tuple[Array, str]:
 
 
 def is_numeric(values: Any) -> bool:
-    """Whether a column could hold a signal: numbers, most of the first ones."""
+    """True if a column could hold a signal: numbers, most of the first ones."""
     values = np.asarray(values)
     if values.dtype.kind in "fiub":
         return True
@@ -119,13 +119,13 @@ def is_numeric(values: Any) -> bool:
 
 
 def is_missing(text: str) -> bool:
-    """Whether a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
+    """True if a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
     plain = text.strip().lower()
     return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
 
 
 def is_number(value: object) -> bool:
-    """Whether a text is a number, with a decimal point or comma."""
+    """True if a text is a number, with a decimal point or comma."""
     try:
         float(str(value).replace(",", ".", 1).replace(MINUS, "-"))
     except ValueError:
@@ -134,7 +134,7 @@ def is_number(value: object) -> bool:
 
 
 def is_clock_time(values: Any) -> bool:
-    """Whether a column holds dates, durations or times of the day, `12:00:01.250`."""
+    """True if a column holds dates, durations or times of the day, `12:00:01.250`."""
     values = np.asarray(values)
     if values.dtype.kind in "Mm":
         return True

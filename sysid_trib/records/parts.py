@@ -61,7 +61,7 @@ def free_part(time: Array, angle: Array, swing: Swing) -> Part:
 
 
 def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
-    """Whether an end of the record is the mirror image, through a zero crossing, of the swing next to it.
+    """True if an end of the record is the mirror image, through a zero crossing, of the swing next to it.
 
     Free motion under odd forces is, up to the decay; motion held, pushed or stopped by hand or by friction is
     not.

@@ -101,7 +101,7 @@ class _ReadingProcess:
 
     @property
     def is_ours(self) -> bool:
-        """Whether it waits for files of this process: a forked one has its own.
+        """True if it waits for files of this process: a forked one has its own.
 
         One whose answer was not waited for is of no use: the next file would get that answer.
         """

@@ -106,6 +106,6 @@ def stated_rate(table: FileTable) -> float | None:
 
 
 def _idle(table: FileTable, name: str, samples: int) -> bool:
-    """Whether a time column cannot contradict a sampling rate: it is of another length, or does not move."""
+    """True if a time column cannot contradict a sampling rate: it is of another length, or does not move."""
     stamps = np.asarray(table.columns[name])
     return stamps.size != samples or stamps.dtype.kind not in "fiu" or bool(np.ptp(stamps) == 0)

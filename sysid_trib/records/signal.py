@@ -207,7 +207,7 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
 
 
 def is_uniform(time: Array) -> bool:
-    """Whether all steps are within 2 % of the median (the limit itself is on the good side)."""
+    """True if all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
     # Deviation of a step from the usual one that the methods take as it is.

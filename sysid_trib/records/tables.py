@@ -119,13 +119,13 @@ def _native(column: Any) -> Any:
 
 
 def _is_nested(column: Any) -> bool:
-    """Whether the cells of a column are lists, as netCDF and Parquet can have them."""
+    """True if the cells of a column are lists, as netCDF and Parquet can have them."""
     values = np.asarray(column)
     return values.dtype.kind == "O" and any(isinstance(cell, np.ndarray | list | dict) for cell in values)
 
 
 def is_hdf5(path: Path) -> bool:
-    """Whether a file is one of HDF5, by its beginning."""
+    """True if a file is one of HDF5, by its beginning."""
     with path.open("rb") as file:
         return _is_hdf5(file.read(1024))
 
@@ -203,7 +203,7 @@ def read_excel(path: Path) -> FileTable:
 
 
 def _goes_on(numbers: pd.DataFrame, row: int) -> bool:
-    """Whether more rows of numbers follow below a row than a summary has."""
+    """True if more rows of numbers follow below a row than a summary has."""
     # Rows of a summary below the numbers, at most.
     return int(numbers.iloc[row:].any(axis=1).sum()) > 20
 
@@ -213,12 +213,12 @@ def _cell(cell: Any) -> str:
 
 
 def _is_text(cell: Any) -> bool:
-    """Whether a cell holds words: neither a number nor a sign of a missing one."""
+    """True if a cell holds words: neither a number nor a sign of a missing one."""
     return isinstance(cell, str) and not is_number(cell) and not is_missing(cell)
 
 
 def _is_number(cell: Any) -> bool:
-    """Whether a cell holds a number, as such or as a text, or a time."""
+    """True if a cell holds a number, as such or as a text, or a time."""
     if isinstance(cell, str):
         return is_number(cell)
     return isinstance(cell, (int, float, datetime, clock_time)) and cell == cell

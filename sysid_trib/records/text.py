@@ -113,7 +113,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _is_summary(row: list[str], usual: list[str]) -> bool:
-    """Whether a row holds a text where the others hold a number."""
+    """True if a row holds a text where the others hold a number."""
     numbers = [is_number(item) for item in usual]
     texts = [not is_missing(item) and not is_number(item) for item in row]
     return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
@@ -145,7 +145,7 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
 
 
 def _all_numbers(fields: list[str]) -> bool:
-    """Whether cells are numbers; the first one may be empty."""
+    """True if cells are numbers; the first one may be empty."""
     return is_number(fields[-1]) and all(not item or is_number(item) for item in fields)
 
 
@@ -154,7 +154,7 @@ def _some_numbers(fields: list[str]) -> bool:
 
 
 def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool:
-    """Whether the next row has as many fields: a lone number above the header is no row."""
+    """True if the next row has as many fields: a lone number above the header is no row."""
     rows = [line for line in lines if line.strip() and not _is_comment(line)]
     if not rows:
         return True
@@ -223,7 +223,7 @@ def header_names(rows: list[list[str]]) -> list[str] | None:
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:
-    """Whether a line holds units alone, one of them that of time; all of them known, or another one."""
+    """True if a line holds units alone, one of them that of time; all of them known, or another one."""
     # Sketches call their columns so.
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False

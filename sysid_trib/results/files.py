@@ -80,7 +80,7 @@ def kind_of(tree: xr.DataTree) -> str:
 
 
 def is_of_driven(tree: xr.DataTree) -> bool:
-    """Whether the records of a result are driven."""
+    """True if the records of a result are driven."""
     return any(inputs_of(tree[group].to_dataset()) for group in record_groups(tree))
 
 
@@ -188,7 +188,7 @@ def _clear(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether a process of this machine goes on, as far as the system tells."""
+    """True if a process of this machine goes on, as far as the system tells."""
     if sys.platform == "win32":
         return True
     try:

@@ -18,7 +18,7 @@ ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 
 
 def in_model(result: xr.Dataset, symbol: str) -> bool:
-    """Whether a coefficient refers to the identification's own reference frequency."""
+    """True if a coefficient refers to the identification's own reference frequency."""
     return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
 
 

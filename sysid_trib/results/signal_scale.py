@@ -69,12 +69,12 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def counts_angles(decay: xr.Dataset) -> bool:
-    """Whether the signal of a decay is an angle in rad."""
+    """True if the signal of a decay is an angle in rad."""
     return unit_of_signal(decay) == ANGLE_UNIT
 
 
 def scalable(force: Force) -> bool:
-    """Whether a force has a meaning for a displacement: whether it knows no radian."""
+    """True if a force has a meaning for a displacement: whether it knows no radian."""
     return signal_degree(force) is not None
 
 
@@ -269,7 +269,7 @@ def _degrees(given: Any) -> dict[str, SignalDegree]:
 
 
 def _has_ties(given: Sequence[Any]) -> bool:
-    """Whether a table of constraints, or the methods, tie parameters to others."""
+    """True if a table of constraints, or the methods, tie parameters to others."""
     tables = [getattr(argument, "constraints", {}) for argument in given]
     tables += [argument for argument in given if isinstance(argument, dict)]
     return any(isinstance(value, str) for table in tables for value in table.values())
@@ -311,7 +311,7 @@ def _power(name: str, units: str, old: str) -> int:
 
 
 def _per_force(name: str, units: str) -> bool:
-    """Whether a variable with a frequency's unit is one by coefficients: their covariance with it."""
+    """True if a variable with a frequency's unit is one by coefficients: their covariance with it."""
     return name == "frequency_covariance" or units == "1; rad/s for the frequency"
 
 

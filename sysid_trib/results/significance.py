@@ -29,7 +29,7 @@ BY_CHANCE = float(chi2.sf(SIGNIFICANT_ERRORS**2, 1))
 
 
 def significant(result: xr.Dataset) -> Mask:
-    """Whether each coefficient differs from zero; one that is held is as large as it was given.
+    """True if each coefficient differs from zero; one that is held is as large as it was given.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def significant(result: xr.Dataset) -> Mask:
 
 
 def determines(result: xr.Dataset) -> bool:
-    """Whether the record decides anything of the forces: one coefficient, or all together, differ from zero.
+    """True if the record decides anything of the forces: one coefficient, or all together, differ from zero.
 
     Forces that a record does not separate have errors as large as they are, though it needs one of them.
     """

@@ -76,14 +76,14 @@ def rates_of(program, J, signs):
 
 @inner
 def by_nearness(values, near, far, out):
-    """Of each surface the first sign if it is near, else the second."""
+    """The first sign for each surface that is near, else the second."""
     for m in range(len(out)):
         out[m] = near[m] if abs(values[m]) < NEAR_SURFACE else far[m]
 
 
 @inner
 def reverses(program):
-    """Whether v is a surface of the motion: then it is the first of them."""
+    """True if v is a surface of the motion: then it is the first of them."""
     return len(program.surfaces) > 0 and program.surfaces[0] == 1
 
 

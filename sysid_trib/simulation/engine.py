@@ -145,7 +145,7 @@ def at_knot(program, given, c, piece, done, held):
 
 @inner
 def to_knot(given, c, piece):
-    """How far it is to the next knot."""
+    """Time to the next knot."""
     if piece + 1 == len(given.knots):
         return np.inf
     return max(given.knots[piece + 1] - c.v[ROW_CLOCK, 0] - c.v[ROW_CLOCK, 1], 0.0)

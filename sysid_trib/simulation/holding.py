@@ -1,4 +1,4 @@
-"""How far a motion goes as it is: free up to a surface, or held by friction until that gives way."""
+"""The length of a step in one branch: free up to a surface, or held by friction until that gives way."""
 
 from sysid_trib.simulation.branches import RESTS, branch, parameters_at, put
 from sysid_trib.simulation.compiled import (
@@ -113,7 +113,7 @@ def along(program, c, other, n, memory, signs):
 
 @inner
 def is_still(program, c, n):
-    """Whether nothing at rest changes: what would accelerate it, and its states."""
+    """True if nothing at rest changes: what would accelerate it, and its states."""
     for i in range(2, program.states):
         if abs(c.J[i, 1]) > UNCHANGED:
             return False

@@ -69,7 +69,7 @@ class Model:
         return (*pushes, *channels_of(self.forces))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
-        """The same model with other coefficients."""
+        """The model with other coefficients."""
         return replace(self, coefficients=dict(coefficients))
 
 

@@ -192,7 +192,7 @@ def ends_of(
 
 
 def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:
-    """Of each knot tau, its mark, and which of the places in an interval it is, or -1.
+    """For each knot its tau, its mark, and which of the places in an interval it is, or -1.
 
     A knot begins and ends each interval; between are the places, and where an input bends.
     """

@@ -38,7 +38,7 @@ class Pushes:
 
     @property
     def acts(self) -> bool:
-        """Whether anything is given."""
+        """True if anything is given."""
         return bool(np.any(self.polynomials) or np.any(self.kicks))
 
 

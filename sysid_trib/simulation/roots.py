@@ -32,7 +32,7 @@ def of_parameter(T, s, p, n, h):
 
 @inner
 def rest_of(series, n, h):
-    """The same without order 0."""
+    """The sum of a series without order 0."""
     t = series[n]
     for k in range(n - 1, 0, -1):
         t = t * h + series[k]
@@ -50,7 +50,7 @@ def slope(series, n, h):
 
 @inner
 def _keeps_clear(g, n, low, high):
-    """Whether a series is above zero from `low` to `high`, by its quadratic and a bound on the rest."""
+    """True if a series is above zero from `low` to `high`, by its quadratic and a bound on the rest."""
     d = g[1] if n > 0 else 0.0
     q = g[2] if n > 1 else 0.0
     least = min(g[0] + low * (d + low * q), g[0] + high * (d + high * q))
@@ -138,7 +138,7 @@ def _reduced(series, n, h, side, zero, work):
 
 @inner
 def _is_monotonic(g, n, half):
-    """Whether a series only rises, or only falls, as far as `half` from 0."""
+    """True if a series only rises, or only falls, as far as `half` from 0."""
     rest, power = 0.0, half * half
     for k in range(3, n + 1):
         rest += k * abs(g[k]) * power

@@ -87,7 +87,7 @@ def history_along(
 
 
 def history_on_cycle(force: Force, phase: Array, a: float, shapes: ShapeValues | None) -> dict[str, Array]:
-    """The same along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
+    """States along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
     start = a * float(np.cos(phase[0])), -a * float(np.sin(phase[0]))
     return _of(force, watched(force, shapes, FROZEN), phase - phase[0], start, UNPUSHED)
 
@@ -119,7 +119,7 @@ TRIANGULAR_SOLVERS = {kind: get_lapack_funcs("tbtrs", dtype=kind) for kind in "d
 
 @lru_cache(maxsize=1024)
 def is_stepped(force: Force) -> bool:
-    """Whether `stepped_states` can follow a force, by its formulas.
+    """True if `stepped_states` can follow a force, by its formulas.
 
     It has no memory that depends on a state, and one state, or several with constant coefficients.
     """
@@ -130,7 +130,7 @@ def is_stepped(force: Force) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_linear(force: Force) -> bool:
-    """Whether a force follows the motion as springs and dashpots do: in proportion, constant coefficients."""
+    """True if a force follows the motion as springs and dashpots do: in proportion, constant coefficients."""
     formulas, names = [force.formula, *force.state.values()], ["x", "v", "t", *force.state]
     at_rest = force.test_points | dict.fromkeys(names, 0.0)
     with np.errstate(all="ignore"):

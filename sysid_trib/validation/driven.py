@@ -34,7 +34,7 @@ SLIPPED_PART = 0.3
 
 
 def is_driven(runs: Sequence[xr.Dataset]) -> bool:
-    """Whether a record has an input."""
+    """True if a record has an input."""
     return any(inputs_of(run) for run in runs)
 
 

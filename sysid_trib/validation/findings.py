@@ -35,7 +35,7 @@ def residual_of(tree: xr.DataTree, model: str) -> float:
 
 
 def residual_over_noise(tree: xr.DataTree, model: str) -> float:
-    """The same over the sensor's noise of the record."""
+    """Residual of a model over the sensor's noise of the record."""
     return residual_of(tree, model) / record_noise(tree)
 
 
@@ -45,7 +45,7 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 
 def holds(tree: xr.DataTree) -> bool:
-    """Whether the model of a cross-check follows the record: what follows from its coefficients is given."""
+    """True if the model of a cross-check follows the record: what follows from its coefficients is given."""
     return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
 
 

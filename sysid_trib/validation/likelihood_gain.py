@@ -50,7 +50,7 @@ class Gains:
 
     @property
     def p_value(self) -> float:
-        """Of columns without effect."""
+        """p-value of columns without effect."""
         return float(chi2.sf(self.chi_square, self.columns)) if self.columns else 1.0
 
 

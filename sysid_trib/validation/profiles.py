@@ -153,7 +153,7 @@ class _Fits:
     best: xr.Dataset
 
     def deviance(self, name: str, value: float) -> float:
-        """Of the best fit in which a parameter has a value; nan where there is none."""
+        """Deviance of the best fit in which a parameter has a value; nan where there is none."""
         start = self.method.start
         assert start is not None
         held = {**self.method.constraints, name: value}

@@ -109,7 +109,7 @@ class RandomEffects:
         return float(brentq(excess, 0.0, above, xtol=1e-9 * above))
 
     def p_value(self, tau: float, columns: Index) -> float:
-        """Of no effect of some columns at all (F; Knapp and Hartung 2003).
+        """p-value of no effect of some columns at all (F; Knapp and Hartung 2003).
 
         Residuals smaller than the errors narrow nothing (Roever et al. 2015).
         """
@@ -126,7 +126,7 @@ class RandomEffects:
         return np.asarray(np.sqrt(wider * np.diag(fit.covariance)))
 
     def deleted_residuals(self) -> Array:
-        """How far each value is from what all others let expect, over scatter and error: (value,).
+        """Distance of each value from what all others let expect, over scatter and error: (value,).
 
         The scatter is that of the others, which one far value does not widen (externally standardised
         residuals; Viechtbauer and Cheung 2010). Where they scatter at all, few of them tell by how much: the

@@ -1,4 +1,4 @@
-"""Whether what is left of a motion is a random force, or depends on angle, speed, amplitude or time."""
+"""True if what is left of a motion is a random force, or depends on angle, speed, amplitude or time."""
 
 from dataclasses import replace
 
@@ -170,7 +170,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
 
 
 def _every(decay: xr.Dataset, result: xr.Dataset) -> int:
-    """Of how many samples one is taken."""
+    """Number of samples of which one is taken."""
     samples = decay.sizes["time"]
     step = float(np.median(np.diff(decay.time.values)))
     per_period = 2.0 * np.pi / float(result.asymptotic_frequency) / step

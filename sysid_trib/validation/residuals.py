@@ -106,7 +106,7 @@ class ModelResiduals:
 
     @property
     def over_noise(self) -> float:
-        """The same of each run's RMS over its own noise."""
+        """RMS of each run over its own noise."""
         return root_mean_square(self.each_rms / np.array(self.noises))
 
     @property
@@ -212,7 +212,7 @@ def _of_free_motion(
 
 
 def _in_band(line: tuple[float, float], result: xr.Dataset) -> bool:
-    """Whether there is a line where the motion has its harmonics."""
+    """True if there is a line where the motion has its harmonics."""
     # The sensor's noise is that above so many times the frequency of the swing: a line below is no part of
     # it.
     return line[0] < 6.0 * result.asymptotic_frequency.item()

@@ -86,7 +86,7 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
 
 
 def _goes_with(table: pd.DataFrame, name: str, others: Sequence[str]) -> bool:
-    """Whether a condition is a mean and effects of others, in more runs than decide all of them."""
+    """True if a condition is a mean and effects of others, in more runs than decide all of them."""
     columns = [np.ones(len(table))]
     for condition in (*others, name):
         columns += _columns_of_condition(condition, table[condition]).values()

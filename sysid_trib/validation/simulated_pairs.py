@@ -47,12 +47,12 @@ class Scatter:
 
     @classmethod
     def missing(cls, count: int, records: int) -> "Scatter":
-        """Of so many quantities nothing is known."""
+        """Nothing known of so many quantities."""
         return cls(np.full(count, np.nan), np.full((count, count), np.nan), records)
 
     @property
     def known(self) -> bool:
-        """Whether there is a covariance."""
+        """True if there is a covariance."""
         return bool(np.all(np.isfinite(self.covariance)))
 
     def chi_square(self, difference: Array) -> tuple[float, float]:
@@ -72,7 +72,7 @@ class Scatter:
 
 
 def fewest_records(count: int) -> int:
-    """Of so many quantities, records by which the difference of two identifications can be judged."""
+    """Number of records by which a difference of two identifications in `count` quantities is judged."""
     return 2 * count + 2
 
 

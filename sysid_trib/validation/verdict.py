@@ -34,7 +34,7 @@ def record_noise(tree: xr.DataTree) -> float:
 
 
 def run_record_noise(tree: xr.DataTree, run: int) -> float:
-    """The same of one run."""
+    """Noise of one run."""
     return sensor_noise(tree[record_groups(tree)[run]].to_dataset())
 
 
@@ -106,7 +106,7 @@ LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 
 
 def is_found(force: RandomForce) -> bool:
-    """Whether there is a random force beyond chance; one that was given is there."""
+    """True if there is a random force beyond chance; one that was given is there."""
     return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
 
 
@@ -179,7 +179,7 @@ def _untested(p_value: float) -> xr.Dataset:
 
 
 def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
-    """How far ahead predictions are made, periods."""
+    """Periods ahead for which predictions are made."""
     period = 2.0 * np.pi / float(result.reference_frequency)
     length = float(decay.time.values[-1] - decay.time.values[0]) / period
     longest = min(LONGEST_PREDICTION, 0.5 * (length - SETTLING_PERIODS))
@@ -218,7 +218,7 @@ def verdict_on_record(
 
 
 def is_random(followed: FollowedRuns) -> bool:
-    """Whether what an identification takes for random is: its random force, and the colour of its noise.
+    """True if what an identification takes for random is: its random force, and the colour of its noise.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def is_random(followed: FollowedRuns) -> bool:
 
 
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:
-    """Whether what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
+    """True if what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
 
     A method that finds the colour of the noise beside a random force takes a slow force for either.
     """
@@ -251,5 +251,5 @@ def _noise_hides_a_force(followed: FollowedRuns) -> bool:
 
 
 def p_value_of_dependence(tested: xr.Dataset) -> float:
-    """Of a random force that depends on nothing in all runs (Bonferroni); nan where one was not tested."""
+    """p-value of a random force that depends on nothing in all runs (Bonferroni); nan if untested."""
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
