@@ -74,7 +74,7 @@ def counts_angles(decay: xr.Dataset) -> bool:
 
 
 def scalable(force: Force) -> bool:
-    """True if a force has a meaning for a displacement: whether it knows no radian."""
+    """True if a force has a meaning for a displacement: it knows no radian."""
     return signal_degree(force) is not None
 
 

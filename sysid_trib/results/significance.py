@@ -29,7 +29,7 @@ BY_CHANCE = float(chi2.sf(SIGNIFICANT_ERRORS**2, 1))
 
 
 def significant(result: xr.Dataset) -> Mask:
-    """True if each coefficient differs from zero; one that is held is as large as it was given.
+    """True where a coefficient differs from zero; one that is held is as large as it was given.
 
     Parameters
     ----------
