@@ -19,7 +19,6 @@ from sysid_trib.plots.style import (
     MODEL_LINES,
     SERIES,
     TWO_COLUMNS,
-    columns_of_legend,
     footnote,
     in_latex,
     letter,
@@ -35,8 +34,8 @@ RESIDUAL_PANELS = "BK"
 # A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
 # beside, where the axis goes on.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
-# Characters of a legend that fit beside the letter of a panel.
-LEGEND_ROOM = 41
+# Characters of a unit for which coefficients have room.
+LONG_UNIT = 4
 TOO_FEW = "too few samples a period"
 EFFECTIVE_TITLE = "The model does not explain the record."
 SMALL_LEGEND: dict[str, Any] = LEGEND | {
@@ -80,7 +79,7 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
         figure = new_figure(width, sum(heights))
         panels = figure.subplot_mosaic(";".join(rows), height_ratios=heights)
         draw_in_time([panels["A"], *(panels[name] for name in residuals)], data.motion, data.models or ("",))
-        _legend(panels["A"], 3, LEGEND_ROOM * (2 if wide else 1))
+        panels["A"].legend(ncols=3, **SMALL_LEGEND)
         if data.backbone is not None:
             for panel, name in zip("IJ", CURVE_LABELS, strict=True):
                 draw_curve(panels[panel], data.backbone[0], name, data.backbone[1])
@@ -88,7 +87,7 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
         _shares(panels["D"], data, "frequency_share", "share of the shift (%)")
         _coefficients(panels["E"], data)
         _surface(panels["F"], data)
-        titles = [*[""] * (len(panels) - 1), "what is missing; dots: beyond 3 errors"]
+        titles = [*[""] * (len(panels) - 1), "missing force; dots: beyond 3 errors"]
         letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         footnote(figure, data.held_out)
         if not data.holds:
@@ -122,13 +121,7 @@ def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> None:
     ax.set(xlabel=f"amplitude ({data.units})", ylabel=label, xlim=(amplitude[0], amplitude[-1]))
     # Errors of shares may exceed all that a share can be.
     ax.set_ylim(max(low, -110.0), min(high, 110.0))
-    _legend(ax, 6)
-
-
-def _legend(ax: Axes, most: int, room: int = LEGEND_ROOM) -> None:
-    """Beside the letter of a panel, in as many rows as names need."""
-    labels = ax.get_legend_handles_labels()[1]
-    ax.legend(ncols=columns_of_legend(labels, most, room), **SMALL_LEGEND)
+    ax.legend(ncols=6, **SMALL_LEGEND)
 
 
 def _coefficients(ax: Axes, data: OverviewData) -> None:
@@ -148,17 +141,19 @@ def _coefficients(ax: Axes, data: OverviewData) -> None:
                 error = INTERVAL * abs(of_force.standard_error.item() / scale)
                 _interval(ax, of_force.coefficient.item() / scale, error, row + shift, style["color"])
     note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
+    long = len(data.units) > LONG_UNIT
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
         text = value_with_error(of_force.coefficient.item(), of_force.standard_error.item())
-        unit = "" if of_force.unit.item() == "1" else f" {unit_label(of_force.unit.item())}"
+        unit = of_force.unit.item().replace(data.units, "u" if long else data.units)
+        unit = "" if unit == "1" else f" {unit_label(unit)}"
         written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
         written.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")
     ax.axvline(1.0, color="0.85", linewidth=0.6, zorder=0)
     ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
     ax.set(xlim=(COEFFICIENT_RANGE[0], END_OF_NUMBERS), xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
-    ax.set_xlabel("coefficient over its value, 95 % intervals")
+    ax.set_xlabel(f"coefficient over its value, 95 % intervals{f'; u: {data.units}' if long else ''}")
     ax.legend(ncols=2, **SMALL_LEGEND)
 
 

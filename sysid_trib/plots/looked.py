@@ -204,7 +204,7 @@ def driven(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Fig
         residual.plot(time[shown], remainder[shown], color=colour, linewidth=0.6, label=label)
     symbol = "angle" if unit == "rad" else "displacement"
     motion.set_ylabel(f"{symbol} ({unit_label(unit)})")
-    residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN}\nmodel ({unit_label(unit)})")
+    residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model ({unit_label(unit)})")
     for panel in (motion, residual):
         panel.legend(ncols=3, **LEGEND)
     residual.set_xlim(time[0], time[-1])

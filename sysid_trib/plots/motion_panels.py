@@ -1,6 +1,5 @@
 """A record with its models: panels over time, the figure of the half periods, and their numbers."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,7 +14,6 @@ from sysid_trib.plots.style import (
     LEGEND,
     MODEL_LINES,
     Style,
-    columns_of_legend,
 )
 from sysid_trib.results.discoveries import tied_name
 from sysid_trib.results.files import kind_of
@@ -24,8 +22,7 @@ from sysid_trib.validation.verdict import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 3000
-# Characters of a legend in an inch, and effects that it names.
-ROOM_OF_AN_INCH = 10
+# Effects that a legend names.
 MOST_NAMES = 2
 
 
@@ -72,7 +69,7 @@ class MotionData:
     @property
     def label(self) -> str:
         """Label of an axis of the record."""
-        return axis_label(*signal_label(self.units).split(" ", 1))
+        return signal_label(self.units)
 
     @property
     def small_units(self) -> tuple[float, str]:
@@ -156,14 +153,7 @@ def _record(ax: Axes, drawn: MotionData) -> None:
         ax.axvspan(drawn.data.holdout_start.item(), drawn.time[-1], color="0.93", zorder=0)
     ax.set(xlabel="time (s)", ylabel=drawn.label, xlim=(drawn.time[0], drawn.time[-1]))
     # Above the panel: inside there is no room that the oscillation leaves free.
-    labels = ax.get_legend_handles_labels()[1]
-    room = int(ROOM_OF_AN_INCH * (ax.figure.bbox.width / ax.figure.dpi - 1.0))
-    ax.legend(ncols=columns_of_legend(labels, 3, room), **LEGEND)
-
-
-def axis_label(name: str, unit: str) -> str:
-    """The label of an axis: a long unit has lines of its own, since a panel is a few words high."""
-    return f"{name} {unit}" if len(unit) < 8 else f"{name}\n{textwrap.fill(unit, 12)}"
+    ax.legend(ncols=3, **LEGEND)
 
 
 def _residual(ax: Axes, drawn: MotionData, model: str) -> None:
@@ -174,6 +164,6 @@ def _residual(ax: Axes, drawn: MotionData, model: str) -> None:
     factor, unit = drawn.small_units
     band = ax.axhspan(-2.0 * factor * drawn.noise, 2.0 * factor * drawn.noise, color="0.85", zorder=0)
     ax.legend([band], ["± 2 noise levels"], **LEGEND)
-    name = f"model\n{model}" if len(drawn.labels) > 1 else "model"
-    label = axis_label(f"record \N{MINUS SIGN} {name}", f"({unit})")
+    name = model if len(drawn.labels) > 1 else "model"
+    label = f"record \N{MINUS SIGN} {name} ({unit})"
     ax.set(xlabel="time (s)", ylabel=label, xlim=(drawn.time[0], drawn.time[-1]))

@@ -17,7 +17,7 @@ from sysid_trib.plots.discovery_data import (
     missing_force,
     rankings_data,
 )
-from sysid_trib.plots.motion_panels import axis_label, draw_in_time, motion_data
+from sysid_trib.plots.motion_panels import draw_in_time, motion_data
 from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, footnote, letter, new_figure
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.discoveries import added_effects, credible_set, or_others, pairs_in_place
@@ -111,7 +111,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     drawn = motion_data(tree, run)
     draw_in_time(panels[:3], drawn, ["before", "after"])
     for panel in panels[1:3]:
-        panel.set_ylabel(axis_label("gap", f"({drawn.small_units[1]})"))
+        panel.set_ylabel(f"gap ({drawn.small_units[1]})")
     figure.align_ylabels(panels[:3])
     _explained(panels[3], tree, int(CHARACTERS * (width - 1.0)))
     titles = (
@@ -208,7 +208,7 @@ def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
     units = signal_units(tree)
     x = signal_symbol(units)
     labels = f"{signal_label(units).split()[0]} ${x}$ ({units})", rf"$\dot{{{x}}}/\omega$ ({units})"
-    ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
     return mesh
 
 

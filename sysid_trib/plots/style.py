@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import LayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
@@ -52,8 +53,8 @@ THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "-
 CROWDED = 100.0
 # Over more there is room for fewer numbers between the powers of ten, and over less not enough are round.
 LONG_AXIS, SHORT_AXIS = 30.0, 8.0
-# Characters that the line and the space of an entry of a legend take.
-HANDLE = 6
+# Times that a figure is laid out anew, and points between a title and a legend.
+LAYOUTS, BETWEEN_TEXTS = 2, 6.0
 LEGEND: dict[str, Any] = {
     "frameon": False,
     "fontsize": 8,
@@ -80,23 +81,17 @@ def in_latex(symbol: str) -> str:
     return f"${symbol_latex(symbol)}$"
 
 
-def columns_of_legend(labels: Iterable[str], most: int, room: int) -> int:
-    """Columns with which a legend above a panel stays within `room`, in characters of its size."""
-    sizes = [HANDLE + len(re.sub(r"\\mathrm|\\[a-z]+|[${}\\]", "", label)) for label in labels]
-    for count in range(min(most, len(sizes)), 1, -1):
-        # A legend is filled column by column, the first ones with one more.
-        if sum(column.max() for column in np.array_split(sizes, count)) <= room:
-            return count
-    return 1
-
-
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure, its size in inches, that keeps labels apart."""
     return LiteralFigure(figsize=(width, height), layout="constrained")
 
 
 class LiteralFigure(Figure):
-    """A figure that draws a text of a file as it is where it looks like mathematics and is none."""
+    """A figure that gives its texts room, and draws one of a file as it is where it only looks like mathematics.
+
+    What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels longer
+    than their panel are broken, a legend above a panel has the columns that fit beside its title.
+    """
 
     def draw(self, renderer: RendererBase) -> None:
         """Draw the figure."""
@@ -106,7 +101,96 @@ class LiteralFigure(Figure):
         for text in self.findobj(Text):
             if not _is_written(text.get_text()):
                 text.set_parse_math(False)
+        engine = self.get_layout_engine()
+        if engine is not None and self._drawn != self._texts():
+            self._give_room(engine, renderer)
+            self._drawn = self._texts()
         super().draw(renderer)
+
+    # Size and texts when they were given room.
+    _drawn: tuple[object, ...] = ()
+
+    def _texts(self) -> tuple[object, ...]:
+        return *self.get_size_inches(), *(text.get_text() for text in self.findobj(Text))
+
+    def _give_room(self, engine: LayoutEngine, renderer: RendererBase) -> None:
+        """Break labels and legends, first in panels whose labels are short: a long one would squeeze them all."""
+        labels = [label for ax in self.axes for label in _labels(ax)]
+        texts = [_words(text.get_text()) for _, text, _ in labels]
+        legends = [(ax, legend) for ax in self.axes if (legend := ax.get_legend()) is not None]
+        for _, text, _ in labels:
+            text.set_text("x" if text.get_text().strip() else "")
+        for _, legend in legends:
+            legend.set_in_layout(False)
+        engine.execute(self)
+        for _, legend in legends:
+            legend.set_in_layout(True)
+        for _ in range(LAYOUTS):
+            before = self._texts()
+            for (ax, text, side), words in zip(labels, texts, strict=True):
+                _fill(text, words, getattr(ax.get_window_extent(renderer), side), renderer)
+            for ax, _ in legends:
+                _fit_legend(ax, renderer)
+            if self._texts() == before:
+                break
+            engine.execute(self)
+
+
+def _titles(ax: Axes) -> list[Text]:
+    return [child for child in ax.get_children() if isinstance(child, Text) and child not in ax.texts]
+
+
+def _labels(ax: Axes) -> list[tuple[Axes, Text, str]]:
+    """Labels and titles of a panel, with the side that has room for each."""
+    across = [ax.xaxis.label, *_titles(ax)]
+    return [(ax, ax.yaxis.label, "height"), *((ax, text, "width") for text in across)]
+
+
+def _words(text: str) -> list[str]:
+    """The words of a text; mathematics is one."""
+    return re.findall(r"(?:\$[^$]*\$|[^\s$]|\$)+", text)
+
+
+def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> None:
+    """Write words in as few lines as have room, a unit on lines of its own."""
+
+    def fits(line: str) -> bool:
+        text.set_text(line)
+        extent = text.get_window_extent(renderer)
+        return max(extent.width, extent.height) <= room
+
+    lines, whole = [""], fits(" ".join(words))
+    for word in words:
+        joined = f"{lines[-1]} {word}".strip()
+        if whole or not lines[-1] or (not word.startswith("(") and fits(joined)):
+            lines[-1] = joined
+        else:
+            lines.append(word)
+    text.set_text("\n".join(lines))
+
+
+def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
+    """Give the legend above a panel the columns that fit beside the title, or put the title above it."""
+    legend, box = ax.get_legend(), ax.get_window_extent(renderer)
+    extent, scale = legend.get_window_extent(renderer), renderer.points_to_pixels(1.0)
+    if extent.y0 < box.y0 + 0.9 * box.height:
+        return
+    titles = [title for title in _titles(ax) if title.get_text()]
+    room = box.width - max((title.get_window_extent(renderer).width for title in titles), default=0.0)
+    room -= BETWEEN_TEXTS * scale
+    size = legend.get_texts()[0].get_fontsize()
+    labels = [text.get_text() for text in legend.get_texts()]
+    spacing = ("columnspacing", "handlelength", "handletextpad")
+    look = LEGEND | {"fontsize": size} | {name: getattr(legend, name) for name in spacing}
+    for count in range(legend._ncols - 1, 0, -1):
+        if legend.get_window_extent(renderer).width <= room:
+            return
+        legend = ax.legend(legend.legend_handles, labels, ncols=count, **look)
+    extent = legend.get_window_extent(renderer)
+    if extent.width > room:
+        for title in titles:
+            place = {"loc": "left", "fontsize": title.get_fontsize(), "pad": extent.height / scale}
+            ax.set_title(title.get_text(), **place)
 
 
 @lru_cache(maxsize=1000)

@@ -108,6 +108,16 @@ def test_texts_of_a_result_have_room(results, kind):
     assert wrong(of_a_result(results[kind])) == []
 
 
+@pytest.mark.parametrize("kind", ["cross_check", "compare", "discover"])
+def test_texts_in_long_units_have_room(results, kind):
+    tree = results[kind].copy(deep=True)
+    for node in tree.subtree:
+        for data in node.variables.values():
+            if data.attrs.get("units") == "rad":
+                data.attrs["units"] = "parts of the tank's width"
+    assert wrong(of_a_result(tree)) == []
+
+
 def test_texts_of_the_papers_figures_have_room():
     assert wrong(of_the_paper()) == []
 
