@@ -13,6 +13,7 @@ from sysid_trib import plots
 from sysid_trib.cycles.look import look
 from sysid_trib.forces import signature
 from sysid_trib.plots.style import new_figure
+from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.validation.samples import held_against
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -138,19 +139,25 @@ def test_texts_of_what_is_asked_besides_have_room(results):
     assert wrong(figures) == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "string_pendulum/run_1.txt",
-        "roll_decay/model_test_21337.csv",
-        "single_pendulum/free_swing.csv",
-        "sloshing/decay_0p953.csv",
-        "simulated/random_force_1.csv",
-    ],
+MEASURED = (
+    "string_pendulum/run_1.txt",
+    "roll_decay/model_test_21337.csv",
+    "single_pendulum/free_swing.csv",
+    "sloshing/decay_0p953.csv",
+    "simulated/random_force_1.csv",
 )
-def test_texts_of_measured_records_have_room(data_folder, name):
+
+
+# Labels are those of units and names, whatever the length of a record: its first swings have them all.
+@pytest.mark.parametrize(
+    "periods", [pytest.param(12, marks=pytest.mark.slow), pytest.param(None, marks=pytest.mark.in_full)]
+)
+@pytest.mark.parametrize("name", MEASURED)
+def test_texts_of_measured_records_have_room(data_folder, name, periods):
     decay = st.free_decay(st.read_record(data_folder / name))
+    if periods:
+        duration = periods * 2.0 * np.pi / swing_frequency(decay)
+        decay = decay.sel(time=slice(None, float(decay.time[0]) + duration))
     assert wrong(of_a_result(st.identify(decay))) == []
     start = st.load_library().select(["lambda", "zeta"])
     found = st.discover(decay, start, max_effects=1, time_limit=60.0)
