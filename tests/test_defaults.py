@@ -8,8 +8,7 @@ from command_line import run
 
 import sysid_trib as st
 from sysid_trib.commands.campaign import CampaignOptions
-from sysid_trib.commands.checks import offered_forces
-from sysid_trib.commands.discovery_inputs import offered_candidates, start_forces
+from sysid_trib.commands.checks import offered_candidates, offered_forces, start_forces
 from sysid_trib.commands.options import DEFAULT_LIBRARY, SearchOptions
 from sysid_trib.discovery import discover as discovery
 from sysid_trib.likelihood.settings import DEFAULTS

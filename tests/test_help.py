@@ -6,13 +6,14 @@ import shlex
 import pytest
 from command_line import run
 
-from sysid_trib.commands.app import EXAMPLES, app
+from sysid_trib.commands.app import app, examples_of
 
 GROUPS = {
     "identify": ["Records", "Model", "Constraints", "How sure", "Output", "Other", "Examples"],
     "discover": ["Records", "Model", "Search", "Output", "Other", "Examples"],
     "campaign": ["Records", "Model", "Constraints", "Search", "Campaign", "Output", "Other", "Examples"],
 }
+EXAMPLES = {info.callback.__name__: examples_of(info.callback) for info in app.registered_commands}
 SLOW = {"identify", "discover", "compare", "difference", "plan", "response", "campaign"}
 
 
@@ -23,8 +24,6 @@ def test_options_stand_in_groups(command):
 
 
 def test_every_command_has_two_examples():
-    names = {info.callback.__name__ for info in app.registered_commands}
-    assert names == set(EXAMPLES)
     for name, examples in EXAMPLES.items():
         assert len(examples) == 2
         said = run(name, "--help").out
@@ -33,7 +32,8 @@ def test_every_command_has_two_examples():
 
 def _works(names, folder):
     with contextlib.chdir(folder):
-        for name in names:
+        # The others read what this one writes.
+        for name in sorted(names, key=lambda name: name != "simulate"):
             for example in EXAMPLES[name]:
                 program, *words = shlex.split(example)
                 ending = run(*words)

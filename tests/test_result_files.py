@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sysid_trib.commands.simulated_record import write_record
+from sysid_trib.commands.predicted import write_record
 from sysid_trib.errors import RecordError
 from sysid_trib.reporting.page import write_page
 from sysid_trib.results.files import load, save, write_figure

@@ -1,5 +1,7 @@
 """The commands as one program, with options in groups and examples; they import what they need when run."""
 
+import inspect
+from collections.abc import Callable
 from typing import Any
 
 import typer
@@ -10,53 +12,8 @@ from sysid_trib.commands.campaign import campaign
 from sysid_trib.commands.compare import compare, difference
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.identify import identify
-from sysid_trib.commands.plan import plan
-from sysid_trib.commands.response import response
+from sysid_trib.commands.predicted import plan, response, simulate
 from sysid_trib.commands.shown import backbone, forces, look, report
-from sysid_trib.commands.simulate import simulate
-
-# Each takes what one before it made: they are run by the tests in this order.
-EXAMPLES = {
-    "simulate": (
-        "sysid-trib simulate --noise 1e-4 -o swing.csv",
-        "sysid-trib simulate --set zeta=0.01 --set nu=-0.2 --duration 30 --noise 1e-4 -o soft.csv",
-    ),
-    "look": ("sysid-trib look swing.csv", "sysid-trib look swing.csv --angle 1 --units rad --plot figures"),
-    "backbone": ("sysid-trib backbone", "sysid-trib backbone swing.csv --csv curves.csv --plot figures"),
-    "identify": (
-        "sysid-trib identify swing.csv -o forces.nc --plot figures",
-        "sysid-trib identify swing.csv --forces zeta,delta,nu,epsilon --bound zeta=0: --explain",
-    ),
-    "discover": (
-        "sysid-trib discover swing.csv --forces zeta,delta,nu -o missing.nc",
-        "sysid-trib discover swing.csv --max-effects 1 --time-limit 60 --json",
-    ),
-    "compare": (
-        "sysid-trib compare swing.csv -o methods.nc",
-        "sysid-trib compare swing.csv --forces zeta,delta,nu,epsilon --window 0:15 --csv methods.csv",
-    ),
-    "difference": (
-        "sysid-trib difference swing.csv soft.csv -o difference.nc --plot figures",
-        "sysid-trib difference 'swing.csv' : soft.csv --forces zeta,delta,nu --explain",
-    ),
-    "plan": (
-        "sysid-trib plan forces.nc --amplitude 0.05:0.6 --duration :60",
-        "sysid-trib plan swing.csv --want delta=0.0002 --repeats 2 --plot figures",
-    ),
-    "response": (
-        "sysid-trib response forces.nc --drive 0.002",
-        "sysid-trib response forces.nc --drive 0.002 --frequencies 0.9:1.1 --csv response.csv --plot figures",
-    ),
-    "campaign": (
-        "sysid-trib campaign 'swing*.csv' -o results.zarr",
-        "sysid-trib campaign 'swing*.csv' --methods direct --workers 0 -o direct.zarr",
-    ),
-    "report": (
-        "sysid-trib report forces.nc -o forces.html",
-        "sysid-trib report missing.nc -o missing.html",
-    ),
-    "forces": ("sysid-trib forces", "sysid-trib forces candidate_effects"),
-}
 
 
 class GroupedCommand(TyperCommand):
@@ -75,8 +32,13 @@ class GroupedCommand(TyperCommand):
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write the examples, each on a line of its own that can be copied."""
         with formatter.section("Examples"):
-            for example in EXAMPLES[str(self.name)]:
+            for example in examples_of(self.callback):
                 formatter.write(f"  {example}\n")
+
+
+def examples_of(command: Callable[..., Any] | None) -> list[str]:
+    """The examples in the docstring of a command, each a line that can be copied."""
+    return (inspect.getdoc(command) or "").partition("Examples\n--------\n")[2].splitlines()
 
 
 app = typer.Typer(
@@ -102,18 +64,7 @@ def _options(
     """Which forces act in an oscillator, learned from its free decay."""
 
 
-for command in (
-    look,
-    backbone,
-    identify,
-    discover,
-    compare,
-    difference,
-    plan,
-    response,
-    campaign,
-    simulate,
-    report,
-    forces,
-):
-    app.command(cls=GroupedCommand)(command)
+COMMANDS = (look, backbone, identify, discover, compare, difference, plan, response, campaign, simulate)
+for command in (*COMMANDS, report, forces):
+    purpose = (inspect.getdoc(command) or "").partition("\n\n")[0]
+    app.command(cls=GroupedCommand, help=purpose)(command)

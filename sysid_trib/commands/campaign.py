@@ -1,17 +1,21 @@
-"""`sysid-trib campaign`."""
+"""`sysid-trib campaign`, and what it does with each record, as its options have it."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from glob import glob, has_magic
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from sysid_trib.commands.discover import StartOptions
 from sysid_trib.commands.options import (
     OUTPUT,
     ConstraintOptions,
     DecayOptions,
     ModelOptions,
     SearchOptions,
+    changed_flags,
+    flag_of,
     option,
     switch,
     with_options,
@@ -19,7 +23,11 @@ from sysid_trib.commands.options import (
 from sysid_trib.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import xarray as xr
+
+    from sysid_trib.campaigns.task import Task
 
 PAGE_ENDING, STORE_ENDING = ".html", ".zarr"
 
@@ -68,14 +76,19 @@ def campaign(
     asked: CampaignOptions,
     into: CampaignStore,
 ) -> None:
-    """Do one task with many records, on several processes, into a store that can be gone on with."""
+    """Do one task with many records, on several processes, into a store that can be gone on with.
+
+    Examples
+    --------
+    sysid-trib campaign 'swing*.csv' -o results.zarr
+    sysid-trib campaign 'swing*.csv' --methods direct --workers 0 -o direct.zarr
+    """
     from sysid_trib.commands.terminal import command_line, working
 
     with working() as tell:
         from sysid_trib.campaigns.campaign import campaign, check_extra
         from sysid_trib.campaigns.records import CampaignRecords
         from sysid_trib.campaigns.store import counts_of
-        from sysid_trib.commands.campaign_task import task_of
         from sysid_trib.commands.destination import print_result
         from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 
@@ -86,7 +99,7 @@ def campaign(
         table = _conditions(asked, CampaignRecords(records).names)
         store = campaign(
             records,
-            task_of(given, model, constraint, search, (asked.task, asked.methods)),
+            _task(given, model, constraint, search, asked),
             output=output,
             workers=asked.workers if asked.scheduler is None else asked.scheduler,
             memory=asked.memory,
@@ -107,6 +120,63 @@ def campaign(
     )
     if not counts["done"]:
         raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
+
+
+def decays_of(given: DecayOptions, model: ModelOptions, path: str) -> "Sequence[xr.Dataset]":
+    """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
+    from sysid_trib.commands.record_inputs import read_decays
+
+    return read_decays(replace(given, records=[Path(path)]), model)[0]
+
+
+def _task(
+    given: DecayOptions,
+    model: ModelOptions,
+    constraint: ConstraintOptions,
+    search: SearchOptions,
+    asked: CampaignOptions,
+) -> "Task":
+    """The task that the options ask for; an option that it does not have is refused."""
+    from sysid_trib.campaigns.task import TASKS, Task
+    from sysid_trib.commands.checks import asked_model, asked_search
+
+    name = asked.task
+    if name not in TASKS:
+        raise UsageError(f"--task '{name}' is unknown: give {', '.join(TASKS)}.")
+    # How a file is read does not depend on which others there are.
+    read = partial(decays_of, replace(given, records=[]), model)
+    if name == "discover":
+        known = [flag_of(part) for part in fields(StartOptions)]
+        others = [*changed_flags(model), *changed_flags(constraint)]
+        _refuse(name, [flag for flag in others if flag not in known])
+        if asked.methods is not None:
+            raise UsageError("--methods are of identify and compare; discover has one of its own.")
+        start, offered, options = asked_search(model, model.forces, search, given.system)
+        return Task("discover", start, candidates=offered, read=read, options=options)
+    _refuse(name, changed_flags(search))
+    of_model = asked_model(model, constraint, given.system)
+    methods = of_model.every_method
+    # The two that `identify` holds against each other.
+    wanted = ["averaging", "direct"] if name == "identify" else list(methods)
+    if asked.methods:
+        wanted = [label.strip() for label in asked.methods.split(",")]
+    if misspelt := [label for label in wanted if label not in methods]:
+        raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
+    return Task(
+        name,  # type: ignore[arg-type]
+        of_model.library,
+        {label: methods[label] for label in wanted},
+        judged=name == "identify" and not asked.methods,
+        read=read,
+        constraints=of_model.constraints.table,
+        contactless=of_model.contactless,
+    )
+
+
+def _refuse(name: str, flags: "Sequence[str]") -> None:
+    """Refuse options that a task would pass over in silence."""
+    if flags:
+        raise UsageError(f"{flags[0]} is no option of --task {name}; leave it out, or give another task.")
 
 
 def _checked_output(output: Path | None, reads: list[str | Path | None]) -> Path:

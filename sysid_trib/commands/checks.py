@@ -1,18 +1,23 @@
-"""What the command line reads: libraries, values with errors, settings of a model."""
+"""What the command line reads: values with errors, the forces of a model, and what a search is given."""
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from math import isfinite
+from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.options import ConstraintOptions, ModelOptions
+from sysid_trib.commands.options import ConstraintOptions, ModelOptions, SearchOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.systems import SHIPPED_LIBRARIES
+from sysid_trib.forces.selection import further_forces, viscous_model
+from sysid_trib.forces.systems import ANY_SYSTEM, SHIPPED_LIBRARIES, System, load_system
 
 if TYPE_CHECKING:
+    from sysid_trib.commands.discover import StartOptions
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
     from sysid_trib.likelihood.random_force import RandomForceOption
+    from sysid_trib.methods.scope import Method
 
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
@@ -73,9 +78,9 @@ class AskedModel:
     contactless : (float, float) or None, rad/s
         Frequency without contact and its error.
     reference_frequency : float or None, rad/s
-        That is held.
+        Held.
     random_force : str or float
-        As the methods take it.
+        As methods take it.
     """
 
     library: "ForceLibrary"
@@ -85,31 +90,127 @@ class AskedModel:
     reference_frequency: float | None
     random_force: "RandomForceOption"
 
+    @property
+    def every_method(self) -> "dict[str, Method]":
+        """Every method, by its label, with this frequency, these shapes and this random force."""
+        from sysid_trib.methods.scope import with_random_force
+        from sysid_trib.validation.compare import every_method
+
+        methods = every_method(self.reference_frequency, self.shapes)
+        return {label: with_random_force(method, self.random_force) for label, method in methods.items()}
+
 
 def asked_model(model: ModelOptions, given: ConstraintOptions, system: str | None = None) -> AskedModel:
     """What is to be identified, with what a system (name or file) always has."""
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.selection import forces_to_identify
-    from sysid_trib.forces.systems import load_system
 
-    swinging = None if system is None else load_system(system)
+    moving = load_system(system)
     contactless, held = parse_value_with_error(model.omega0, "--omega0"), model.reference_frequency
     check_positive(held, "--reference-frequency")
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
-    forces = model.forces
-    if swinging is not None:
-        forces = ",".join(swinging.symbols) if forces is None else swinging.with_held(forces)
-    offered = offered_forces(model.library, forces, bool(contactless or held))
+    offered = offered_forces(model.library, moving.with_held(model.forces), bool(contactless or held))
     shapes = held_shapes(given.set_, offered)
     constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
-    if swinging is not None:
-        open_to_it = set(offered.symbols) - set(constraints.names)
-        there = {symbol: value for symbol, value in swinging.held.items() if symbol in open_to_it}
-        constraints = Constraints({**swinging.bounds(open_to_it), **there, **constraints.table})
+    unconstrained = set(offered.symbols) - set(constraints.names)
+    always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
+    constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
     constraints.check(forces_to_identify(offered, held, sensors=True))
     random_force = parse_random_force(model.random_force)
     return AskedModel(offered, shapes, constraints, contactless, held, random_force)
+
+
+def start_forces(
+    library: str,
+    forces: str | None,
+    frequency: float | None,
+    system: System = ANY_SYSTEM,
+    inputs: Collection[str] = (),
+) -> "ForceLibrary":
+    """The forces of a start model: those asked for, else viscous friction and inputs; and what is held.
+
+    Raises
+    ------
+    UsageError
+        None are asked for, and the library has no viscous friction.
+    """
+    if forces is None:
+        forces = ",".join(viscous_model(load_library(library), inputs).symbols)
+    return offered_forces(library, system.with_held(forces), frequency is not None)
+
+
+def asked_search(
+    model: "StartOptions | ModelOptions",
+    forces: str | None,
+    asked: SearchOptions,
+    system: str | None,
+    inputs: Collection[str] = (),
+) -> "tuple[ForceLibrary, ForceLibrary, dict[str, Any]]":
+    """The start model, what it may lack, and how to search, as `discover` takes them.
+
+    Parameters
+    ----------
+    model : dataclass
+        Options of the start model.
+    forces : str, optional
+        Its forces.
+    asked : SearchOptions
+        How to search.
+    system : str, optional
+        Name or file of the system: what it always has is held, what it cannot have is not offered.
+    inputs : collection of str
+        Names of what drives.
+
+    Raises
+    ------
+    UsageError
+        A level that is none, or a time limit that leaves no time; see also `start_forces`.
+    """
+    held, moving = model.reference_frequency, load_system(system)
+    check_positive(held, "--reference-frequency")
+    if not 0.0 < asked.level < 1.0:
+        raise UsageError(f"--level '{asked.level:g}' must lie between 0 and 1, such as 0.01.")
+    check_positive(asked.time_limit, "--time-limit")
+    start = start_forces(model.library, forces, held, moving, inputs)
+    options = {
+        "reference_frequency": held,
+        "constraints": dict(moving.held),
+        "max_effects": asked.max_effects,
+        "refit": asked.refit,
+        "level": asked.level,
+        "time_limit": asked.time_limit or float("inf"),
+    }
+    return start, offered_candidates(model.library, asked.candidates, start, moving, inputs), options
+
+
+def offered_candidates(
+    library: str,
+    candidates: str | None,
+    start: "ForceLibrary",
+    system: System = ANY_SYSTEM,
+    inputs: Collection[str] = (),
+) -> "ForceLibrary":
+    """What may be missing: the library asked for, or the other forces of the model's and the usual effects.
+
+    What a system cannot have is not among them.
+
+    Raises
+    ------
+    UsageError
+        A candidate has the symbol of another force of the model: a name would then say nothing.
+    """
+    asked = load_library(candidates or library)
+    if candidates is None:
+        asked = further_forces(asked, start, inputs)
+    offered = asked.select(symbol for symbol in asked.symbols if symbol not in system.impossible)
+    for force in offered:
+        if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
+            raise UsageError(
+                f"Candidate '{force.symbol}' ({force.formula.text}) has the symbol of another force of the "
+                f"start model ({start[force.symbol].formula.text}); rename one of them."
+            )
+    return offered
 
 
 def parse_window(
@@ -136,25 +237,6 @@ def parse_value_with_error(text: str | None, option: str) -> tuple[float, float]
     if not 0.0 <= error <= value:
         raise UsageError(f"{option} '{text}': the error must be positive and below the value.")
     return value, error
-
-
-def settings(
-    texts: list[str], library: "ForceLibrary", *, papers: bool
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
-    from sysid_trib.simulation.model import check_shapes
-    from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS
-
-    values = assigned(texts, "--set '{}' must be SYMBOL=VALUE, such as lambda=1e-3.")
-    for name, value in values.items():
-        if abs(value) > MOST:
-            raise UsageError(f"--set {name}: {value:g} is larger than {MOST:g}.")
-    shapes = {name: value for name, value in values.items() if "." in name}
-    coefficients = {name: value for name, value in values.items() if "." not in name}
-    check_shapes(shapes, library)
-    if not coefficients and (texts or not papers):
-        raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
-    return coefficients or PAPER_COEFFICIENTS, shapes
 
 
 def held_shapes(texts: list[str], library: "ForceLibrary") -> dict[str, float]:
@@ -204,6 +286,6 @@ def parse_number(text: str, option: str) -> float:
         value = float(text)
     except ValueError:
         value = float("nan")
-    if value != value or value in (float("inf"), float("-inf")):
+    if not isfinite(value):
         raise UsageError(f"{option}: '{text.strip()}' is not a finite number.")
     return value

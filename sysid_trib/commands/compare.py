@@ -18,31 +18,30 @@ if TYPE_CHECKING:
 def compare(
     *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, destination: Destination
 ) -> None:
-    """Identify the forces of a decay by every method, and test each on a part that it has not seen."""
+    """Identify the forces of a decay by every method, and test each on a part that it has not seen.
+
+    Examples
+    --------
+    sysid-trib compare swing.csv -o methods.nc
+    sysid-trib compare swing.csv --forces zeta,delta,nu,epsilon --window 0:15 --csv methods.csv
+    """
     from sysid_trib.commands.terminal import record_sentences, working
 
     with working(given.records) as tell:
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.methods.scope import with_random_force
         from sysid_trib.printing.comparison import comparison_blocks
         from sysid_trib.printing.comparison_tables import comparison_json
-        from sysid_trib.validation import compare as comparison
+        from sysid_trib.validation.compare import compare
 
         asked = checks.asked_model(model, constraint, given.system)
         destination.check(given.records)
         tell("reading")
-        decays, sources = read_decays(
-            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces), driven=True
-        )
-        methods = {
-            label: with_random_force(method, asked.random_force)
-            for label, method in comparison.every_method(asked.reference_frequency, asked.shapes).items()
-        }
-        tree = comparison.compare(
+        decays, sources = read_decays(given, model, driven=True)
+        tree = compare(
             decays,
             asked.library,
-            methods,
+            asked.every_method,
             contactless=asked.contactless,
             constraints=asked.constraints.table,
             tell=tell,
@@ -67,7 +66,13 @@ AND = Path(":")
 def difference(
     *, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, destination: Destination
 ) -> None:
-    """Hold two samples against each other, A... : B...: which coefficients differ, and by how much."""
+    """Hold two samples against each other, A... : B...: which coefficients differ, and by how much.
+
+    Examples
+    --------
+    sysid-trib difference swing.csv soft.csv -o difference.nc --plot figures
+    sysid-trib difference 'swing.csv' : soft.csv --forces zeta,delta,nu --explain
+    """
     from sysid_trib.commands.terminal import working
 
     sides = _sides(given.records)
@@ -83,13 +88,7 @@ def difference(
         destination.check([record for side in sides for record in side])
         tell("reading")
         (first, of_first), (second, of_second) = (
-            read_decays(
-                replace(given, records=side),
-                asked.reference_frequency,
-                asked.contactless,
-                as_it_is=bool(model.forces),
-            )
-            for side in sides
+            read_decays(replace(given, records=side), model) for side in sides
         )
         _check_apart(first, second)
         usual = usual_methods([*first, *second], asked.library, asked.reference_frequency, asked.shapes)

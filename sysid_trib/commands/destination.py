@@ -60,7 +60,7 @@ class Shown:
     @property
     def places(self) -> "list[Path | None]":
         """What is written, where it is asked for."""
-        return [self.plot]
+        return [getattr(self, name, None) for name in ("output", "csv", "latex", "plot")]
 
     def say(self, data: Callable[[], dict[str, Any]], blocks: Callable[[], Sequence[Block]]) -> None:
         """Print a result, as JSON or in words."""
@@ -96,26 +96,22 @@ class Files(Shown):
     output: Path | None = option("FILE", WHERE_TO_WRITE, flags=("-o", "--output"))
     csv: Path | None = option("FILE", "Where to write the numbers as a table (CSV).")
 
-    @property
-    def places(self) -> "list[Path | None]":
-        """What is written, where it is asked for."""
-        return [self.output, self.csv, self.plot]
-
     def check(self, records: Sequence[Path]) -> None:
         """Refuse, before the work is done, places that cannot be written."""
         check_output(self.output, ".nc", reads=records)
         check_output(self.csv, ".csv", reads=records, flag="--csv")
         super().check(records)
 
-    def save(self, tree: "xr.DataTree", texts: "Mapping[Path | None, Callable[[xr.DataTree], str]]") -> None:
-        """Write the result and its tables, where they are asked for."""
+    def save(self, tree: "xr.DataTree", texts: Mapping[Path | None, Callable[[], str]]) -> None:
+        """Write the result with the command that made it, and its tables, where they are asked for."""
         from sysid_trib.results import files
 
+        tree.attrs["command"] = command_line()
         if self.output is not None:
             files.save(tree, self.output)
         for place, text_of in texts.items():
             if place is not None:
-                files.write_file(place, text_of(tree).encode())
+                files.write_file(place, text_of().encode())
 
 
 @dataclass(frozen=True)
@@ -126,17 +122,18 @@ class Destination(Files):
     explain: bool = switch("--explain", "Print all that was tested, and what follows.")
     quiet: bool = switch("--quiet", "Print the verdict and the table alone.")
 
-    @property
-    def places(self) -> "list[Path | None]":
-        """What is written, where it is asked for."""
-        return [self.output, self.csv, self.latex, self.plot]
-
     def check(self, records: Sequence[Path]) -> None:
         """Refuse besides options that exclude each other."""
         if self.explain and self.quiet:
             raise UsageError("--explain prints more and --quiet prints less: choose one.")
         check_output(self.latex, ".tex", reads=records, flag="--latex")
         super().check(records)
+
+    def texts(self, tree: "xr.DataTree") -> dict[Path | None, Callable[[], str]]:
+        """What stands in files of text, by their places."""
+        from sysid_trib.printing.exported import csv_text, latex_text
+
+        return {self.csv: lambda: csv_text(tree), self.latex: lambda: latex_text(tree)}
 
     def deliver(
         self,
@@ -158,12 +155,9 @@ class Destination(Files):
         figures : callable
             See `draw`.
         """
-        tree.attrs["command"] = command_line()
         with progress() as tell:
-            from sysid_trib.printing.exported import csv_text, latex_text
-
             tell("files")
-            self.save(tree, {self.csv: csv_text, self.latex: latex_text})
+            self.save(tree, self.texts(tree))
             self.draw(figures, tell)
             tell("what is to be said")
             said = [] if self.as_json else blocks()

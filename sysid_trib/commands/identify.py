@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from sysid_trib.commands.destination import Destination, check_output, figures_of_runs
 from sysid_trib.commands.options import (
     MODEL,
-    OUTPUT,
     ConstraintOptions,
     DecayOptions,
     ModelOptions,
@@ -16,11 +15,11 @@ from sysid_trib.commands.options import (
     switch,
     with_options,
 )
-from sysid_trib.commands.terminal import keep_next, print_written
+from sysid_trib.commands.terminal import keep_next
 from sysid_trib.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import xarray as xr
     from matplotlib.figure import Figure
@@ -85,36 +84,32 @@ class SurenessOptions:
 
 
 @dataclass(frozen=True)
-class PaperOptions:
-    """What a paper says of the identification."""
-
-    title: ClassVar[str] = OUTPUT
+class IdentificationFiles(Destination):
+    """Where the result of an identification goes, and what a paper says of it."""
 
     methods: Path | None = option(
         "FILE.tex", "Where to write a paragraph on the methods, and FILE.bib with what it cites."
     )
 
-    def check(self, records: "list[Path]") -> None:
+    @property
+    def places(self) -> "list[Path | None]":
+        """What is written, where it is asked for."""
+        bibliography = self.methods and self.methods.with_suffix(".bib")
+        return [*super().places, self.methods, bibliography]
+
+    def check(self, records: "Sequence[Path]") -> None:
         """Refuse, before the work is done, places that cannot be written."""
-        for place, ending in self.places.items():
+        super().check(records)
+        for place, ending in zip(self.places[-2:], (".tex", ".bib"), strict=True):
             check_output(place, ending, reads=records, flag="--methods")
 
-    @property
-    def places(self) -> "dict[Path, str]":
-        """Both files, and their endings."""
-        if self.methods is None:
-            return {}
-        return {self.methods: ".tex", self.methods.with_suffix(".bib"): ".bib"}
-
-    def write(self, tree: "xr.DataTree") -> None:
-        """Write the paragraph and its bibliography, if they are asked for."""
+    def texts(self, tree: "xr.DataTree") -> "dict[Path | None, Callable[[], str]]":
+        """What stands in files of text, by their places: the paragraph and its bibliography too."""
         from sysid_trib.printing.methods_text import cited, methods_text
-        from sysid_trib.results.files import write_file
 
-        if self.places:
-            text = methods_text(tree)
-            for place, content in zip(self.places, (text, cited(text)), strict=True):
-                write_file(place, content.encode())
+        text, bibliography = self.places[-2:]
+        more = {text: lambda: methods_text(tree), bibliography: lambda: cited(methods_text(tree))}
+        return super().texts(tree) | more
 
 
 @with_options
@@ -126,10 +121,15 @@ def identify(
     constraint: ConstraintOptions,
     sure: SurenessOptions,
     tried: TestOptions,
-    destination: Destination,
-    paper: PaperOptions,
+    destination: IdentificationFiles,
 ) -> None:
-    """Identify the forces of a decay in two ways, and cross-check them."""
+    """Identify the forces of a decay in two ways, and cross-check them.
+
+    Examples
+    --------
+    sysid-trib identify swing.csv -o forces.nc --plot figures
+    sysid-trib identify swing.csv --forces zeta,delta,nu,epsilon --bound zeta=0: --explain
+    """
     from sysid_trib.commands.terminal import working
 
     with working(given.records) as tell:
@@ -145,14 +145,11 @@ def identify(
         measured, calibration = scale.measured(), calibration_of(given)
         asked = checks.asked_model(model, constraint, given.system)
         destination.check(given.records)
-        paper.check(given.records)
         tell("reading")
-        decays, sources = read_decays(
-            given, asked.reference_frequency, asked.contactless, as_it_is=bool(model.forces), driven=True
-        )
+        decays, sources = read_decays(given, model, driven=True)
         if "mass" in measured:
             check_length_unit(unit_of_signal(decays[0]))
-        if is_driven(decays) and (measured or paper.methods):
+        if is_driven(decays) and (measured or destination.methods):
             raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
         own = tuple(name.strip() for name in (constraint.own or "").split(",") if name.strip())
         usual = usual_methods(
@@ -174,9 +171,6 @@ def identify(
         if not is_driven(decays):
             keep_next(tree, given, model, constraint)
     _deliver(tree, sources, predicted, destination)
-    paper.write(tree)
-    if not destination.as_json:
-        print_written(*paper.places)
 
 
 def _add_sureness(

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid_trib.commands.checks import parse_number, parse_value_with_error, parse_window
-from sysid_trib.commands.options import DecayOptions
+from sysid_trib.commands.options import DecayOptions, ModelOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from sysid_trib.commands.discover import StartOptions
 
 PROGRAM = "sysid-trib"
 
@@ -90,8 +92,7 @@ INSTEAD = {
 
 def read_decays(
     given: DecayOptions,
-    reference_frequency: float | None = None,
-    contactless: tuple[float, float] | None = None,
+    model: "ModelOptions | StartOptions | None" = None,
     *,
     as_it_is: bool = False,
     driven: bool = False,
@@ -102,12 +103,10 @@ def read_decays(
     ----------
     given : DecayOptions
         The files, none for the embedded example, and how to read them.
-    reference_frequency : float, rad/s, optional
-        Refused where it cannot be the records'.
-    contactless : (float, float), rad/s, optional
-        Frequency without contact and its error; refused likewise.
+    model : ModelOptions or StartOptions, optional
+        Its frequencies are refused where they cannot be the records'.
     as_it_is : bool
-        As in `free_decays`: where the forces are named.
+        As in `free_decays`; so it is too where the forces of the model are named.
     driven : bool
         Whether inputs are taken.
 
@@ -120,6 +119,7 @@ def read_decays(
     """
     if not driven:
         _refuse_inputs(given)
+    named = model is not None and bool(model.forces)
     decays: list[xr.Dataset] = []
     sentences: list[str] = []
     sums: list[str] = []
@@ -130,21 +130,22 @@ def read_decays(
         if checksum in sums:
             raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
         sums.append(checksum)
-        those = [decay for part in read for decay in _decays(given, part, as_it_is=as_it_is)]
+        those = [decay for part in read for decay in _decays(given, part, as_it_is=as_it_is or named)]
         chosen = _chosen(those, given.decay, record)
         decays += chosen
         several = f" {len(those)} decays{', one of them taken' if len(chosen) == 1 else ''}."
         sentences += [sentence + (several if len(those) > 1 else "")] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
         raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
-    _check_frequencies(decays, reference_frequency, contactless)
+    if model is not None:
+        _check_frequencies(decays, model)
     return decays, sentences
 
 
 def calibration_of(given: DecayOptions) -> tuple[float, float]:
     """By which the signal of the records is multiplied, and its standard error."""
     value = parse_value_with_error(given.scale, "--scale")
-    return (1.0, 0.0) if value is None else value
+    return value or (1.0, 0.0)
 
 
 def _calibrated(record: "xr.Dataset", given: DecayOptions) -> "xr.Dataset":
@@ -187,7 +188,7 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
         read = paper_twin()
         source = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
         return [_calibrated(read, given)], source
-    usual = None if given.system is None else load_system(given.system).signal
+    usual = load_system(given.system).signal
     try:
         driving = named_inputs(given.input_ and given.input_.split(","))
         runs = read_records(record, Reading(**how, usual=usual, inputs=driving, between=given.between))
@@ -243,11 +244,10 @@ def _chosen(decays: "list[xr.Dataset]", number: int | None, record: Path | None)
     return [decays[number - 1]]
 
 
-def _check_frequencies(
-    decays: "Sequence[xr.Dataset]", reference: float | None, contactless: tuple[float, float] | None = None
-) -> None:
+def _check_frequencies(decays: "Sequence[xr.Dataset]", model: "ModelOptions | StartOptions") -> None:
     """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
-    asked = {REFERENCE: reference, OMEGA0: contactless[0] if contactless else None}
+    contactless = parse_value_with_error(getattr(model, "omega0", None), OMEGA0)
+    asked = {REFERENCE: model.reference_frequency, OMEGA0: contactless[0] if contactless else None}
     for flag, frequency in asked.items():
         if frequency is not None:
             for decay in decays:

@@ -12,8 +12,14 @@ from sysid_trib.errors import DecayError, RecordError, UsageError
 
 @with_options
 def backbone(*, given: DecayOptions, files: Files) -> None:
-    """Frequency and damping ratio against amplitude, with bands, without a model."""
-    from sysid_trib.commands.terminal import command_line, working
+    """Frequency and damping ratio against amplitude, with bands, without a model.
+
+    Examples
+    --------
+    sysid-trib backbone
+    sysid-trib backbone swing.csv --csv curves.csv --plot figures
+    """
+    from sysid_trib.commands.terminal import working
 
     with working(given.records) as tell:
         from functools import partial
@@ -32,8 +38,7 @@ def backbone(*, given: DecayOptions, files: Files) -> None:
         tell("frequency and damping against amplitude")
         backbones = {name: curves_of(decay) for name, decay in zip(names, decays, strict=True)}
         tree = xr.DataTree.from_dict(backbones)
-        tree.attrs["command"] = command_line()
-        files.save(tree, {files.csv: lambda _: backbone_csv(backbones)})
+        files.save(tree, {files.csv: lambda: backbone_csv(backbones)})
         files.draw(
             lambda plots: [(name, partial(plots.backbone, data)) for name, data in backbones.items()], tell
         )
@@ -42,7 +47,13 @@ def backbone(*, given: DecayOptions, files: Files) -> None:
 
 @with_options
 def look(*, given: DecayOptions, shown: Shown) -> None:
-    """Say what is in a file and what to do next, without a fit."""
+    """Say what is in a file and what to do next, without a fit.
+
+    Examples
+    --------
+    sysid-trib look swing.csv
+    sysid-trib look swing.csv --angle 1 --units rad --plot figures
+    """
     from sysid_trib.commands.terminal import progress
 
     understood: list[str] = []
@@ -78,7 +89,13 @@ def report(
         typer.Option("-o", "--output", metavar="REPORT.html", help=WHERE_TO_WRITE, rich_help_panel=OUTPUT),
     ],
 ) -> None:
-    """Show a saved result as one self-contained page, with figures and tables."""
+    """Show a saved result as one self-contained page, with figures and tables.
+
+    Examples
+    --------
+    sysid-trib report forces.nc -o forces.html
+    sysid-trib report missing.nc -o missing.html
+    """
     from sysid_trib.commands.terminal import print_written, progress
 
     with progress() as tell:
@@ -107,7 +124,13 @@ def forces(
         typer.Option("--latex", metavar="FILE", help="Where to write it for LaTeX.", rich_help_panel=OUTPUT),
     ] = None,
 ) -> None:
-    """Show the forces of a library: equations, kind, and signatures in envelope and frequency."""
+    """Show the forces of a library: equations, kind, and signatures in envelope and frequency.
+
+    Examples
+    --------
+    sysid-trib forces
+    sysid-trib forces candidate_effects
+    """
     from sysid_trib.commands.terminal import print_table, print_written, progress
 
     with progress():

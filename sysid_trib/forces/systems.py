@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from sysid_trib.errors import LibraryError, UsageError, did_you_mean
-from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.formulas import LARGEST_CONSTANT
 from sysid_trib.forces.library import library_folder, load_library
 
@@ -57,19 +56,26 @@ class System:
         """Bounds of those of these forces whose coefficient physics does not let be negative."""
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
-    def with_held(self, forces: str) -> str:
-        """Forces by their symbols, `lambda,zeta`, and those that are always there."""
+    def with_held(self, forces: str | None) -> str | None:
+        """Forces by their symbols, `lambda,zeta`, and those that are always there; else its usual ones."""
+        if forces is None:
+            return ",".join(self.symbols) or None
         named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
         return ",".join([*named, *(symbol for symbol in self.held if symbol not in named)])
 
 
-def load_system(name_or_path: str) -> System:
+# An oscillator of which nothing is known.
+ANY_SYSTEM = System("", signal="")
+
+
+def load_system(name_or_path: str | None) -> System:
     """A system by its name, or the first of a TOML file.
 
     Parameters
     ----------
-    name_or_path : str
-        One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format.
+    name_or_path : str or None
+        One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format; without a name
+        `ANY_SYSTEM`.
 
     Returns
     -------
@@ -82,6 +88,8 @@ def load_system(name_or_path: str) -> System:
     LibraryError
         A file that is not of this format, or names a force that no library has.
     """
+    if name_or_path is None:
+        return ANY_SYSTEM
     path = Path(name_or_path)
     if path.suffix == ".toml":
         if not os.path.isfile(path):
@@ -94,11 +102,6 @@ def load_system(name_or_path: str) -> System:
             f"There is no system '{name_or_path}'; give a TOML file or one of {', '.join(known)}.{nearest}"
         )
     return known[name_or_path]
-
-
-def without_impossible(library: ForceLibrary, system: System | None) -> tuple[Force, ...]:
-    """The forces of a library that a system can have."""
-    return tuple(force for force in library if system is None or force.symbol not in system.impossible)
 
 
 def _systems(path: Path) -> dict[str, System]:
