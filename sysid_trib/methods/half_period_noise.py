@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.cycles.kick_response import half_period_responses
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.row_noise import covariance_band
@@ -23,7 +23,6 @@ from sysid_trib.likelihood.variance_ratio import (
     variance_ratio,
 )
 from sysid_trib.likelihood.weak_form import whitened_by_both
-from sysid_trib.records.half_periods import IntArray
 from sysid_trib.records.half_sines import EnvelopeCurve
 
 DENSITY = "random_force_density"
@@ -46,7 +45,7 @@ class HalfPeriodEquations:
     design: Array
     residual: Array
     slopes: sp.csr_matrix
-    first: IntArray
+    first: Index
 
     def without_bias(self, simulated: "HalfPeriodEquations") -> "HalfPeriodEquations":
         """These equations with what their residual is beyond that of a simulated motion."""

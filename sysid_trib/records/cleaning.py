@@ -1,17 +1,12 @@
 """Samples that are no motion: spikes, outliers, frames that are held, a wrapped angle."""
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
 from scipy.ndimage import maximum_filter1d
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.records.half_periods import noise_level, quantisation_step
 from sysid_trib.records.signal import LONGEST_FILLED
-
-Indices: TypeAlias = NDArray[np.int64]
 
 # Weights of the four neighbours of a sample (cubic), and of the four that follow the first.
 INSIDE = np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
@@ -22,7 +17,7 @@ CUT_REACH = 3
 FEWEST_CROSSINGS = 12
 
 
-def spikes(time: Array, signal: Array) -> Indices:
+def spikes(time: Array, signal: Array) -> Index:
     """Indices of samples that leap out of the swing and back, and of a bad first or last one.
 
     Parameters
@@ -55,7 +50,7 @@ def spikes(time: Array, signal: Array) -> Indices:
     return np.flatnonzero(bad)
 
 
-def _and_back(signal: Array, off: Array) -> "NDArray[np.bool_]":
+def _and_back(signal: Array, off: Array) -> Mask:
     """True if the neighbours of a sample are near each other: a step is no spike. True of the ends."""
     back = np.ones(signal.size, dtype=bool)
     back[1:-1] = off[1:-1] > 2.0 * np.abs(signal[2:] - signal[:-2])
@@ -77,7 +72,7 @@ def _off_neighbours(signal: Array) -> Array:
     return off
 
 
-def new_frames(signal: Array) -> Indices | None:
+def new_frames(signal: Array) -> Index | None:
     """First rows of values that are held over several rows (a live camera's frames); None if none are held.
 
     Values repeat too where a fine clock meets a coarse sensor; but then a new value is the next step.
@@ -195,7 +190,7 @@ NEIGHBOURS, NEIGHBOURS_PART = 3, 0.2
 MOST_OUTLIERS = 0.05
 
 
-def outliers(time: Array, signal: Array, period: float) -> Indices:
+def outliers(time: Array, signal: Array, period: float) -> Index:
     """Indices of samples that are off what the others say, wherever in the swing they are.
 
     Parameters

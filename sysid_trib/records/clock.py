@@ -1,18 +1,29 @@
 """What stamps say of the clock: uniform and rounded, jittering, doubled, set back, with rows missing."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError
-from sysid_trib.records.even_rows import WITHIN, decimal_step, even_rows
+from sysid_trib.records.half_periods import dominant_periods
+from sysid_trib.records.signal import usual_step
 
-# A step longer than this many usual ones has rows missing in it.
-LACKING_STEP = 1.5
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
 UNEVEN_PART = 1e-9
+# Stamps are decimal numbers: the step of their rounding is a power of ten.
+MOST_DIGITS = 9
+# Digits that are counted from the first one that is not zero.
+SIGNIFICANT_DIGITS = range(3, 8)
+# Steps of the rounding within which stamps are a line's, cut off or rounded; its slope is known to a little
+# less, and less well where the steps differ.
+WITHIN, WITHIN_UNEQUAL = 1.02, 1.5
+# A row follows at once if it comes within this part of the mean step; in packets most do.
+AT_ONCE = 0.5
+# Longest steps by which packets are late, and most by which the long and the short steps differ.
+LATE, LARGEST_RATIO = 1.5, 100.0
 
 
 @dataclass(frozen=True)
@@ -32,7 +43,7 @@ class Clock:
     """
 
     time: Array
-    rows: "np.ndarray[tuple[int], np.dtype[np.int64]]"
+    rows: Index
     breaks: tuple[float, ...] = ()
     sentences: tuple[str, ...] = ()
 
@@ -42,7 +53,7 @@ def read_clock(
     factor: float,
     source: str,
     values: Array | None = None,
-    numbered: "np.ndarray[tuple[int], np.dtype[np.int64]] | None" = None,
+    numbered: Index | None = None,
 ) -> Clock:
     """Times from stamps.
 
@@ -108,9 +119,7 @@ def _is_even(given: Array) -> bool:
     return bool(np.ptp(steps) <= UNEVEN_PART * steps[0] + 4e-16 * np.abs(given).max())
 
 
-def _without_repeated(
-    rows: "np.ndarray[tuple[int], np.dtype[np.int64]]", given: Array, source: str
-) -> "tuple[np.ndarray[tuple[int], np.dtype[np.int64]], Array, list[str]]":
+def _without_repeated(rows: Index, given: Array, source: str) -> tuple[Index, Array, list[str]]:
     """Rows and stamps without those that repeat the stamp before, and a sentence on them."""
     repeated = np.flatnonzero(np.diff(given) == 0.0) + 1
     if 2 * repeated.size > given.size:
@@ -128,7 +137,7 @@ def _rows(count: int) -> str:
     return "1 row" if count == 1 else f"{count} rows"
 
 
-def _rising(given: Array, source: str) -> "tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]":
+def _rising(given: Array, source: str) -> tuple[Array, Index]:
     """Stamps that rise throughout, and where the clock was set back: from there they are shifted."""
     steps = np.diff(given)
     back = np.flatnonzero(steps < 0.0) + 1
@@ -146,12 +155,10 @@ def _rising(given: Array, source: str) -> "tuple[Array, np.ndarray[tuple[int], n
     return given + np.cumsum(shift), back
 
 
-def _without_rounding(
-    given: Array, starts: "np.ndarray[tuple[int], np.dtype[np.int64]]", rounding: float
-) -> tuple[Array, str]:
+def _without_rounding(given: Array, starts: Index, rounding: float) -> tuple[Array, str]:
     """The uniform clock whose rounded stamps these are, rows missing or not; else the stamps themselves."""
     steps = np.diff(given)
-    usual = float(np.mean(steps[steps <= LACKING_STEP * np.median(steps)]))
+    usual = usual_step(steps)
     if usual <= 0.0:
         return given, ""
     counts = np.maximum(1.0, np.round(steps / usual))
@@ -182,8 +189,90 @@ def _without_rounding(
 
 
 def _said_rate(time: Array, said: str) -> str:
-    steps = np.diff(time)
-    usual = float(np.mean(steps[steps <= LACKING_STEP * np.median(steps)]))
     kind = "on average" if "jitter" in said else "clock"
-    rate = f"{1.0 / usual:.6g} Hz {kind}"
+    rate = f"{1.0 / usual_step(np.diff(time)):.6g} Hz {kind}"
     return f"{rate} ({said})" if said else rate
+
+
+def even_rows(given: Array, rows: Index, values: Array | None) -> tuple[Array, str] | None:
+    """Times of rows that are one step apart, and what their stamps are; None if they are not.
+
+    Parameters
+    ----------
+    given : (row,) array of float
+        Stamps.
+    rows : (row,) array of int
+        Their numbers in the file.
+    values : (row,) array of float, optional
+        The signal: a clock that stands still for half a period does not show that its rows are even.
+    """
+    index = (rows - rows[0]).astype(float)
+    for step, said in roundings(given):
+        # Of stamps next to zero beside others no line is weighted.
+        # Of the largest stamp; a step of a smaller one is no digit of a clock.
+        if np.min(step) < 1e-100 * np.max(np.abs(given)):
+            continue
+        line = _line(index, given, step)
+        allowed = WITHIN if np.ndim(step) == 0 else WITHIN_UNEQUAL
+        if np.ptp((given - line) / step) <= allowed and _shows_period(step, line, values):
+            return line + (given[0] - line[0]), said
+    line = _line(index, given, 1.0)
+    if values is not None and _in_packets(given, line, values):
+        return line + (given[0] - line[0]), "stamps of packets: their rows are taken as even"
+    return None
+
+
+def roundings(given: Array) -> Iterator[tuple[float | Array, str]]:
+    """Steps to which stamps may be rounded, coarsest last: of decimals, of significant digits, of float32."""
+    step = decimal_step(given)
+    if step:
+        yield step, f"stamps rounded to {step:g}"
+    size = np.abs(np.where(given == 0.0, np.min(np.abs(given[given != 0.0]), initial=1.0), given))
+    decade = 10.0 ** np.floor(np.log10(size) + 1e-12)
+    for digits in SIGNIFICANT_DIGITS:
+        unit = decade * 10.0 ** (1 - digits)
+        if np.all(np.abs(given / unit - np.round(given / unit)) < 1e-6):
+            yield unit, f"stamps of {digits} digits"
+            break
+    single = given.astype(np.float32)
+    if np.all(single == given):
+        yield np.spacing(np.abs(single)).astype(float), "stamps in single precision"
+
+
+def decimal_step(given: Array) -> float:
+    """Step of the decimal rounding of stamps, 0 if they have more digits than `MOST_DIGITS`."""
+    largest = float(np.abs(given).max(initial=1e-300))
+    for digits in range(MOST_DIGITS + 1):
+        scaled = given * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) <= 4e-16 * largest * 10.0**digits + 1e-9):
+            return float(10.0**-digits)
+    return 0.0
+
+
+def _line(index: Array, given: Array, step: float | Array) -> Array:
+    """The line through stamps; those that are rounded more count less."""
+    weights = np.broadcast_to(1.0 / np.asarray(step), given.shape)
+    return np.asarray(np.polyval(np.polyfit(index, given, 1, w=weights), index))
+
+
+def _shows_period(step: float | Array, line: Array, values: Array | None) -> bool:
+    """True if a clock with such steps moves within half a period; without a signal, within two rows."""
+    if values is None:
+        return bool(np.max(step) < 2.0 * np.median(np.diff(line)))
+    good = np.isfinite(values)
+    periods = dominant_periods(line[good], values[good]) if np.count_nonzero(good) > 1 else []
+    return bool(periods) and bool(np.max(step) < 0.5 * periods[0])
+
+
+def _in_packets(given: Array, line: Array, values: Array) -> bool:
+    """True if rows come at once, then late, and the signal moves as far between packets as within them."""
+    steps, moves = np.diff(given), np.abs(np.diff(values))
+    at_once = steps < AT_ONCE * (line[1] - line[0])
+    if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):
+        return False
+    # Rows that are lacking add up; those that are late do not.
+    if np.ptp(given - line) > LATE * steps.max() or not _shows_period(steps.max(), line, values):
+        return False
+    ratio = np.median(steps[~at_once]) / max(float(np.median(steps[at_once])), 1e-300)
+    within, between = np.nanmedian(moves[at_once]), np.nanmedian(moves[~at_once])
+    return bool(between < np.sqrt(min(ratio, LARGEST_RATIO)) * within)

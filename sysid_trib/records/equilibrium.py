@@ -6,11 +6,10 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
 from sysid_trib.records.half_periods import (
     HalfPeriods,
-    IntArray,
     Oscillation,
     dominant_periods,
     find_half_periods,
@@ -167,7 +166,7 @@ def signed_extrema(time: Array, signal: Array, halves: HalfPeriods) -> Array:
     return np.copysign(np.hypot(p, q), p)
 
 
-def harmonic_sums(phase: Array, value: Array, weight: Array, first: IntArray) -> Array:
+def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Array:
     """Sums of cos cos, cos sin, sin sin, cos y and sin y over each half period, which starts at `first`."""
     sums = np.empty((5, len(first)))
     # Some at a time: what is between stays in the cache, however long the record is.

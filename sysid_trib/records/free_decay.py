@@ -3,10 +3,10 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks
-from sysid_trib.records.cleaning import Indices, new_frames, outliers, pulses, spikes
+from sysid_trib.records.cleaning import new_frames, outliers, pulses, spikes
 from sysid_trib.records.decay import CutDecay, decay_dataset, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.half_periods import dominant_periods
@@ -146,7 +146,7 @@ def free_decays(
     return [decay.assign_attrs(taken_as_it_is=refused) for decay in datasets] if refused else datasets
 
 
-def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> "tuple[Indices, list[str]]":
+def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
     """Indices of the samples that are kept, and sentences on the others."""
     kept, said = np.arange(time.size), []
     frames = new_frames(angle)

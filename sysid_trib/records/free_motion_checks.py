@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
 from sysid_trib.records.equilibrium import Swing, signed_extrema
-from sysid_trib.records.half_periods import IntArray
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
@@ -201,7 +200,7 @@ def end_of_clipping(time: Array, angle: Array, swing: Swing, source: str) -> tup
     return first, cut
 
 
-def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> tuple[IntArray, float]:
+def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> tuple[Index, float]:
     """Half periods of one sign that reach the extreme value, if some stay there too long; that value.
 
     Exactly, or within the noise, which may come after what clips.
@@ -216,7 +215,7 @@ def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> tuple[IntArr
 
     samples = np.minimum(stops - starts, np.median(stops - starts))
 
-    def near_limit(width: float) -> IntArray:
+    def near_limit(width: float) -> Index:
         near = np.concatenate(([0], np.cumsum(np.abs(limit - angle) <= width)))
         return np.where(halves.sign == side, near[stops] - near[starts], 0)
 

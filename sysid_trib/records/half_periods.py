@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import hilbert
 
-from sysid_trib.arrays import Array
-
-IntArray = NDArray[np.int64]
+from sysid_trib.arrays import Array, Index
 
 POINTS_PER_PERIOD = 24
 """Points a period keeps after smoothing: enough for its crossings, few enough to be quick."""
@@ -64,7 +61,7 @@ class HalfPeriods:
     """
 
     crossing: Array
-    sign: IntArray
+    sign: Index
     peak: Array
 
     @property
@@ -76,7 +73,7 @@ class HalfPeriods:
         """The half periods ``part.start`` to ``part.stop - 1``."""
         return HalfPeriods(self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part])
 
-    def samples(self, time: Array) -> tuple[IntArray, IntArray]:
+    def samples(self, time: Array) -> tuple[Index, Index]:
         """First sample of each half period, and one past its last."""
         bounds = np.searchsorted(time, self.crossing)
         return bounds[:-1], bounds[1:]
@@ -196,7 +193,7 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
     return HalfPeriods(crossing, side[first], peak)
 
 
-def _middle_crossing(time: Array, signal: Array, before: IntArray, after: IntArray) -> Array:
+def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) -> Array:
     """Mean of the first and last zero crossing between the points ``before`` and ``after``."""
     change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
     low, high = signal[change], signal[change + 1]
@@ -287,7 +284,7 @@ def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
     return np.asarray(trend(grid))
 
 
-def _lines(s: Array, y: Array, half: IntArray, count: int) -> tuple[Array, Array]:
+def _lines(s: Array, y: Array, half: Index, count: int) -> tuple[Array, Array]:
     """Least-squares line y = level + slope s of each half period."""
     n, sx, sxx, sy, sxy = (
         np.bincount(half, weights, count) for weights in (np.ones_like(s), s, s * s, y, s * y)

@@ -7,10 +7,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records.equilibrium import harmonic_sums, with_half_periods
-from sysid_trib.records.half_periods import HalfPeriods, IntArray, analytic_extrema, noise_of_record
+from sysid_trib.records.half_periods import HalfPeriods, analytic_extrema, noise_of_record
 from sysid_trib.records.signal import unit_of_signal
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
@@ -50,7 +50,7 @@ def half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[A
     return extremum, instant, errors[0], errors[1]
 
 
-def _cells(time: Array, halves: HalfPeriods) -> tuple[IntArray, IntArray, Array, IntArray]:
+def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index]:
     """Samples whose cells touch each half period: number, half period, part inside, first of each."""
     edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
     edge[0] -= 0.5 * (time[1] - time[0])

@@ -8,79 +8,8 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, TIME_UNITS, plain_unit, signal_unit
+from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, TIME_UNITS, WORDS, plain_unit, signal_unit
 
-# Names without accents, in lower case.
-TIME_NAMES = {
-    *("time", "t", "times", "timestamp", "time stamp", "seconds", "elapsed", "elapsed time", "zeit", "temps"),
-    *(
-        "tempo",
-        "tiempo",
-        "uhrzeit",
-        "date time",
-        "datetime",
-        "clock",
-        "czas",
-        "millis",
-        "micros",
-        "tijd",
-        "tid",
-    ),
-    *("hora", "heure", "ts", "x value", "sekunden", "время", "时间", "時間"),
-}
-# Columns that count rows: no clock has a step of 1 by itself.
-COUNTER_NAMES = {
-    *(
-        "frame",
-        "frames",
-        "frame number",
-        "frame no",
-        "frame no.",
-        "index",
-        "sample",
-        "samples",
-        "sample number",
-    ),
-    *("n", "no", "no.", "nr", "nr.", "number", "row", "image", "bild", "id", "unnamed: 0", "#", "#0"),
-}
-ANGLE_NAMES = {
-    *("angle", "theta", "phi", "θ", "φ", "ϕ", "ϑ", "roll", "angular position", "rotation", "winkel", "ang"),
-    *("angular displacement", "auslenkwinkel", "angulo", "roll angle", "swing angle", "angolo", "hoek"),
-    *("угол", "角度", "vinkel", "kat", "alpha", "beta", "α", "β", "drehwinkel"),
-}
-RATE_NAMES = {
-    *("rate", "angular rate", "angular velocity", "omega", "ω", "gyro", "gyroscope", "theta dot", "thetadot"),
-    *(
-        "velocity",
-        "speed",
-        "wx",
-        "wy",
-        "wz",
-        "winkelgeschwindigkeit",
-        "geschwindigkeit",
-        "v",
-        "vx",
-        "vy",
-        "gx",
-        "gy",
-        "gz",
-    ),
-}
-POSITION_NAMES = {
-    *("x", "y", "z", "displacement", "position", "deflection", "elongation", "pos", "weg", "auslenkung"),
-    *("distance", "height", "laser", "u", "voltage", "signal", "potential", "pot", "potentiometer", "adc"),
-    *("counts", "count", "encoder", "ticks", "raw", "probe", "channel", "ch"),
-}
-ACCELERATION_NAMES = {
-    *("acceleration", "accel", "acc", "linear acceleration", "accelerometer", "beschleunigung", "a"),
-    *("ax", "ay", "az"),
-}
-QUANTITY_NAMES = {
-    "angle": ANGLE_NAMES,
-    "rate": RATE_NAMES,
-    "displacement": POSITION_NAMES,
-    "acceleration": ACCELERATION_NAMES,
-}
 # Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
 _KNOWN = (TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}) - {"h", "d"}
 
@@ -136,7 +65,7 @@ def names_quantity(base: str) -> str:
     base = _without_accents(base)
     first = base.split(" ")[0]
     for text in (base, re.sub(r"[ _]?(?:[xyz]|\d+|left|right)$", "", base), first if len(first) > 2 else ""):
-        for quantity, names in QUANTITY_NAMES.items():
+        for quantity, names in WORDS["quantities"].items():
             if text in names:
                 return quantity
     # `p1 x`: a coordinate of anything.
@@ -147,12 +76,12 @@ def is_time(base: str, unit: str) -> bool:
     """True if a header is that of a time column."""
     base = _without_accents(base)
     plain = re.sub(r"\s*\d+$", "", base)
-    return plain in TIME_NAMES or base in TIME_NAMES or (unit in TIME_UNITS and base.startswith("time"))
+    return plain in WORDS["time"] or base in WORDS["time"] or (unit in TIME_UNITS and base.startswith("time"))
 
 
 def counts_rows(base: str) -> bool:
     """True if a header is that of a number of the row, such as `frame`."""
-    return base in COUNTER_NAMES
+    return base in WORDS["counter"]
 
 
 def _without_accents(text: str) -> str:

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.columns import Chosen, find_column, has_column, time_of_column
 from sysid_trib.records.expression import evaluated, is_expression
@@ -67,9 +66,7 @@ def _letters_alike(first: str, second: str) -> int:
     return len(list(takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False))))
 
 
-def with_inputs(
-    record: xr.Dataset, table: FileTable, rows: NDArray[np.int64], how: Reading, source: str
-) -> xr.Dataset:
+def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading, source: str) -> xr.Dataset:
     """A record with its inputs, each by its name.
 
     Parameters

@@ -10,38 +10,9 @@ import pandas as pd
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
 from sysid_trib.records.signal import LARGEST_NUMBER
+from sysid_trib.records.units import WORDS
 
-MISSING_TEXTS = {
-    *(
-        "",
-        "nan",
-        "na",
-        "n/a",
-        "n.a.",
-        "k.a.",
-        "nil",
-        "null",
-        "none",
-        "missing",
-        "#n/v",
-        "#n/a",
-        "#value!",
-        "#div/0!",
-    ),
-    *(
-        "nan(char)",
-        "nan(ind)",
-        "nan(snan)",
-        "1.#qnan",
-        "-1.#qnan",
-        "1.#ind",
-        "-1.#ind",
-        "1.#nan",
-        "1.#inf",
-        "-1.#inf",
-    ),
-    *("ovl", "ol", "o.l", "overload", "overflow", "over range", "overrange", "error", "err"),
-}
+MISSING = frozenset(WORDS["missing"])
 DAY = 86400.0
 # The minus sign of Swedish and Norwegian settings.
 MINUS = "\u2212"
@@ -121,7 +92,7 @@ def is_numeric(values: Any) -> bool:
 def is_missing(text: str) -> bool:
     """True if a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
     plain = text.strip().lower()
-    return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
+    return plain in MISSING or not any(map(str.isalnum, plain))
 
 
 def is_number(value: object) -> bool:

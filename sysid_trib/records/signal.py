@@ -10,27 +10,13 @@ from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.units import ANGLE_UNITS
 
 # Squares and cubes of larger numbers overflow, those of numbers below its inverse are lost.
 LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
 ANGLE_UNIT = "rad"
 SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
-# Units of an angle that files may have, and a record in memory may not: its forces are functions of radians.
-OTHER_ANGLES = (
-    "deg",
-    "degree",
-    "degrees",
-    "°",
-    "mrad",
-    "µrad",
-    "rev",
-    "turn",
-    "turns",
-    "gon",
-    "arcmin",
-    "arcsec",
-)
 
 
 def unit_of_signal(record: xr.Dataset) -> str:
@@ -147,7 +133,8 @@ def _check_units(record: xr.Dataset, source: str) -> None:
             '(record.assign_coords(time=...)), with units="s".'
         )
     angle_unit = unit_of_signal(record).strip()
-    if angle_unit.lower() in OTHER_ANGLES:
+    # Files may have other units of an angle, a record in memory may not: its forces are functions of radians.
+    if ANGLE_UNITS.get(angle_unit.lower(), ANGLE_UNIT) != ANGLE_UNIT:
         raise DecayError(
             f'{source}: its angle is in {angle_unit}, where rad are needed; convert it, with units="rad".'
         )
@@ -178,6 +165,11 @@ class Piece:
     sentence: str = ""
 
 
+def usual_step(steps: Array) -> float:
+    """Mean of steps, without those that have samples missing in them."""
+    return float(np.mean(steps[steps <= PARTED_STEP * np.median(steps)]))
+
+
 def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[float, ...] = ()) -> list[Piece]:
     """Split a record at long gaps and put each piece on a uniform clock.
 
@@ -198,8 +190,7 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
     on either side best. The mean step stays, and so does the density of the noise at low frequency.
     """
     steps = np.diff(time)
-    usual = float(np.median(steps))
-    usual = float(np.mean(steps[steps <= PARTED_STEP * usual])) if usual > 0.0 else usual
+    usual = usual_step(steps)
     longest = max(LONGEST_FILLED * period, PARTED_STEP * usual)
     bounds = np.union1d(np.flatnonzero(steps > longest) + 1, np.searchsorted(time, breaks)).astype(int)
     parts = np.split(np.arange(time.size), bounds)

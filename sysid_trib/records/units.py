@@ -1,67 +1,30 @@
 """Units as laboratories write them: which quantity a signal is, and its factor to the unit that is used."""
 
 import re
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 STANDARD_GRAVITY = 9.80665
-TIME_UNITS = {
-    **dict.fromkeys(
-        ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "secondes", "segundos", "с", "秒"), 1.0
-    ),
-    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
-    **dict.fromkeys(("d", "day", "days"), 86400.0),
-}
+# How laboratories call columns, spell units, and write that a value is missing.
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+
+
+def _by_spelling(kind: str) -> dict[str, str]:
+    """The name that results use of each spelling of a kind of unit."""
+    return {spelling: name for name, spellings in WORDS[kind].items() for spelling in spellings}
+
+
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+TIME_UNITS = {spelling: _SECONDS[name] for spelling, name in _by_spelling("seconds").items()}
+ANGLE_UNITS, POSITION_UNITS = _by_spelling("angles"), _by_spelling("positions")
 _TURN = 2.0 * np.pi
-DEGREES_ABROAD = (
-    "degrés",
-    "degres",
-    "degré",
-    "grados",
-    "gradi",
-    "graus",
-    "graden",
-    "grader",
-    "stopnie",
-    "град",
-)
-# The sign of degrees of Mac Roman and of DOS, where it is read as Latin.
-MISREAD = ("¡", "ø")
-# Spellings by the name that results use.
-_ANGLES = {
-    "rad": ("rad", "rads", "radian", "radians"),
-    "mrad": ("mrad", "milliradian", "milliradians"),
-    "deg": ("deg", "deg.", "degs", "degree", "degrees", "°", "º", "grad", "grade", *DEGREES_ABROAD, *MISREAD),
-    "gon": ("gon",),
-    "arcmin": ("arcmin", "arc min", "arcminutes", "\u2032"),
-    "arcsec": ("arcsec", "arc sec", "arcseconds", "\u2033"),
-    "µrad": ("µrad", "urad", "microrad", "microradian", "microradians"),
-    "rev": ("rev", "revs", "turn", "turns", "revolutions"),
-}
 RADIANS = {
     **{"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "deg": _TURN / 360.0, "gon": _TURN / 400.0, "rev": _TURN},
     **{"arcmin": _TURN / 21600.0, "arcsec": _TURN / 1296000.0},
 }
-ANGLE_UNITS = {spelling: name for name, spellings in _ANGLES.items() for spelling in spellings}
-# Positions keep the unit of the file.
-_POSITIONS = {
-    "m": ("m", "metre", "meter", "metres", "meters"),
-    "cm": ("cm", "centimetre", "centimeter"),
-    "mm": ("mm", "millimetre", "millimeter"),
-    "µm": ("um", "µm", "micron", "microns", "micrometer", "micrometre"),
-    "nm": ("nm",),
-    "in": ("in", "inch", "inches"),
-    "px": ("px", "pix", "pixel", "pixels"),
-    "V": ("v", "volt", "volts"),
-    "mV": ("mv", "millivolt", "millivolts"),
-    "au": ("au", "a.u.", "a.u", "arb", "arb.", "arb.u.", "arbitrary", "counts", "count", "adc", "raw"),
-}
-POSITION_UNITS = {spelling: name for name, spellings in _POSITIONS.items() for spelling in spellings}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
 # How often a signal is to be integrated to become an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
@@ -70,7 +33,7 @@ ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
 OFFERED_TIME_UNITS = "s, ms, us, ns, min, h or d"
-OFFERED_ANGLES = ", ".join(_ANGLES)
+OFFERED_ANGLES = ", ".join(WORDS["angles"])
 
 
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "¹": "^1", "⁻": "-", "\u22c5": "·", "\u2219": "·", "\u2212": "-"})
