@@ -267,12 +267,11 @@ def test_measured(data_folder, file, angle, window, count, first, last):
 
 def test_half_periods_are_found_once_for_the_same_numbers():
     decay = helpers.paper_run(helpers.FIVE, duration=6.0).decay(0)
-    time, angle = decay.time.values, decay.angle.values.copy()
-    first = equilibrium.usable_half_periods(time, angle, "one")
-    assert equilibrium.usable_half_periods(time.copy(), angle.copy(), "other") is first
+    *_, first = equilibrium.with_half_periods(decay)
+    assert equilibrium.with_half_periods(decay.copy(deep=True))[-1] is first
     # Numbers count, not the array that holds them.
-    angle *= -1.0
-    assert equilibrium.usable_half_periods(time, angle, "one").sign[0] == -first.sign[0]
+    decay.angle.values *= -1.0
+    assert equilibrium.with_half_periods(decay)[-1].sign[0] == -first.sign[0]
     for turn in range(equilibrium.KEPT_DECAYS + 3):
-        equilibrium.usable_half_periods(time + turn, angle, "one")
+        equilibrium.with_half_periods(decay.assign_coords(time=decay.time + turn))
     assert equilibrium._whole_half_periods.cache_info().currsize == equilibrium.KEPT_DECAYS

@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.equilibrium import find_swing
+from sysid_trib.records.signal import clamped_knots
 from sysid_trib.records.units import ACCELEROMETER, INTEGRATIONS, METRES, STANDARD_GRAVITY, SignalUnit
 
 _AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<=acc)[xyz]$|(?<=gyro)[xyz]$")
@@ -80,10 +81,8 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
 def _drift(time: Array, signal: Array, period: float) -> Array:
     # Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias
     # wanders.
-    spans = max(1, int((time[-1] - time[0]) / (2.0 * period)))
-    knots = np.linspace(time[0], time[-1], spans + 1)
-    padded = np.concatenate((np.full(DRIFT_DEGREE, knots[0]), knots, np.full(DRIFT_DEGREE, knots[-1])))
-    slow = BSpline.design_matrix(time, padded, DRIFT_DEGREE).tocsr()
+    spans = int((time[-1] - time[0]) / (2.0 * period))
+    slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
     design = sp.hstack([slow, *(sp.diags_array(wave(phase)) @ slow for wave in (np.cos, np.sin))]).tocsr()
     # Normal equations: a few hundred unknowns of many thousand samples.

@@ -6,7 +6,7 @@ from scipy.ndimage import maximum_filter1d
 
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.records.half_periods import noise_level, quantisation_step
-from sysid_trib.records.signal import LONGEST_FILLED
+from sysid_trib.records.signal import LONGEST_FILLED, clamped_knots
 
 # Weights of the four neighbours of a sample (cubic), and of the four that follow the first.
 INSIDE = np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
@@ -224,8 +224,7 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
     knots = min(KNOTS * np.ptp(time) / period, time.size / SAMPLES_PER_INTERVAL)
     if knots < OUTLIER_DEGREE:
         return bad
-    inner = np.linspace(time[0], time[-1], 1 + int(knots))
-    clamped = np.concatenate([[time[0]] * OUTLIER_DEGREE, inner, [time[-1]] * OUTLIER_DEGREE])
+    clamped = clamped_knots(time, int(knots), OUTLIER_DEGREE)
     repeated = np.append(False, np.diff(signal) == 0.0)
     if np.mean(repeated) < MOST_OUTLIERS:
         bad = repeated

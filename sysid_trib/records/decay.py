@@ -1,7 +1,7 @@
 """A decay as a Dataset, also one too short to prove itself free, and several runs as a list."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -15,17 +15,8 @@ from sysid_trib.records.as_angle import integrated
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.half_sines import with_standard_error
 from sysid_trib.records.inputs import refuse_inputs
-from sysid_trib.records.parts import Part, free_part
+from sysid_trib.records.parts import CutDecay, free_part
 from sysid_trib.records.signal import Piece, checked_signal, unit_of_signal
-
-
-@dataclass(frozen=True)
-class CutDecay:
-    """A decay within a piece of a record: its swing, and the part that is free."""
-
-    piece: Piece
-    swing: Swing
-    part: Part
 
 
 def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
@@ -45,8 +36,7 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
     Dataset
         As `free_decay` returns it.
     """
-    piece, swing, part = decay.piece, decay.swing, decay.part
-    chosen = slice(part.start, part.stop)
+    piece, swing, chosen = decay.piece, decay.swing, slice(decay.start, decay.stop)
     time, signal = piece.time[chosen], piece.signal[chosen] - swing.equilibrium
     attrs = record["angle"].attrs
     units = centred_in = unit_of_signal(record)
@@ -72,11 +62,11 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
     cut["angle"] = ("time", signal, attrs)
     cut = cut.assign(beside)
     cut = cut.assign(with_standard_error((), "equilibrium", *equilibrium, units, "equilibrium"))
-    if np.isfinite(part.stop_time):
+    if np.isfinite(decay.stop_time):
         stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}
-        cut["stop_time"] = ((), part.stop_time, stop_attrs)
+        cut["stop_time"] = ((), decay.stop_time, stop_attrs)
     mended = "; ".join(text for text in (said, piece.sentence) if text)
-    cut.attrs["free_decay"] = _sentence(piece.time, part, swing, centred_in, mended)
+    cut.attrs["free_decay"] = _sentence(decay, centred_in, mended)
     return cut
 
 
@@ -89,9 +79,10 @@ def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Datase
     return xr.Dataset(coords={"time": ("time", time, record["time"].attrs)}, attrs=record.attrs)
 
 
-def _sentence(time: Array, part: Part, swing: Swing, units: str, mended: str) -> str:
-    cut = " and ".join(text for text in (part.before, part.after) if text)
-    kept = f"kept {time[part.start]:.6g} s to {time[part.stop - 1]:.6g} s ({part.stop - part.start} samples)"
+def _sentence(decay: CutDecay, units: str, mended: str) -> str:
+    swing, time = decay.swing, decay.piece.time[decay.start : decay.stop]
+    cut = " and ".join(text for text in (decay.before, decay.after) if text)
+    kept = f"kept {time[0]:.6g} s to {time[-1]:.6g} s ({time.size} samples)"
     error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
     middle = f"centred on {swing.equilibrium:.6g}{error} {units}"
     done = f"; {mended}" if mended else ""
@@ -121,23 +112,23 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> CutDe
     swing = find_swing(piece.time, piece.signal, value)
     if swing is None:
         raise refusal
-    part = _part(piece, swing)
-    chosen = slice(part.start, part.stop)
+    decay = _before_the_stop(piece, swing)
+    chosen = slice(decay.start, decay.stop)
     fitted = _damped_sine(piece.time[chosen], piece.signal[chosen], swing.oscillation.period)
     if fitted is None:
         raise refusal
     if value is None:
         swing = replace(swing, equilibrium=fitted[0], standard_error=fitted[1])
-    return CutDecay(piece, swing, part)
+    return replace(decay, swing=swing)
 
 
-def _part(piece: Piece, swing: Swing) -> Part:
-    """All of it, or what comes before a stop for good."""
-    whole, peak = Part(0, piece.time.size, "", ""), swing.halves.peak[swing.run]
+def _before_the_stop(piece: Piece, swing: Swing) -> CutDecay:
+    """All of a piece, or what comes before a stop for good."""
+    whole, peak = CutDecay(piece, swing, 0, piece.time.size), swing.peaks
     # Half periods from which a stop for good can be seen.
     if peak.size < 3 or peak[-1] > peak[0]:
         return whole
-    seen = free_part(piece.time, piece.signal - swing.equilibrium, swing)
+    seen = free_part(piece, swing)
     return replace(seen, start=0, before="") if np.isfinite(seen.stop_time) else whole
 
 

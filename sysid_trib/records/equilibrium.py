@@ -44,6 +44,11 @@ class Swing:
     equilibrium: float
     standard_error: float
 
+    @property
+    def peaks(self) -> Array:
+        """Largest absolute value of each half period of the run."""
+        return self.halves.peak[self.run]
+
 
 def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> Swing | None:
     """Find the regular swing of a signal and, unless it is given, its equilibrium.
@@ -54,7 +59,7 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
         _settle(time, signal, smooth(time, signal, period), equilibrium)
         for period in dominant_periods(time, signal)
     ]
-    travels = max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum()), default=None)
+    travels = max(swings, key=lambda swing: float(swing.peaks.sum()), default=None)
     if travels is None:
         return None
     # Mains hum travels far on small ways: the swing is what moves several times as far as the line of the
@@ -70,19 +75,17 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
 
 
 def _largest(swing: Swing) -> float:
-    return float(swing.halves.peak[swing.run].max(initial=0.0))
+    return float(swing.peaks.max(initial=0.0))
 
 
-def usable_half_periods(time: Array, angle: Array, source: str, fewest: int = 3) -> HalfPeriods:
-    """Whole half periods of a centred decay.
+def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array, HalfPeriods]:
+    """Times (s), angles (rad) and whole half periods of a centred decay.
 
     Parameters
     ----------
-    time, angle : (sample,) array of float, s and rad
-        The decay. Several parts of the program ask for the half periods of the same one: the last ones are
-        kept.
-    source : str
-        Name of the record in messages.
+    decay : Dataset
+        `angle(time)`. Several parts of the program ask for the half periods of the same one: the last ones
+        are kept.
     fewest : int
         How many are needed; an envelope needs three.
 
@@ -91,20 +94,16 @@ def usable_half_periods(time: Array, angle: Array, source: str, fewest: int = 3)
     DecayError
         Fewer than these.
     """
+    checked_signal(decay)
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    source = str(decay.attrs.get("source", "decay"))
     halves = _whole_half_periods(time.tobytes(), angle.tobytes())
     if halves is None:
         raise DecayError(f"{source}: no oscillation stands out of the noise.")
     count = halves.sign.size
     if count < fewest:
         raise DecayError(f"{source}: only {count} whole half periods; at least {fewest} needed.")
-    return halves
-
-
-def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array, HalfPeriods]:
-    """Times (s), angles (rad) and whole half periods of a centred decay (see `usable_half_periods`)."""
-    checked_signal(decay)
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    return time, angle, usable_half_periods(time, angle, str(decay.attrs.get("source", "decay")), fewest)
+    return time, angle, halves
 
 
 @lru_cache(maxsize=KEPT_DECAYS)

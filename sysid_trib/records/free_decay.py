@@ -7,10 +7,10 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks
 from sysid_trib.records.cleaning import new_frames, outliers, pulses, spikes
-from sysid_trib.records.decay import CutDecay, decay_dataset, short_decay
+from sysid_trib.records.decay import decay_dataset, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.half_periods import dominant_periods
-from sysid_trib.records.parts import free_part
+from sysid_trib.records.parts import CutDecay, free_part
 from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
@@ -181,7 +181,7 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Cu
             decays += _further(piece, decays, value, source)
     if not decays:
         _first(longest, value, source)
-    return sorted(decays, key=lambda decay: decay.piece.time[decay.part.start])
+    return sorted(decays, key=lambda decay: decay.piece.time[decay.start])
 
 
 def _decays_in(piece: Piece, value: float | None, source: str) -> list[CutDecay]:
@@ -198,12 +198,8 @@ def _decays_in(piece: Piece, value: float | None, source: str) -> list[CutDecay]
 
 def _beside(decay: CutDecay) -> list[Piece]:
     """What comes before a decay and after it."""
-    time, signal, part = decay.piece.time, decay.piece.signal, decay.part
-    sentence = decay.piece.sentence
-    return [
-        Piece(time[: part.start], signal[: part.start], sentence),
-        Piece(time[part.stop :], signal[part.stop :], sentence),
-    ]
+    piece, ends = decay.piece, (slice(decay.start), slice(decay.stop, None))
+    return [Piece(piece.time[end], piece.signal[end], piece.sentence) for end in ends]
 
 
 def _further(piece: Piece, decays: list[CutDecay], value: float | None, source: str) -> list[CutDecay]:
@@ -219,9 +215,9 @@ def _further(piece: Piece, decays: list[CutDecay], value: float | None, source: 
         return []
     if not decays:
         return [decay]
-    halves, first = decay.swing.halves.peak[decay.swing.run], decays[0].swing.halves.peak[decays[0].swing.run]
     alike = abs(decay.swing.oscillation.period / known - 1.0) < 0.25
-    return [decay] if alike and halves.max() > SMALLEST_FURTHER * first.max() else []
+    is_large = decay.swing.peaks.max() > SMALLEST_FURTHER * decays[0].swing.peaks.max()
+    return [decay] if alike and is_large else []
 
 
 def _first(piece: Piece, value: float | None, source: str) -> CutDecay:
@@ -243,7 +239,7 @@ def _first(piece: Piece, value: float | None, source: str) -> CutDecay:
         return _first(Piece(time[first:], signal[first:], sentence), value, source)
     swing = checks.after_the_drive(time, signal, swing)
     swing = checks.after_the_largest(time, signal, swing, source)
-    return CutDecay(piece, swing, free_part(time, signal - swing.equilibrium, swing))
+    return free_part(piece, swing)
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
@@ -266,7 +262,7 @@ def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
     except DecayError as error:
         return None, str(error).removeprefix(": ").partition(";")[0].rstrip(".")
     swings = (decay.swing for decay in decays)
-    return max(swings, key=lambda swing: float(swing.halves.peak[swing.run].sum())), ""
+    return max(swings, key=lambda swing: float(swing.peaks.sum())), ""
 
 
 def _given(equilibrium: float | str) -> float:

@@ -10,32 +10,38 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks
 from sysid_trib.records.equilibrium import Swing
 from sysid_trib.records.half_periods import noise_level
-from sysid_trib.records.signal import FEWEST_SAMPLES
+from sysid_trib.records.signal import FEWEST_SAMPLES, Piece
 
 
 @dataclass(frozen=True)
-class Part:
-    """First sample of the free motion, one past its last, what was cut, and the stop for good (or nan)."""
+class CutDecay:
+    """A decay within a piece of a record.
 
+    Attributes
+    ----------
+    piece : Piece
+    swing : Swing
+        Its run is what decays.
+    start, stop : int
+        First sample of the free motion, and one past its last.
+    before, after : str
+        What was cut.
+    stop_time : float, s
+        The stop for good; nan without one.
+    """
+
+    piece: Piece
+    swing: Swing
     start: int
     stop: int
-    before: str
-    after: str
+    before: str = ""
+    after: str = ""
     stop_time: float = float("nan")
 
 
-def free_part(time: Array, angle: Array, swing: Swing) -> Part:
-    """The free part of a swing.
-
-    Parameters
-    ----------
-    time : (sample,) array of float, s
-    angle : (sample,) array of float
-        About the equilibrium.
-    swing : Swing
-        Of these samples; its run is what decays.
-    """
-    halves, run = swing.halves, swing.run
+def free_part(piece: Piece, swing: Swing) -> CutDecay:
+    """The free part of the swing of a piece."""
+    time, halves, run = piece.time, swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
     if run.start > 1 or not _mirrors(smoothed, centred, swing, leading=True):
@@ -44,20 +50,21 @@ def free_part(time: Array, angle: Array, swing: Swing) -> Part:
         start = int(np.searchsorted(time, top))
         before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
     if run.stop == halves.sign.size - 1 and _mirrors(smoothed, centred, swing, leading=False):
-        return Part(start, time.size, before, "")
+        return CutDecay(piece, swing, start, time.size, before)
     free = checks.before_the_hand(swing)
     if free is not None:
         stop = int(np.searchsorted(time, halves.crossing[free.stop]))
         cut = f"the last {time[-1] - time[stop - 1]:.4g} s, in which it leaves the course of the decay"
-        return Part(start, stop, before, cut)
-    stop, stop_time = _find_stop(time, angle, swing)
+        return CutDecay(piece, swing, start, stop, before, cut)
+    stop, stop_time = _find_stop(time, piece.signal - swing.equilibrium, swing)
     if np.isfinite(stop_time):
         after = f"the {time[-1] - stop_time:.4g} s after it stopped for good"
-        return Part(start, stop, before, after, stop_time)
+        return CutDecay(piece, swing, start, stop, before, after, stop_time)
     stop = int(np.searchsorted(time, halves.crossing[run.stop]))
     small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
     reason = "in which it is lost in the noise" if small else "in which it does not swing freely"
-    return Part(start, stop, before, f"the last {time[-1] - time[stop - 1]:.4g} s {reason}")
+    after = f"the last {time[-1] - time[stop - 1]:.4g} s {reason}"
+    return CutDecay(piece, swing, start, stop, before, after)
 
 
 def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
@@ -67,7 +74,7 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
     not.
     """
     halves, run = swing.halves, swing.run
-    peak, duration = halves.peak[run], halves.duration[run]
+    peak, duration = swing.peaks, halves.duration[run]
     crossing = halves.crossing[run.start] if leading else halves.crossing[run.stop]
     # Two half periods further the sign is the same: an error of the equilibrium does not look like decay.
     near, further = (0, 2) if leading else (-1, -3)
@@ -96,7 +103,7 @@ def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
     # In the rest itself there may be no noise at all, and on the way to it no repeated value.
     noise = noise_level(time[first:last], angle[first:last])
     # Of the largest swing: what is as near to where it rests does not move, where there is no noise at all.
-    still = 3e-9 * float(halves.peak[run].max())
+    still = 3e-9 * float(swing.peaks.max())
     allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
     # Motion that a single sample's noise hides still shows in the averages: a sample long after is noise.
     oscillation = swing.oscillation
@@ -111,7 +118,7 @@ def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
         return time.size, np.nan
     # Fading below the noise looks the same unless the next extremum would have been seen, or the rest is off
     # centre.
-    peak = halves.peak[run]
+    peak = swing.peaks
     expected = peak[-1] ** 2 / peak[-2]
     centred = 3.0 * float(np.nan_to_num(swing.standard_error))
     off_centre = abs(rest) > centred + 3.0 * oscillation.smoothed_noise + 0.5 * oscillation.step

@@ -170,6 +170,12 @@ def usual_step(steps: Array) -> float:
     return float(np.mean(steps[steps <= PARTED_STEP * np.median(steps)]))
 
 
+def clamped_knots(time: Array, intervals: int, degree: int) -> Array:
+    """Uniform knots between the first and the last sample, so many intervals, of splines of a degree."""
+    inner = np.linspace(time[0], time[-1], max(1, intervals) + 1)
+    return np.concatenate([np.full(degree, time[0]), inner, np.full(degree, time[-1])])
+
+
 def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[float, ...] = ()) -> list[Piece]:
     """Split a record at long gaps and put each piece on a uniform clock.
 

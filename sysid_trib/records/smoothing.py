@@ -15,6 +15,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.records.equilibrium import with_half_periods
 from sysid_trib.records.half_periods import noise_of_record
+from sysid_trib.records.signal import clamped_knots
 
 SPLINE_DEGREE = 5
 KNOTS_PER_PERIOD = 12
@@ -58,12 +59,6 @@ def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
 def knot_sequence(tau: Array, intervals: int | None = None) -> Array:
     """Clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
     return clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
-
-
-def clamped_knots(tau: Array, intervals: int, degree: int) -> Array:
-    """Uniform knots between the first and the last sample, so many intervals, of splines of a degree."""
-    inner = np.linspace(tau[0], tau[-1], max(1, intervals) + 1)
-    return np.concatenate([np.full(degree, tau[0]), inner, np.full(degree, tau[-1])])
 
 
 def least_squares_spline(tau: Array, values: Array, intervals: int | None = None) -> tuple[BSpline, Array]:
