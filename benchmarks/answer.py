@@ -27,7 +27,7 @@ from benchmarks.measured import BOTH, records_folder
 from benchmarks.stopwatch import median_ms, timed
 from sysid_trib import load_library
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces.systems import load_system
+from sysid_trib.forces.selection import load_system
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.simulation.simulate import paper_twin
 from sysid_trib.validation.answer import better_of, identifications

@@ -16,7 +16,7 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, LibraryError, RecordError, SysidTribError, UsageError
-from sysid_trib.forces.systems import load_system
+from sysid_trib.forces.selection import load_system
 from sysid_trib.records import probe
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.headers import split_header

@@ -9,8 +9,14 @@ from typing import TYPE_CHECKING, Any
 from sysid_trib.commands.options import ConstraintOptions, ModelOptions, SearchOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import further_forces, viscous_model
-from sysid_trib.forces.systems import ANY_SYSTEM, SHIPPED_LIBRARIES, System, load_system
+from sysid_trib.forces.selection import (
+    ANY_SYSTEM,
+    SHIPPED_LIBRARIES,
+    System,
+    further_forces,
+    load_system,
+    viscous_model,
+)
 
 if TYPE_CHECKING:
     from sysid_trib.commands.discover import StartOptions

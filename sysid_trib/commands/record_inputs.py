@@ -174,7 +174,7 @@ def decays_within(given: DecayOptions, records: "list[xr.Dataset]") -> "list[xr.
 
 def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], str]":
     """The runs of a file, or the embedded example, and what they are."""
-    from sysid_trib.forces.systems import load_system
+    from sysid_trib.forces.selection import load_system
     from sysid_trib.records.inputs import named_inputs
     from sysid_trib.records.read import read_records
     from sysid_trib.records.reading import Reading

@@ -310,26 +310,11 @@ class Force:
             return np.broadcast_to(self.formula.evaluate(names), (64,))
 
     def _degree_in(self, powers: Mapping[str, float], shapes: ShapeValues | None = None) -> float | None:
-        """Degree as variables grow with these powers of one factor."""
+        """Degree as variables grow with these powers of one factor; None without one, and of zero."""
         points = self.test_points | dict(shapes or {})
-        here = self._at(points)
         # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
-        scaled = {
-            c: self._at(points | {k: c**power * points[k] for k, power in powers.items()})
-            for c in (2.0, 4.0, 1e-3, 1e-6)
-        }
-        used = np.abs(here) > 1e-12
-        if not used.any() or not np.all(np.isfinite(list(scaled.values()))):
-            return None
-        ratio = np.abs(scaled[2.0][used] / here[used])
-        # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
-        degree = round(float(np.median(np.log2(np.maximum(ratio, 1e-300)))), 9) + 0.0
-        expected = {c: c**degree * here for c in scaled}
-        exact = all(
-            np.allclose(scaled[c], expected[c], rtol=1e-9, atol=1e-12 * np.abs(expected[c]).max())
-            for c in scaled
-        )
-        return degree if exact else None
+        degree = self.formula.degree_in(powers, points, (2.0, 4.0, 1e-3, 1e-6))
+        return None if degree == np.inf else degree
 
 
 def channels_of(forces: Iterable[Force]) -> tuple[Channel, ...]:

@@ -8,7 +8,7 @@ switching surface; given the signs of these surfaces, `evaluate` follows one bra
 import ast
 import operator
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from typing import Any, TypeAlias
@@ -106,6 +106,43 @@ class Formula:
     def order_in(self, name: str) -> float:
         """Order of the polynomial in a variable that the formula is, as it is written; infinite if none."""
         return _order_in(self.tree, name)
+
+    def degree_in(self, powers: Mapping[str, float], points: Names, factors: Sequence[float]) -> float | None:
+        """Power of a factor with which the formula grows as variables grow with given powers of it.
+
+        Parameters
+        ----------
+        powers : mapping of str to float
+            Of each variable that grows.
+        points : mapping of str to (point,) array of float
+            Values of the variables.
+        factors : sequence of float
+            Factors that are tried.
+
+        Returns
+        -------
+        float or None
+            Infinite of zero, which has every power; None without one.
+        """
+        with np.errstate(all="ignore"):
+            here = np.asarray(self.evaluate(points), dtype=float)
+            used = np.abs(here) > 1e-12
+            if not used.any():
+                return np.inf
+            there = []
+            for c in factors:
+                grown = {k: c**p * np.asarray(points[k]) for k, p in powers.items() if k in points}
+                there.append(np.broadcast_to(self.evaluate({**points, **grown}), here.shape))
+            ratio = np.abs(there[0][used] / here[used])
+            # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
+            degree = round(float(np.median(np.log(ratio)) / np.log(factors[0])), 9) + 0.0
+        if not np.isfinite(degree):
+            return None
+        for c, values in zip(factors, there, strict=True):
+            expected = c**degree * here
+            if not np.allclose(values, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max()):
+                return None
+        return degree
 
     def with_instead(self, name: str, text: str, over: float = 1.0) -> "Formula":
         """The formula with an expression in the place of a name, divided by a number."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.formulas import Formula
 
 FACTORS = (2.0, 0.125)
 # Powers of the signal that shape parameters, and states and memory, may have.
@@ -21,24 +20,8 @@ OF_RATES = -1.0
 
 
 @dataclass(frozen=True)
-class SignalDegree:
-    """Powers of the signal's unit.
-
-    Attributes
-    ----------
-    force : float
-        Degree p of the force: its coefficient is in unit^(1-p).
-    shapes : dict of str to float
-        Power of each shape parameter.
-    """
-
-    force: float
-    shapes: dict[str, float]
-
-
-@dataclass(frozen=True)
-class ReferencePowers:
-    """Powers of the reference frequency with which the same force is written.
+class Powers:
+    """Powers of the signal's unit, or of the reference frequency, with which a force is written.
 
     Attributes
     ----------
@@ -52,36 +35,37 @@ class ReferencePowers:
 
 
 @lru_cache(maxsize=1024)
-def signal_degree(force: Force) -> SignalDegree | None:
-    """Degree of a force in the signal, its states and shape parameters scaled along; None if it has none.
+def signal_powers(force: Force) -> Powers | None:
+    """Powers of the signal's unit in a coefficient and its shape parameters; None if it has none.
 
     Parameters
     ----------
     force : Force
-        `sin(x) - x` has none: it knows a radian. `tanh(v/s)` is of degree 0, with s of power 1. A degree that
-        depends on a shape parameter, as that of abs(v)**p, is none.
+        The coefficient of a force of degree p in the signal, its states and shape parameters scaled along, is
+        in unit^(1-p). `sin(x) - x` has no degree: it knows a radian. `tanh(v/s)` is of degree 0, with s of
+        power 1. A degree that depends on a shape parameter, as that of abs(v)**p, is none.
     """
     of_signal = {channel.name: 1.0 for channel in force.channels if channel.kind}
     scaled = _powers(force, {"x": 1.0, "v": 1.0} | of_signal, SHAPE_POWERS, HIDDEN_POWERS, 0.0)
-    return None if scaled is None else SignalDegree(*scaled)
+    return None if scaled is None else Powers(1.0 - scaled[0], scaled[1])
 
 
 @lru_cache(maxsize=1024)
-def reference_powers(force: Force) -> ReferencePowers | None:
+def reference_powers(force: Force) -> Powers | None:
     """Powers of the reference frequency w of a coefficient and its shape parameters; None if it has none.
 
     Parameters
     ----------
     force : Force
         -w^2 c f(x, v) with v = x'/w: of `v` the coefficient goes as 1/w, of `sin(x) - x` as 1/w^2. A natural
-        frequency in units of w goes as 1/w, a relaxation time as w. None of abs(v)**p, as of `signal_degree`.
+        frequency in units of w goes as 1/w, a relaxation time as w. None of abs(v)**p, as of `signal_powers`.
     """
     over_w = {channel.name: -float(channel.power) for channel in force.channels if channel.power}
     scaled = _powers(force, {"v": -1.0} | over_w, REFERENCE_POWERS, REFERENCE_POWERS, OF_RATES)
     if scaled is None:
         return None
     degree, shapes = scaled
-    return ReferencePowers(-degree - (0.0 if force.kind == "sensor" else 2.0), shapes)
+    return Powers(-degree - (0.0 if force.kind == "sensor" else 2.0), shapes)
 
 
 def _powers(
@@ -114,31 +98,7 @@ def _degree(force: Force, powers: dict[str, float], points: dict[str, Any], of_r
     """Degree of the force if states and memory keep their powers, else None."""
     rates = [(formula, powers[name] + of_rates) for name, formula in force.state.items()]
     values = [(f, powers[name]) for name, f in (*force.memory.items(), *force.start.items())]
-    if any(_power(formula, powers, points) not in (power, np.inf) for formula, power in rates + values):
+    if any(f.degree_in(powers, points, FACTORS) not in (power, np.inf) for f, power in rates + values):
         return None
-    degree = _power(force.formula, powers, points)
+    degree = force.formula.degree_in(powers, points, FACTORS)
     return None if degree == np.inf else degree
-
-
-def _power(formula: Formula, powers: dict[str, float], points: dict[str, Any]) -> float | None:
-    """Power with which a formula scales; infinite of zero, which has every power."""
-    seen = set()
-    with np.errstate(all="ignore"):
-        here = np.broadcast_to(formula.evaluate(points), (64,))
-        if not np.any(here):
-            return np.inf
-        for factor in FACTORS:
-            rescaled = points | {
-                k: factor**p * np.asarray(points[k]) for k, p in powers.items() if k in points
-            }
-            there = np.broadcast_to(formula.evaluate(rescaled), (64,))
-            used = np.abs(here) > 1e-12
-            power = (
-                round(float(np.median(np.log(np.abs(there[used] / here[used])) / np.log(factor))), 6) + 0.0
-            )
-            if not np.isfinite(power):
-                return None
-            if not np.allclose(there, factor**power * here, rtol=1e-9, atol=1e-12 * factor**power):
-                return None
-            seen.add(power)
-    return seen.pop() if len(seen) == 1 else None

@@ -1,10 +1,8 @@
 """A tie: the formula of one parameter in terms of others, read by the whitelist of force formulas."""
 
-import cmath
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +12,6 @@ from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula, parse
 
 # A word, with the shape parameter behind a point: not the exponent of a number such as 1e-3.
 WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
-# So small a step sideways in the complex plane has no rounding error, and no error of truncation.
-COMPLEX_STEP = 1e-30
-
-
-def _signed(value: complex) -> complex:
-    return value if value.real >= 0.0 else -value
-
-
-COMPLEX: dict[str, Any] = {
-    **{name: getattr(cmath, name) for name in SMOOTH},
-    "abs": _signed,
-    "sign": lambda value: complex(np.sign(value.real)),
-    "min": lambda *values: min(values, key=lambda value: value.real),
-    "max": lambda *values: max(values, key=lambda value: value.real),
-    "power": lambda base, exponent: base**exponent,
-}
 
 
 @dataclass(frozen=True)
@@ -64,7 +46,9 @@ class Tie:
         values : mapping of str to float
             Value of each parameter that the formula holds.
         """
-        return self._evaluate({name: complex(values[name]) for name in self.names}).real
+        with np.errstate(all="ignore"):
+            value = float(self.formula.evaluate(self._stand_ins(values)))
+        return value if np.isfinite(value) else np.nan
 
     def derivatives(self, values: Mapping[str, float]) -> dict[str, float]:
         """Derivative by each parameter that the formula holds.
@@ -74,11 +58,10 @@ class Tie:
         values : mapping of str to float
             Value of each of these parameters.
         """
-        start = {name: complex(values[name]) for name in self.names}
-        return {
-            name: self._evaluate(start | {name: start[name] + 1j * COMPLEX_STEP}).imag / COMPLEX_STEP
-            for name in self.names
-        }
+        given = self._stand_ins(values)
+        with np.errstate(all="ignore"):
+            slopes = [float(self.formula.derivative(given, stand_in)) for stand_in in given]
+        return dict(zip(self.names, slopes, strict=True))
 
     def linear(self, known: Mapping[str, float] | None = None) -> tuple[float, dict[str, float]] | None:
         """Constant and factor of each parameter, if the formula is linear; else None.
@@ -102,12 +85,8 @@ class Tie:
         same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
         return (constant, dict(zip(variable, slopes.tolist(), strict=True))) if same.all() else None
 
-    def _evaluate(self, values: Mapping[str, complex]) -> complex:
-        stand_ins = {f"p{i}": values[name] for i, name in enumerate(self.names)}
-        try:
-            return complex(self.formula.evaluate(stand_ins, COMPLEX))
-        except (ArithmeticError, ValueError):  # of cmath, at poles and where numbers overflow
-            return complex(np.nan, np.nan)
+    def _stand_ins(self, values: Mapping[str, float]) -> dict[str, np.float64]:
+        return {f"p{i}": np.float64(values[name]) for i, name in enumerate(self.names)}
 
 
 def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:

@@ -6,7 +6,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.scaling import signal_degree
+from sysid_trib.forces.scaling import signal_powers
 from sysid_trib.physics.model_estimate import (
     ModelEstimate,
     check_quantity,
@@ -334,8 +334,8 @@ def in_si_units(
 
 def _degrees(estimate: ModelEstimate) -> Array:
     """Degree of each force in the signal; nan of one that has none."""
-    degrees = [signal_degree(force) for force in estimate.forces]
-    return np.array([np.nan if degree is None else degree.force for degree in degrees])
+    degrees = [signal_powers(force) for force in estimate.forces]
+    return np.array([np.nan if degree is None else 1.0 - degree.coefficient for degree in degrees])
 
 
 def _of_translation(result: xr.Dataset, mass: Measured) -> xr.Dataset:

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.scaling import signal_degree
+from sysid_trib.forces.scaling import signal_powers
 from sysid_trib.results.files import identifications_of
 from sysid_trib.results.schema import force_labels, library_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable, with_error
@@ -189,8 +189,8 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
         named = identifications_of(result)
         changed = {k: xr.DataTree(with_scale_error(own, relative_error)) for k, own in named.items()}
         return result.assign(changed)
-    degrees = [signal_degree(force) for force in library_of(result)]
-    powers = np.array([0.0 if degree is None else 1.0 - degree.force for degree in degrees])
+    degrees = [signal_powers(force) for force in library_of(result)]
+    powers = np.array([0.0 if degree is None else degree.coefficient for degree in degrees])
     known = result.standard_error.values > 0.0
     by_scale = np.where(known, powers * result.coefficient.values, 0.0) * relative_error
     covariance = result.covariance + np.outer(by_scale, by_scale)

@@ -19,7 +19,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.forces.scaling import SignalDegree, signal_degree
+from sysid_trib.forces.scaling import Powers, signal_powers
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.results.variables import PER_FORCE_UNIT
 
@@ -75,7 +75,7 @@ def counts_angles(decay: xr.Dataset) -> bool:
 
 def scalable(force: Force) -> bool:
     """True if a force has a meaning for a displacement: it knows no radian."""
-    return signal_degree(force) is not None
+    return signal_powers(force) is not None
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class _SignalScale:
 
     unit: str
     size: float
-    degrees: dict[str, SignalDegree] = field(default_factory=dict)
+    degrees: dict[str, Powers] = field(default_factory=dict)
     inputs: frozenset[str] = frozenset()
 
     def knowing(self, made: Any) -> "_SignalScale":
@@ -172,7 +172,7 @@ class _SignalScale:
 
     def _coefficient_power(self, symbol: str) -> float:
         degree = self.degrees.get(symbol)
-        return 0.0 if degree is None else 1.0 - degree.force
+        return 0.0 if degree is None else degree.coefficient
 
     def _unit(self, symbol: str, unit: str, inside: bool) -> str:
         """Unit of a coefficient: a power of the signal's, and of s where it drifts."""
@@ -263,9 +263,9 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     return _SignalScale(unit, float(size), degrees, inputs)
 
 
-def _degrees(given: Any) -> dict[str, SignalDegree]:
+def _degrees(given: Any) -> dict[str, Powers]:
     """Degree of each force that is given and has one, by symbol."""
-    return {force.symbol: degree for force in _forces(given) if (degree := signal_degree(force))}
+    return {force.symbol: degree for force in _forces(given) if (degree := signal_powers(force))}
 
 
 def _has_ties(given: Sequence[Any]) -> bool:
