@@ -9,7 +9,7 @@ from pathlib import Path
 import xarray as xr
 
 from sysid_trib.campaigns.chunks import sole_writer
-from sysid_trib.campaigns.records import CampaignRecords
+from sysid_trib.campaigns.new_store import CampaignRecords
 from sysid_trib.campaigns.run import finished_blocks
 from sysid_trib.campaigns.store import Store, as_dataset
 from sysid_trib.campaigns.study import Study

@@ -30,11 +30,11 @@ from sysid_trib.campaigns.new_store import (
     FINGERPRINT,
     STATUS,
     TASK_FINGERPRINT,
+    CampaignRecords,
     exchange,
     made_beside,
     recover,
 )
-from sysid_trib.campaigns.records import CampaignRecords
 from sysid_trib.campaigns.task import FAILED, REFUSED, Task, checksum_of, empty_row
 from sysid_trib.campaigns.variables import VARIABLES, Row
 from sysid_trib.errors import RecordError, SysidTribError, UsageError

@@ -87,7 +87,7 @@ def campaign(
 
     with working() as tell:
         from sysid_trib.campaigns.campaign import campaign, check_extra
-        from sysid_trib.campaigns.records import CampaignRecords
+        from sysid_trib.campaigns.new_store import CampaignRecords
         from sysid_trib.campaigns.store import counts_of
         from sysid_trib.commands.destination import print_result
         from sysid_trib.printing.campaign import campaign_blocks, campaign_json
