@@ -1,4 +1,4 @@
-"""The records of a campaign, and the Zarr store that is begun for them, empty or with a smaller one's rows."""
+"""The records of a campaign, and the store begun for them, empty or with the rows of a smaller one."""
 
 import hashlib
 import json

@@ -20,10 +20,11 @@ from sysid_trib.records.headers import (
     runs_side_by_side,
     split_header,
     time_of,
+    unit_of_column,
 )
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, without_sentinels
 from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import INTEGRATIONS, TIME_UNITS, SignalUnit, signal_unit
+from sysid_trib.records.units import INTEGRATIONS, TIME_UNITS, SignalUnit
 
 LISTED = 12
 FEWEST_NUMBERS = 3
@@ -232,7 +233,7 @@ def _starts_anew(values: object) -> bool:
 
 def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _Candidate | None:
     """A column with its header and swing; None if it holds a text, or next to no numbers."""
-    base, unit = split_header(name)
+    base, unit = split_header(name)[0], unit_of_column(table, name)
     swing, reason = None, ""
     try:
         values, _ = without_sentinels(numbers(table.columns[name], name, source))
@@ -243,7 +244,7 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
     try:
         stamps = np.arange(values.size) if time is None else numbers(table.columns[time], time, source)
         if stamps.size != values.size:
-            return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, None)
+            return _Candidate(name, base, unit, values, None)
         clock = read_clock(stamps.astype(float), 1.0, source, values)
         good = np.isfinite(values[clock.rows])
         whole, _ = unwrapped(
@@ -252,7 +253,7 @@ def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _C
         swing, reason = swing_within(clock.time[good], unwrapped_anywhere(whole)[0])
     except SysidTribError:
         pass
-    return _Candidate(name, base, signal_unit(table.units.get(name, "") or unit), values, swing, reason)
+    return _Candidate(name, base, unit, values, swing, reason)
 
 
 def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[_Candidate, str]:

@@ -12,7 +12,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.formulas import Formula, parse
-from sysid_trib.records.headers import as_written, split_header
+from sysid_trib.records.headers import split_header, unit_of_column
 from sysid_trib.records.numbers import is_numeric, numbers
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import METRES, RADIANS, signal_unit
@@ -47,12 +47,14 @@ def with_expression(table: FileTable, text: str, units: str | None, source: str)
         Not a formula of the columns, a name that two of them have, or a unit that does not follow.
     """
     signal, parts, held = evaluated(table, text, "--angle", source)
-    follows = _unit(parts, {name: _unit_of_column(table, column) for name, column in held.items()})
+    stated = {name: unit_of_column(table, column) for name, column in held.items()}
+    # The usual name of a unit, so that deg and degrees are one.
+    follows = _unit(parts, {name: unit.text if unit else "" for name, unit in stated.items()})
     unit = _agreed(follows, units)
     if unit is None:
-        stated = ", ".join(held.values())
+        columns = ", ".join(held.values())
         raise UsageError(
-            f"{source}: the unit of --angle '{text}' does not follow from that of its columns ({stated}), "
+            f"{source}: the unit of --angle '{text}' does not follow from that of its columns ({columns}), "
             "whose numbers it takes as they are; say it with --units (units= in Python)."
         )
     base = next(iter(held)) if len(held) == 1 else ""
@@ -164,13 +166,6 @@ def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
     factor = abs(ends[1] - ends[0])
     others = (size / other for other in table.values())
     return abs(factor - 1.0) > CONVERTED and any(abs(factor / other - 1.0) < CONVERTED for other in others)
-
-
-def _unit_of_column(table: FileTable, column: str) -> str:
-    unit = table.units.get(column, "") or as_written(column, split_header(column)[1])
-    known = signal_unit(unit)
-    # The usual name of a unit, so that deg and degrees are one.
-    return known.text if known else ""
 
 
 def _dimension(tree: ast.AST, units: Mapping[str, str]) -> Dimension | None:

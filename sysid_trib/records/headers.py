@@ -8,7 +8,16 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, TIME_UNITS, WORDS, plain_unit, signal_unit
+from sysid_trib.records.units import (
+    ANGLE_UNITS,
+    POSITION_UNITS,
+    TIME_UNITS,
+    WORDS,
+    SignalUnit,
+    is_known_unit,
+    plain_unit,
+    signal_unit,
+)
 
 # Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
 _KNOWN = (TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}) - {"h", "d"}
@@ -43,15 +52,10 @@ def _without_bracket(text: str) -> tuple[str, str]:
         return per[1], f"{per[2]}/s{'^2' if per[3] else ''}"
     for pattern in (r"(.+?)\s*/\s*(\S+)", r"(.+) in (\S+)", r"(.+)[_ ](\S+)"):
         match = re.fullmatch(pattern, text)
-        if match is not None and _is_unit(match[2]):
+        if match is not None and (plain_unit(match[2]) in _KNOWN or is_known_unit(match[2])):
             return match[1], plain_unit(match[2])
     # `Volt`, `deg`: a unit is all the name there is.
     return text, plain_unit(text) if plain_unit(text) in _NAMING_UNITS else ""
-
-
-def _is_unit(text: str) -> bool:
-    unit = signal_unit(text)
-    return plain_unit(text) in _KNOWN or (unit is not None and unit.known)
 
 
 def names_quantity(base: str) -> str:
@@ -90,10 +94,15 @@ def _without_accents(text: str) -> str:
     return "".join(letter for letter in parted if not unicodedata.combining(letter))
 
 
-def as_written(name: str, unit: str) -> str:
-    """The unit of a header with the capitals that the header has: `mT`, where `split_header` says `mt`."""
-    at = name.lower().rfind(unit)
-    return name[at : at + len(unit)] if unit and at >= 0 else unit
+def unit_of_column(table: FileTable, name: str) -> SignalUnit | None:
+    """Unit that a file states of a column, beside its name or in its header; None where it states none."""
+    stated = table.units.get(name, "")
+    if not stated:
+        # With the capitals that the header has: `mT`, where `split_header` says `mt`.
+        stated = (table.made.get(name) or split_header(name))[1]
+        at = name.lower().rfind(stated)
+        stated = name[at : at + len(stated)] if at >= 0 else stated
+    return signal_unit(stated)
 
 
 _VALUE = r"(?P<value>\d[\d.]*(?:,\d+)?(?:e[+-]?\d+)?)"

@@ -14,13 +14,13 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.columns import Chosen, find_column, has_column, time_of_column
 from sysid_trib.records.expression import evaluated, is_expression
-from sysid_trib.records.headers import as_written, split_header
+from sysid_trib.records.headers import unit_of_column
 from sysid_trib.records.inputs import ROLE
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading, opened
 from sysid_trib.records.row_times import row_times
 from sysid_trib.records.tables import FileTable, read_table
-from sysid_trib.records.units import signal_unit
+from sysid_trib.records.units import SignalUnit
 
 
 def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str) -> list[str]:
@@ -116,13 +116,13 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading,
                 f"{source}: the input {name} is {values[0]:g} throughout and drives nothing; name another "
                 "column, or leave it out."
             )
-        known = signal_unit(unit)
-        if known is not None and known.position == "rad":
-            per = known.text[len(known.text.partition("/")[0]) :]
-            values, unit = values * known.factor, f"rad{per}"
         attrs: dict[str, Any] = {"role": ROLE, "between": how.between, "long_name": f"input {name}"}
+        if unit is not None:
+            is_angle = unit.position == "rad"
+            values = values * unit.factor if is_angle else values
+            attrs["units"] = f"rad{unit.text[len(unit.text.partition('/')[0]) :]}" if is_angle else unit.text
         dim = "time" if time is None else f"{name}_time"
-        record[name] = (dim, values, attrs | ({"units": unit} if unit else {}))
+        record[name] = (dim, values, attrs)
         if time is not None:
             record = record.assign_coords({dim: (dim, time, {"units": "s"})})
     return record
@@ -132,12 +132,12 @@ def _is_formula(table: FileTable, wanted: str | int) -> bool:
     return is_expression(wanted) and not has_column(table, wanted)
 
 
-def _column(table: FileTable, wanted: str | int, source: str) -> tuple[Array, str]:
+def _column(table: FileTable, wanted: str | int, source: str) -> tuple[Array, SignalUnit | None]:
     """Values and unit of a column; of a formula of columns, `35.15*vir`, no unit follows."""
     if _is_formula(table, wanted):
-        return evaluated(table, str(wanted), "--input", source)[0], ""
+        return evaluated(table, str(wanted), "--input", source)[0], None
     column = find_column(table, wanted, source)
-    return numbers(table.columns[column], column, source), _unit(table, column)
+    return numbers(table.columns[column], column, source), unit_of_column(table, column)
 
 
 def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, Path | None]]:
@@ -147,7 +147,7 @@ def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, 
         yield (name, column, Path(file)) if colon and file else (name, wanted, None)
 
 
-def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array, str]:
+def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array, SignalUnit | None]:
     """Times, values and unit of a column of another file."""
     if not path.is_file():
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
@@ -157,10 +157,4 @@ def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array,
     values = numbers(table.columns[column], column, path.name)
     columns = Chosen(time_of_column(column, table), column)
     clock, _, _ = row_times(table, columns, replace(how, time=None), values, path.name)
-    return clock.time, values[clock.rows], _unit(table, column)
-
-
-def _unit(table: FileTable, column: str) -> str:
-    stated = table.units.get(column) or as_written(column, split_header(column)[1])
-    known = signal_unit(stated)
-    return known.text if known is not None and known.known else stated
+    return clock.time, values[clock.rows], unit_of_column(table, column)

@@ -3,7 +3,7 @@
 import re
 
 from sysid_trib.records.numbers import MINUS
-from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
+from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
 
 # `time:0.12`, `angle = 4.5`.
 _NAMED_NUMBER = re.compile(
@@ -96,13 +96,8 @@ def _units(line: str, delimiter: str) -> list[str] | None:
     if not all(matches):
         return None
     units = [match[2] or "" for match in matches if match is not None]
-    known = [plain_unit(unit) in TIME_UNITS or _is_known(unit) for unit in units if unit]
+    known = [plain_unit(unit) in TIME_UNITS or is_known_unit(unit) for unit in units if unit]
     return units if all(known) else None
-
-
-def _is_known(text: str) -> bool:
-    unit = signal_unit(text)
-    return unit is not None and unit.known
 
 
 def _bare(line: str, delimiter: str, units: list[str]) -> str | None:

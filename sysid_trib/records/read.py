@@ -17,7 +17,7 @@ from sysid_trib.records.assumed_units import assumed_unit, circle_radius
 from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.headers import as_written, names_quantity, noted_unit, split_header
+from sysid_trib.records.headers import names_quantity, noted_unit, split_header, unit_of_column
 from sysid_trib.records.input_columns import input_columns, inputs_beside, with_inputs
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.records.numbers import numbers, without_sentinels
@@ -61,9 +61,8 @@ def stated_unit(
     name = columns.signal
     # What an accelerometer feels is in the units of an acceleration.
     signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
-    base, in_header = table.made.get(name) or split_header(name)
-    in_header = as_written(name, in_header)
-    stated = signal_unit(table.units.get(name, "") or in_header or noted_unit(table.notes))
+    base, _ = table.made.get(name) or split_header(name)
+    stated = unit_of_column(table, name) or signal_unit(noted_unit(table.notes))
     given = None if how.units is None else signal_unit(how.units)
     if given and how.signal and given.quantity in ("angle", "displacement") and how.signal != given.quantity:
         # "deg" of a rate is deg/s.

@@ -13,7 +13,7 @@ import pandas as pd
 from sysid_trib.errors import RecordError
 from sysid_trib.records.labels import DELIMITERS, plain_lines
 from sysid_trib.records.numbers import is_missing, is_number
-from sysid_trib.records.units import TIME_UNITS, plain_unit, signal_unit
+from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 WIDEST_TABLE = 4096
@@ -228,9 +228,9 @@ def _are_units(items: list[str], known: bool = True) -> bool:
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False
     times = [item for item in items if plain_unit(item) in TIME_UNITS]
-    others = [signal_unit(item) for item in items if item and item not in times]
+    others = [is_known_unit(item) for item in items if item and item not in times]
     enough = all if known else any
-    return bool(times) and len(items) > 1 and enough(unit is not None and unit.known for unit in others)
+    return bool(times) and len(items) > 1 and enough(others)
 
 
 def json_content(path: Path) -> Any:

@@ -93,6 +93,12 @@ def signal_unit(text: str) -> SignalUnit | None:
     return SignalUnit(text, "displacement", text.strip(), 1.0, known=False)
 
 
+def is_known_unit(text: str) -> bool:
+    """True if a text means a unit of a signal that is listed here."""
+    unit = signal_unit(text)
+    return unit is not None and unit.known
+
+
 def plain_unit(text: str) -> str:
     """A unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
     # Patterns take the square of the time for blanks in a row.
