@@ -86,7 +86,7 @@ def _is_fill(values: Array, fill: Any) -> bool:
     return bool((values == fill).all())
 
 
-# The array of checksums, beside those that it is of.
+# The array of checksums of the others.
 CHECKSUM = "checksum"
 # Of numbers, texts and small integers; no other kind is read, as it may run code.
 KINDS = "fUi"
@@ -212,7 +212,7 @@ TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 @contextmanager
 def sole_writer(path: Path) -> Iterator[None]:
-    """Hold the lock of a store: a file beside it, locked until this process lets it go or dies.
+    """Hold the lock of a store: a file next to it, locked until this process lets it go or dies.
 
     Raises
     ------

@@ -117,8 +117,8 @@ def _callable_text(read: Any) -> str:
     return f"{inner.__module__}.{inner.__qualname__} {given!r}"
 
 
-def made_beside(path: Path, task: Task, records: CampaignRecords, block: int, known: Any = None) -> Path:
-    """A new store beside its place, with the rows of the store `known` and no others."""
+def made_near(path: Path, task: Task, records: CampaignRecords, block: int, known: Any = None) -> Path:
+    """A new store next to its place, with the rows of the store `known` and no others."""
     import zarr
 
     temporary = _unfinished(path)
@@ -213,7 +213,7 @@ def exchange(path: Path, grown: Path) -> None:
 
 
 def recover(path: Path) -> None:
-    """Put a store back that was taken away and not replaced; remove what a kill has left beside it."""
+    """Put a store back that was taken away and not replaced; remove what a kill has left next to it."""
     shutil.rmtree(_unfinished(path), ignore_errors=True)
     if _replaced(path).exists():
         if path.exists():

@@ -61,7 +61,7 @@ def finished_blocks(
             yield block, rows_of(task, [record_at(at) for at in block])
         return
     # Processes that are begun here import nothing from the folder they are begun in, as they start: a file
-    # `signal.py` beside the records would be executed. What a script of the user imports they find by the
+    # `signal.py` next to the records would be executed. What a script of the user imports they find by the
     # path of this process, which they are given.
     with patch.dict(os.environ, PYTHONSAFEPATH="1"), _client(workers, memory) as client:
         # On this machine not all may have started yet.

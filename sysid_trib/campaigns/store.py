@@ -32,7 +32,7 @@ from sysid_trib.campaigns.new_store import (
     TASK_FINGERPRINT,
     CampaignRecords,
     exchange,
-    made_beside,
+    made_near,
     recover,
 )
 from sysid_trib.campaigns.task import FAILED, REFUSED, Task, checksum_of, empty_row
@@ -67,14 +67,14 @@ class Store:
         with _readable(path):
             recover(path)
             if not path.exists():
-                os.replace(made_beside(path, task, records, block), path)
+                os.replace(made_near(path, task, records, block), path)
             group, arrays = _opened(path)
             same = dict(group.attrs).get(FINGERPRINT) == fingerprint
             grown = not same and _has_grown(group, task, records)
             if same or grown:
                 check_rows(path, arrays)
             if grown:
-                exchange(path, made_beside(path, task, records, block, group))
+                exchange(path, made_near(path, task, records, block, group))
                 same, arrays = True, _opened(path)[1]
         if not same:
             raise UsageError(

@@ -110,14 +110,14 @@ class Study:
             raise DecayError(f"{samples:.6g} samples were drawn; {SAMPLES_ALLOWED}.")
         time = np.arange(round(samples)) / sampling["rate"]
         # One stream for what is drawn, one for the noise, one for the random force.
-        noisy, pushed = np.random.SeedSequence(self.seed, spawn_key=(at, 1)).spawn(2)
+        noisy, forced = np.random.SeedSequence(self.seed, spawn_key=(at, 1)).spawn(2)
         motion = simulate(
             model,
             time,
             start.get("angle", 0.3),
             start.get("rate", 0.0),
             random_force=force,
-            seed=int(pushed.generate_state(1)[0]),
+            seed=int(forced.generate_state(1)[0]),
         )
         white = np.random.default_rng(noisy).standard_normal(len(time))
         angle = motion["angle"].values + noise.get("deviation", 0.0) * _coloured(

@@ -219,10 +219,9 @@ def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False
 
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
-        from sysid_trib.records.inputs import inputs_of
-        from sysid_trib.records.parts import driven_part
+        from sysid_trib.records.inputs import driven_part
 
-        return [driven_part(record, limits, list(inputs_of(record)))]
+        return [driven_part(record, limits)]
     centre: float | str = given.equilibrium
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))

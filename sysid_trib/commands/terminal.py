@@ -126,7 +126,7 @@ def one_thread() -> Iterator[None]:
     Tables are tall and narrow: threads of BLAS wait for each other longer than they compute, a third of the
     time of a long record.
     """
-    # Only libraries that are loaded can be told: that of numpy, and one of scipy's own.
+    # Only libraries that are loaded can be limited: that of numpy, and one of scipy's own.
     import scipy.linalg  # noqa: F401
     from threadpoolctl import threadpool_limits
 

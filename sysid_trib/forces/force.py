@@ -37,8 +37,8 @@ class Shape:
     meaning: str = ""
 
 
-# What an input may be beside any quantity of its own, and the power of 1/w with which formulas see it then,
-# as they see theta' over w.
+# What an input may be, other than any quantity of its own, and the power of 1/w with which formulas then
+# see it, as they see theta' over w.
 INPUT_KINDS = {"": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 # Derivatives of an input that formulas may hold: `u` and `du`.
 ORDERS = (0, 1)
@@ -264,7 +264,7 @@ class Force:
         return "1" if not degree else "s-1" if degree == 1 else f"s{-degree:g}"
 
     def units_with(self, inputs: Mapping[str, str]) -> str:
-        """Unit of the coefficient beside inputs in units of their own, by their names: `1/V`.
+        """Unit of the coefficient with inputs in units of their own, by their names: `1/V`.
 
         Of an input that has none its name stands for it: `1/u`.
         """

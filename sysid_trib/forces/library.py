@@ -53,7 +53,7 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     if path.suffix != ".toml" and not os.path.exists(path):
         path = library_folder() / f"{name_or_path}.toml"
     if not os.path.isfile(path):
-        # Systems stand beside the libraries and are none.
+        # Systems are in the folder of the libraries and are none.
         stems = (p.stem for p in library_folder().glob("*.toml") if p.stem != "systems")
         known = ", ".join(sorted(stems))
         raise UsageError(f"There is no library '{name_or_path}'; give a TOML file or one of {known}.")

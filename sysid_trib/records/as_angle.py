@@ -80,7 +80,7 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
 
 def _drift(time: Array, signal: Array, period: float) -> Array:
     # Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias
-    # wanders.
+    # drifts.
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period

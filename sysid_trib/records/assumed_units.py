@@ -68,10 +68,10 @@ def time_factor(table: FileTable, name: str, given: str | None, source: str) -> 
         return unit, TIME_UNITS[unit], ""
     if base in ("millis", "micros"):
         return ("ms", 1e-3, "") if base == "millis" else ("us", 1e-6, "")
-    return _beside_steps(table, name, source)
+    return _by_steps(table, name, source)
 
 
-def _beside_steps(table: FileTable, name: str, source: str) -> tuple[str | None, float, str]:
+def _by_steps(table: FileTable, name: str, source: str) -> tuple[str | None, float, str]:
     """The unit in which the steps of a time column are those that a column `dt (s)` states; else s.
 
     Stamps of these years that count from a known date tell their unit too.
@@ -139,12 +139,12 @@ def circle_radius(table: FileTable, name: str) -> float | None:
     if values.dtype.kind not in "fiu":
         return None
     for other, column in table.columns.items():
-        beside = np.asarray(column)
-        if other == name or beside.dtype.kind not in "fiu" or beside.size != values.size:
+        second = np.asarray(column)
+        if other == name or second.dtype.kind not in "fiu" or second.size != values.size:
             continue
-        radius = np.hypot(values.astype(float), beside.astype(float))
+        radius = np.hypot(values.astype(float), second.astype(float))
         middle = float(np.nanmean(radius))
-        moves = min(np.nanstd(values), np.nanstd(beside)) > ROUND / 10.0 * middle
+        moves = min(np.nanstd(values), np.nanstd(second)) > ROUND / 10.0 * middle
         if middle > 0.0 and moves and np.nanstd(radius) < ROUND / 10.0 * middle:
             return middle
     return None

@@ -109,14 +109,14 @@ def unwrapped(angle: Array, turn: float) -> tuple[Array, int]:
     return whole, int(np.count_nonzero(jumps))
 
 
-def _step_beside_cubic() -> Array:
+def _step_within_cubic() -> Array:
     """Weights of samples before and after a cut that give the step of a cubic there, by least squares."""
     at = np.arange(-CUT_REACH - 0.5, CUT_REACH + 1.0)
     columns = np.column_stack([at**0, at, at**2, at**3, at > 0.0])
     return np.asarray(np.linalg.pinv(columns)[-1])
 
 
-_STEP_BESIDE_CUBIC = _step_beside_cubic()
+_STEP_WITHIN_CUBIC = _step_within_cubic()
 
 
 def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
@@ -148,14 +148,14 @@ def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
         return signal, float("nan"), 0
     before, after = signal[cut] - signal[cut - CUT_REACH], signal[cut + 1 + CUT_REACH] - signal[cut + 1]
     apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
-    beside = 0.5 * (before + after) / CUT_REACH
-    against = (before * after > 0.0) & (beside * step[cut] < 0.0)
+    slope = 0.5 * (before + after) / CUT_REACH
+    against = (before * after > 0.0) & (slope * step[cut] < 0.0)
     # Part of the cuts at which the motion goes on on either side, and fewest of them.
     if np.count_nonzero(against & apart) < max(4, 0.6 * np.count_nonzero(apart)):
         return signal, float("nan"), 0
-    # The step beside a cubic through the samples on either side.
+    # The step between the two ends of a cubic through the samples on either side.
     near = np.lib.stride_tricks.sliding_window_view(signal, 2 * CUT_REACH + 2)[cut - CUT_REACH]
-    turn = float(np.median(np.abs(near @ _STEP_BESIDE_CUBIC)[against & apart]))
+    turn = float(np.median(np.abs(near @ _STEP_WITHIN_CUBIC)[against & apart]))
     if np.all(signal == np.round(signal)):
         turn = float(round(turn))
     whole = np.unwrap(signal, period=turn)

@@ -103,7 +103,7 @@ def read_clock(
         time = time - time[0]
     still = np.flatnonzero(np.diff(time) <= 0.0)
     if still.size:
-        # Numbers so large beside their steps that these are lost in their digits.
+        # Numbers so much larger than their steps that these are lost in their digits.
         row = int(rows[still[0] + 1]) + 1
         raise RecordError(
             f"{source}: its times do not rise by as much as their digits show, first in row {row}; correct "
@@ -208,7 +208,7 @@ def even_rows(given: Array, rows: Index, values: Array | None) -> tuple[Array, s
     """
     index = (rows - rows[0]).astype(float)
     for step, said in roundings(given):
-        # Of stamps next to zero beside others no line is weighted.
+        # No line is weighted by stamps that are next to zero where others are not.
         # Of the largest stamp; a step of a smaller one is no digit of a clock.
         if np.min(step) < 1e-100 * np.max(np.abs(given)):
             continue

@@ -297,7 +297,7 @@ def _ask_of_larger(swinging: _Candidate, moving: list[_Candidate], source: str) 
     for other in moving:
         unit = other.unit and swinging.unit and other.unit.text == swinging.unit.text
         alike = unit or are_axes(other.base, swinging.base)
-        # What is so many times as large as the column that swings is no noise beside it, and is asked about.
+        # What is so many times as large as the column that swings is no noise of it, and is asked about.
         if alike and other.swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
                 f"{source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far as "

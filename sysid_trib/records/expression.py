@@ -202,7 +202,7 @@ def _dimension(tree: ast.AST, units: Mapping[str, str]) -> Dimension | None:
 
 
 def _sum(first: Dimension, second: Dimension) -> Dimension | None:
-    """The unit of a sum; a number beside a column is in its unit."""
+    """The unit of a sum; a number added to a column is in its unit."""
     if NUMBER in (first, second):
         return second if first == NUMBER else first
     return first if first == second else None

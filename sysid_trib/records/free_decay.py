@@ -7,10 +7,9 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks
 from sysid_trib.records.cleaning import new_frames, outliers, pulses, spikes
-from sysid_trib.records.decay import decay_dataset, short_decay
+from sysid_trib.records.decay import CutDecay, decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.half_periods import dominant_periods
-from sysid_trib.records.parts import CutDecay, free_part
 from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
@@ -89,7 +88,7 @@ def free_decays(
         Whether single samples that leap out of the swing and back are kept.
     as_it_is : bool
         Whether a motion that is too short, too damped or growing to prove itself a free decay is taken whole,
-        about the constant beside the damped sine that fits it best; for forces that are known.
+        about the constant of the damped sine that fits it best; for forces that are known.
 
     Returns
     -------
@@ -187,16 +186,16 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Cu
 def _decays_in(piece: Piece, value: float | None, source: str) -> list[CutDecay]:
     """The decay of a piece that travels farthest, and those before and after it."""
     decays = [_first(piece, value, source)]
-    waiting = list(_beside(decays[0]))
+    waiting = list(_rest(decays[0]))
     while waiting and len(decays) < MOST_DECAYS:
         rest = waiting.pop()
         for decay in _further(rest, decays, value, source):
             decays.append(decay)
-            waiting += _beside(decay)
+            waiting += _rest(decay)
     return decays
 
 
-def _beside(decay: CutDecay) -> list[Piece]:
+def _rest(decay: CutDecay) -> list[Piece]:
     """What comes before a decay and after it."""
     piece, ends = decay.piece, (slice(decay.start), slice(decay.stop, None))
     return [Piece(piece.time[end], piece.signal[end], piece.sentence) for end in ends]

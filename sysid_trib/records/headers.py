@@ -95,7 +95,7 @@ def _without_accents(text: str) -> str:
 
 
 def unit_of_column(table: FileTable, name: str) -> SignalUnit | None:
-    """Unit that a file states of a column, beside its name or in its header; None where it states none."""
+    """Unit that a file states of a column, with its name or in its header; None where it states none."""
     stated = table.units.get(name, "")
     if not stated:
         # With the capitals that the header has: `mT`, where `split_header` says `mt`.
@@ -180,11 +180,11 @@ def time_of(name: str, times: list[str], table: FileTable) -> str | None:
     before = [t for t in fitting if order.index(t) < order.index(name)]
     if mates or not before:
         return next(iter(mates or fitting), None)
-    # Of clocks that stand beside each other, the one that stands still least often; else the next one.
-    beside = [before[-1]]
-    while (at := order.index(beside[0])) and order[at - 1] in before:
-        beside.insert(0, order[at - 1])
-    return max(reversed(beside), key=lambda clock: pd.unique(table.columns[clock]).size)
+    # Of clocks in neighbouring columns the one that stands still least often; else the next one.
+    clocks = [before[-1]]
+    while (at := order.index(clocks[0])) and order[at - 1] in before:
+        clocks.insert(0, order[at - 1])
+    return max(reversed(clocks), key=lambda clock: pd.unique(table.columns[clock]).size)
 
 
 def _rest(name: str) -> str:

@@ -29,8 +29,8 @@ def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str
     return [find_column(table, wanted, source) for wanted in columns if not _is_formula(table, wanted)]
 
 
-def inputs_beside(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
-    """Inputs of other files, looked for beside the record too; a `*` in a name stands for the record's own.
+def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
+    """Inputs of other files, looked for in its folder too; a `*` in a name stands for the record's own.
 
     Of several files that fit, as `*_y.mat`, it is the one whose name agrees with the record's for longest.
 
@@ -40,15 +40,15 @@ def inputs_beside(inputs: Mapping[str, str | int], record: Path) -> dict[str, st
         There is no such file, or several agree as long.
     """
     return {
-        name: wanted if other is None else f"{_beside(other, record)}:{wanted}"
+        name: wanted if other is None else f"{_near(other, record)}:{wanted}"
         for name, wanted, other in _sources(inputs)
     }
 
 
-def _beside(pattern: Path, record: Path) -> Path:
+def _near(pattern: Path, record: Path) -> Path:
     if "*" not in pattern.name:
-        beside = record.parent / pattern
-        return beside if not pattern.is_file() and beside.is_file() else pattern
+        near = record.parent / pattern
+        return near if not pattern.is_file() and near.is_file() else pattern
     folder = record.parent / pattern.parent
     fitting = sorted(other for other in folder.glob(pattern.name) if other.name != record.name)
     common = [_letters_alike(file.name, record.name) for file in fitting]

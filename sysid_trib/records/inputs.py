@@ -1,4 +1,4 @@
-"""Known inputs: what was measured beside the motion and drives it, a polynomial from sample to sample."""
+"""Known inputs: what was measured with the motion and drives it, a polynomial from sample to sample."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from scipy.interpolate import PPoly, make_interp_spline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
-from sysid_trib.records.signal import checked_signal, unit_of_signal
+from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_signal
 
-# The input that pushes by itself, an acceleration; every other one acts by the forces that hold its name.
+# The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
 PUSH = Channel(INPUT, 0, "acceleration")
 # What follows the signal's unit in that of an input of a kind.
@@ -156,7 +156,7 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
     ----------
     record : Dataset
         `angle(time)`, and inputs over `time`, or over a time of their own; attrs of each: `units`, `between`
-        (see `KnownInput`). `input(time)` is an acceleration in the signal's unit over s^2, and pushes.
+        (see `KnownInput`). `input(time)` is an acceleration in the signal's unit over s^2 that acts.
 
     Raises
     ------
@@ -251,3 +251,42 @@ def refuse_inputs(record: xr.Dataset) -> None:
             "with, and simulate, predict, innovations and prediction_bands take; leave it out where it is "
             f"zero, drop_vars('{names[0]}')."
         )
+
+
+def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -> xr.Dataset:
+    """A driven record within a window, with a sentence on it (attrs `free_decay`).
+
+    Parameters
+    ----------
+    record : Dataset
+        `angle(time)` with inputs.
+    window : (float or None, float or None), s
+        First and last time; open where None.
+
+    Raises
+    ------
+    DecayError
+        The window holds too few samples.
+    UsageError
+        What was measured is a rate or an acceleration, which is fitted of free decays alone.
+    """
+    if record.attrs.get("integrations"):
+        raise UsageError(
+            "A driven record is an angle or a displacement; this one is integrated. Name a column of these "
+            "(--angle), or leave the input out."
+        )
+    low, high = window
+    part = record.sel(time=slice(low, high))
+    if part.sizes["time"] < FEWEST_SAMPLES:
+        raise DecayError(
+            f"The window holds {part.sizes['time']} samples of {record.sizes['time']}; give a longer one."
+        )
+    names = list(inputs_of(record))
+    time, between = part.time.values, {str(part[name].attrs["between"]) for name in names}
+    units = [f"{name} ({part[name].attrs.get('units', 'unit not stated')})" for name in names]
+    step = float(np.median(np.diff(time)))
+    said = (
+        f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "
+        f"inputs {', '.join(units)}, {' and '.join(sorted(between))} between samples."
+    )
+    return part.assign_attrs(free_decay=said)

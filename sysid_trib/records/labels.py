@@ -1,4 +1,4 @@
-"""Text whose cells are dressed up: labels or units beside each number, quoted commas, groups of digits."""
+"""Text whose cells are dressed up: labels or units with each number, quoted commas, groups of digits."""
 
 import re
 

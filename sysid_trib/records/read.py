@@ -18,7 +18,7 @@ from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
 from sysid_trib.records.headers import names_quantity, noted_unit, split_header, unit_of_column
-from sysid_trib.records.input_columns import input_columns, inputs_beside, with_inputs
+from sysid_trib.records.input_columns import input_columns, inputs_near, with_inputs
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.records.numbers import numbers, without_sentinels
 from sysid_trib.records.reading import Reading, opened
@@ -217,7 +217,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     """
     how = how or Reading()
     path = Path(path)
-    how = replace(how, inputs=inputs_beside(how.inputs, path))
+    how = replace(how, inputs=inputs_near(how.inputs, path))
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
     with opened(path) as file:

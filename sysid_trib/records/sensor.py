@@ -1,4 +1,4 @@
-"""The step of a sensor, and what rounding leaves where it is coarse beside noise and motion."""
+"""The step of a sensor, and what rounding leaves where it is coarse compared with noise and motion."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The least-squares spline through a record: motion, derivatives, and the noise of the sensor beside it."""
+"""The least-squares spline through a record: motion, derivatives, and the noise of the sensor."""
 
 import math
 from dataclasses import dataclass

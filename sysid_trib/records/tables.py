@@ -28,7 +28,7 @@ class FileTable:
     columns : dict of str to array
         Columns by name, in the order of the file.
     units : dict of str to str
-        Their units, where the file states them beside the names.
+        Their units, where the file states them apart from the names.
     notes : tuple of str
         What else it says: comment lines, texts and scalars as `name = value`.
     made : dict of str to (str, str)

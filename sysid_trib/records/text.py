@@ -17,7 +17,7 @@ from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 WIDEST_TABLE = 4096
-# Rows beside which facts may stand.
+# Rows in which facts may stand next to the numbers.
 MOST_FACTS = 40
 
 
@@ -84,11 +84,11 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
-    return frame, header if named else None, [*lines[:start], *_texts_beside(frame)]
+    return frame, header if named else None, [*lines[:start], *_texts_in(frame)]
 
 
-def _texts_beside(frame: pd.DataFrame) -> list[str]:
-    """What columns of texts hold beside the first numbers, as an oscilloscope's facts."""
+def _texts_in(frame: pd.DataFrame) -> list[str]:
+    """What columns of texts hold next to the first numbers, as an oscilloscope's facts."""
     texts = frame.head(MOST_FACTS).select_dtypes(exclude="number")
     return [" ".join(str(cell) for cell in row if cell == cell) for row in texts.to_numpy()]
 
