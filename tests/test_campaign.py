@@ -19,9 +19,9 @@ import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
+from sysid_trib.campaigns.campaign import _wait_for_one
 from sysid_trib.campaigns.chunks import write_chunk
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions
-from sysid_trib.campaigns.run import _wait_for_one
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.printing.campaign import campaign_json, named_sentences, named_text

@@ -1,24 +1,41 @@
-"""`campaign`: many records by one task, into one store that can be gone on with."""
+"""`campaign`: many records by one task, on workers of dask or in this process, into one store."""
 
 import os
-from collections.abc import Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.util import find_spec
-from multiprocessing import current_process
+from itertools import islice
+from logging import CRITICAL
+from multiprocessing import current_process, resource_tracker
 from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+from unittest.mock import patch
 
+import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Index
 from sysid_trib.campaigns.chunks import sole_writer
 from sysid_trib.campaigns.new_store import CampaignRecords
-from sysid_trib.campaigns.run import finished_blocks
-from sysid_trib.campaigns.store import Store, as_dataset
+from sysid_trib.campaigns.store import Store, as_dataset, lost_row
 from sysid_trib.campaigns.study import Study
-from sysid_trib.campaigns.task import Task
+from sysid_trib.campaigns.task import Task, rows_of
+from sysid_trib.campaigns.variables import Row
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
 BLOCKS, LARGEST_BLOCK = 1000, 100
 EXTRA = ("distributed", "zarr")
+# How often it is looked whether workers are there, s; on a busy machine one that starts anew takes more than
+# the 15 s after which dask gives its place up.
+LOOKED_AFTER, STARTS_WITHIN = 20.0, "120s"
+# How often a block is given to another worker when one dies.
+DEATHS = 10
+# How often each process looks whether its loop still turns, and at the load of the machine; as often as dask
+# does by itself (20 ms, 0.5 s), idle processes take a twentieth of a core.
+TICK, MONITOR = "500ms", "5s"
 
 
 def campaign(
@@ -93,7 +110,7 @@ def _fill(
     blocks = store.unfinished(changed)
     done, bad = count - sum(len(at) for at in blocks), store.without_result(changed)
     tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
-    for at, rows in finished_blocks(task, blocks, records.record, workers=workers, memory=memory):
+    for at, rows in _finished_blocks(task, blocks, records.record, workers=workers, memory=memory):
         store.write(at, rows)
         done += len(at)
         bad += sum(row["status"] > 1 for row in rows)
@@ -121,3 +138,147 @@ def check_extra() -> None:
         raise UsageError(
             f"A campaign needs {' and '.join(lacking)}: pip install -e '.[campaigns]' in a clone."
         )
+
+
+def _finished_blocks(
+    task: Task, blocks: Sequence[Index], record_at: Callable[[int], Any], *, workers: int | str, memory: str
+) -> Iterator[tuple[Index, list[Row]]]:
+    """Numbers of the records of each block and their rows, in the order in which they are finished.
+
+    See `campaign` for workers and memory; a block that waits is read when it is sent.
+    """
+    if not workers:
+        for block in blocks:
+            yield block, rows_of(task, [record_at(at) for at in block])
+        return
+    # Processes that are begun here import nothing from the folder they are begun in, as they start: a file
+    # `signal.py` next to the records would be executed. What a script of the user imports they find by the
+    # path of this process, which they are given.
+    with patch.dict(os.environ, PYTHONSAFEPATH="1"), _client(workers, memory) as client:
+        # On this machine not all may have started yet.
+        count = workers if isinstance(workers, int) else len(client.nthreads())
+        # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
+        yield from _through(client, task, blocks, record_at, 3 * max(1, count))
+
+
+def _through(
+    client: Any, task: Task, blocks: Sequence[Index], record_at: Callable[[int], Any], count: int
+) -> Iterator[tuple[Index, list[Row]]]:
+    from distributed import as_completed
+
+    waiting = iter(blocks)
+    sent: dict[str, Index] = {}
+
+    def submit(block: Index) -> Any:
+        future = client.submit(rows_of, task, [record_at(at) for at in block], pure=False)
+        sent[future.key] = block
+        return future
+
+    running = as_completed([submit(block) for block in islice(waiting, count)])
+    for future in running:
+        block = sent.pop(future.key)
+        if future.status == "finished":
+            yield block, future.result()
+        elif len(block) > 1:
+            # One of them ends its workers: each by itself.
+            for at in block:
+                running.add(submit(np.array([at])))
+        else:
+            reason = f"its worker died {DEATHS + 1} times ({future.exception()}); it may need more memory"
+            yield block, [lost_row(task, reason)]
+        future.release()
+        for following in islice(waiting, 1):
+            running.add(submit(following))
+
+
+@contextmanager
+def _client(workers: int | str, memory: str) -> Iterator[Any]:
+    """A client of a scheduler that is there, or of a cluster of this machine."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    # What a worker has to say comes with its rows; profiles and logs of all that happened only grow.
+    # Memory that is given back at each chance is taken anew with each array: 5 % of the time of a record.
+    quiet = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.comm.timeouts.connect": "10s",
+        "distributed.deploy.lost-worker-timeout": STARTS_WITHIN,
+        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": TICK,
+        "distributed.admin.system-monitor.interval": MONITOR,
+        "distributed.admin.log-length": 100,
+        "distributed.admin.low-level-log-length": 100,
+        "distributed.admin.system-monitor.log-length": 100,
+    }
+    with dask.config.set(quiet):
+        if isinstance(workers, str):
+            try:
+                with Client(workers) as client:
+                    yield client
+            except (OSError, ValueError) as error:
+                raise UsageError(
+                    f"No scheduler of dask answers at {workers} ({error}); start one (dask scheduler), "
+                    "or leave --scheduler out."
+                ) from None
+            return
+        with _interrupts_held():
+            local = LocalCluster(
+                # One that dies while it starts must not end the others: they are asked for below.
+                n_workers=0,
+                threads_per_worker=1,
+                memory_limit=memory,
+                # Without a page; what is served in its place must not want the port that others have.
+                dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
+                silence_logs=CRITICAL,
+            )
+        with local as cluster, Client(cluster) as client, _looked_after(cluster, workers):
+            _wait_for_one(client)
+            yield client
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Threads that are begun here, and the processes that these start, do not see an interrupt.
+
+    It is for this process, which ends them; each of theirs would print a traceback.
+    """
+    # The first process that is started would let interrupts through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _wait_for_one(client: Any) -> None:
+    """Wait until a worker has started."""
+    try:
+        client.wait_for_workers(1, timeout=STARTS_WITHIN)
+    except TimeoutError:
+        raise UsageError(
+            f"No worker has started within {STARTS_WITHIN}; a script that starts processes wants "
+            'if __name__ == "__main__": around its campaign. Else give them more memory, or take workers=0.'
+        ) from None
+
+
+@contextmanager
+def _looked_after(cluster: Any, workers: int) -> Iterator[None]:
+    """Start workers, and others in places that dask gave up, as it does where one dies while it starts."""
+    ended = Event()
+    cluster.scale(workers)
+
+    def look() -> None:
+        while not ended.wait(LOOKED_AFTER):
+            for name, worker in list(cluster.workers.items()):
+                if worker.status.name in ("closed", "failed"):
+                    cluster.workers.pop(name, None)
+            cluster.scale(workers)
+
+    Thread(target=look, daemon=True).start()
+    try:
+        yield
+    finally:
+        ended.set()

@@ -1,7 +1,6 @@
 """How a file is to be read, as its user says, and what stands for a file."""
 
 import gzip
-import shutil
 import sys
 import tempfile
 import zlib
@@ -142,19 +141,11 @@ def _is_gzip(path: Path) -> bool:
 
 
 def _copy(file: "IO[bytes] | gzip.GzipFile", copy: Path, name: str) -> None:
+    """Copy a stream, and refuse to go on beyond the largest content."""
+    left = LARGEST_CONTENT
     with copy.open("wb") as target:
-        shutil.copyfileobj(_Bounded(file, name), target)
-
-
-class _Bounded:
-    """A stream that refuses to go on beyond the largest content."""
-
-    def __init__(self, file: "IO[bytes] | gzip.GzipFile", name: str) -> None:
-        self.file, self.name, self.left = file, name, LARGEST_CONTENT
-
-    def read(self, size: int = -1) -> bytes:
-        part = self.file.read(size)
-        self.left -= len(part)
-        if self.left < 0:
-            raise RecordError(f"{self.name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
-        return part
+        while part := file.read(2**20):
+            left -= len(part)
+            if left < 0:
+                raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
+            target.write(part)
