@@ -1,12 +1,14 @@
 """What a command says while it works: its first word before heavy imports, and how long it still takes."""
 
+import re
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
-from sysid_trib.commands.terminal import TimeLeft
+from sysid_trib.commands import terminal
 from sysid_trib.records.sensor import sensor_step
 
 COMMANDS = ("look", "identify", "discover", "compare", "simulate", "report", "forces")
@@ -38,16 +40,20 @@ for name in {COMMANDS!r}:
     assert done.stdout.splitlines() == [f"{name} " for name in COMMANDS], done.stdout
 
 
-def test_time_left_is_that_of_the_part_that_is_not_done():
-    left = TimeLeft()
-    assert left.sentence(0.0, 10.0) == ""
-    assert "25 %, about 30 s left" in left.sentence(0.25, 20.0)
-    assert "75 %, about 10 s left" in left.sentence(0.75, 40.0)
-    assert left.sentence(None, 41.0) == ""
-    # Something else begins.
-    assert left.sentence(0.5, 50.0) == ""
-    assert "about 5 s left" in left.sentence(0.75, 55.0)
-    assert left.sentence(0.1, 60.0) == ""
+def test_progress_shows_the_part_that_is_done_and_begins_anew(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with terminal.progress() as tell:
+        tell("search")
+        for done in (0.0, 0.25, 0.75):
+            tell("records", done)
+        time.sleep(0.3)
+        tell("records", 0.1)
+        tell("figures")
+        time.sleep(0.3)
+    shown = re.sub(r"\x1b\[[^a-zA-Z]*[a-zA-Z]", "", capsys.readouterr().err)
+    assert re.search(r"records\s+75%\s+0:00:0\d", shown)
+    assert "figures" in shown.rpartition("75%")[2]
+    assert "%" not in shown.rpartition("figures")[2]
 
 
 @pytest.mark.parametrize("step", [1e-6, 1.57e-4, 2e-2])

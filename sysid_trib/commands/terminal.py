@@ -5,7 +5,6 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import Field, fields, is_dataclass
-from time import monotonic
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from sysid_trib.commands.options import default_of, flag_of
@@ -85,8 +84,16 @@ def working(records: "Sequence[Path]" = ()) -> "Iterator[Tell]":
     records : sequence of Path
         Files; none for the embedded example.
     """
-    with progress() as tell, one_thread(), named(records):
-        yield tell
+    with progress() as tell, one_thread():
+        try:
+            yield tell
+        except DecayError as error:
+            # A method knows numbers alone.
+            said, names = str(error), [record.name for record in records]
+            if not names or any(name in said for name in names):
+                raise
+            more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+            raise DecayError(f"{names[0]}{more}: {said}") from None
 
 
 @contextmanager
@@ -100,21 +107,29 @@ def progress() -> "Iterator[Tell]":
     Tell
         Takes the name of what begins; where the part of it that is done is known, the time left is shown.
     """
+    from rich import progress as bar
     from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True, markup=False)
     if not console.is_terminal:
         # A Progress that is disabled ends with an empty line in older releases.
         yield silent
         return
-    words = (TextColumn(f"{{task.{name}}}", markup=False) for name in ("description", "fields[left]"))
-    with Progress(SpinnerColumn(), *words, TimeElapsedColumn(), console=console, transient=True) as shown:
-        task, remaining = shown.add_task("start", total=None, left=""), TimeLeft()
+    times = bar.TaskProgressColumn(), bar.TimeRemainingColumn(), bar.TimeElapsedColumn()
+    columns = bar.SpinnerColumn(), bar.TextColumn("{task.description}", markup=False), *times
+    # Of all that is done since an activity began, however seldom it says so.
+    with bar.Progress(*columns, console=console, transient=True, speed_estimate_period=1e9) as shown:
+        task = shown.add_task("start", total=None)
         shown.refresh()
 
         def tell(activity: str, done: float | None = None) -> None:
-            shown.update(task, description=activity, left=remaining.sentence(done, monotonic()))
+            nonlocal task
+            if done is None or done < shown.tasks[0].completed:
+                # Something else begins.
+                shown.remove_task(task)
+                task = shown.add_task(activity, total=None)
+            total = None if done is None else 1.0
+            shown.update(task, description=activity, total=total, completed=done or 0.0)
 
         yield tell
 
@@ -132,53 +147,6 @@ def one_thread() -> Iterator[None]:
 
     with threadpool_limits(1, user_api="blas"):
         yield
-
-
-@contextmanager
-def named(records: "Sequence[Path]") -> "Iterator[None]":
-    """Name the files in what they are refused for: a method knows numbers alone.
-
-    Parameters
-    ----------
-    records : sequence of Path
-        None for the embedded example.
-    """
-    try:
-        yield
-    except DecayError as error:
-        said, names = str(error), [record.name for record in records]
-        if not names or any(name in said for name in names):
-            raise
-        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        raise DecayError(f"{names[0]}{more}: {said}") from None
-
-
-class TimeLeft:
-    """How long something still takes, if it goes on as it did since it began."""
-
-    def __init__(self) -> None:
-        self._begin: tuple[float, float] | None = None
-        self._last = 0.0
-
-    def sentence(self, done: float | None, now: float) -> str:
-        """Time left in words; nothing where it is not known.
-
-        Parameters
-        ----------
-        done : float or None
-            Part of it that is done; where it is not known, or falls, something else begins.
-        now : float, s
-            On any clock that goes on.
-        """
-        if done is None:
-            self._begin = None
-            return ""
-        if self._begin is None or done < self._last:
-            self._begin = (now, done)
-        self._last, (begin, done_then) = done, self._begin
-        if done <= done_then:
-            return ""
-        return f"{100.0 * done:.0f} %, about {(now - begin) * (1.0 - done) / (done - done_then):.0f} s left,"
 
 
 def command_line() -> str:
