@@ -152,8 +152,3 @@ def _check_values(path: Path, table: pd.DataFrame) -> None:
         if len(missing):
             row = table[RECORD].iloc[missing[0]] if RECORD in table else f"row {missing[0] + 1}"
             raise UsageError(f"{path.name}: '{column}' has no value for {row}; complete it.")
-
-
-def varying(table: pd.DataFrame) -> pd.DataFrame:
-    """The conditions that are not the same in all of these records."""
-    return table[[name for name in table if len(set(table[name])) > 1]]

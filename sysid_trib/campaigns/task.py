@@ -10,7 +10,6 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import xarray as xr
 
-from sysid_trib.campaigns.study import Study
 from sysid_trib.campaigns.variables import (
     EDGES,
     EFFECT_P_VALUE,
@@ -109,7 +108,8 @@ class Task:
         judged = not self.methods if self.judged is None else self.judged
         object.__setattr__(self, "judged", judged and self.name == "identify")
         if not self.methods:
-            object.__setattr__(self, "methods", _usual_methods(self.name))
+            usual = {"averaging": Averaging(), "direct": Direct()}
+            object.__setattr__(self, "methods", every_method() if self.name == "compare" else usual)
         if self.judged and len(self.methods) != 2:
             raise UsageError("Two methods are held against each other; give two, or judged=False.")
 
@@ -163,12 +163,6 @@ class Task:
         return {"trajectory": trajectory} | {k: m for k, m in self.methods.items() if m is not averaging}
 
 
-def _usual_methods(name: Name) -> Mapping[str, Method]:
-    if name == "compare":
-        return every_method()
-    return {"averaging": Averaging(), "direct": Direct()}
-
-
 def empty_row(task: Task) -> Row:
     """A row of which nothing is known: nan, and empty texts."""
     sizes = {"method": len(task.labels), "edge": len(EDGES), "part": OUTLINE_PARTS}
@@ -199,8 +193,9 @@ def _row_of(task: Task, record: Any) -> Row:
     start, row = perf_counter(), empty_row(task)
     try:
         if isinstance(record, tuple):
-            study, at = record
-            row |= _truth(study, at, task.symbols)
+            # What a simulated record was drawn with.
+            truth = record[0].coefficients_of(record[1])
+            row |= {TRUTH: np.array([truth.get(symbol, np.nan) for symbol in task.symbols])}
         checksum = {"record_checksum": checksum_of(record)}
         row |= checksum
         decays = _decays(task, record)
@@ -237,12 +232,6 @@ def _decays(task: Task, record: Any) -> Sequence[xr.Dataset]:
         study, at = record
         return [study.decay(at)]
     return task.read(record)
-
-
-def _truth(study: Study, at: int, symbols: Sequence[str]) -> Row:
-    """What a simulated record was drawn with."""
-    truth = study.coefficients_of(at)
-    return {TRUTH: np.array([truth.get(symbol, np.nan) for symbol in symbols])}
 
 
 def _numbers(task: Task, tree: xr.DataTree) -> Row:

@@ -229,7 +229,7 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
 
 def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
     """What varies between the records, by the identification that is reported; None of too few."""
-    from sysid_trib.campaigns.conditions import estimates_of, reported_method, varying
+    from sysid_trib.campaigns.conditions import estimates_of, reported_method
     from sysid_trib.validation.between_runs import between_runs
     from sysid_trib.validation.run_conditions import without_collinear
 
@@ -238,7 +238,8 @@ def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.
         return None
     if table is None:
         return between_runs(estimates)
-    rows = varying(table.iloc[estimates["at"].values].reset_index(drop=True))
+    rows = table.iloc[estimates["at"].values].reset_index(drop=True)
+    rows = rows[[name for name in rows if len(set(rows[name])) > 1]]
     if laboratories is not None and laboratories not in rows:
         raise UsageError(
             f"--laboratories '{laboratories}': all records that have a result are of one; leave it out."

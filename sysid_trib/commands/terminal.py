@@ -190,17 +190,14 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
     if "candidates" not in known and library[0] is not None and library[1] == default_of(library[0]):
         # Forces that the package ships are known to every command, one's own candidates by their file.
         given["library"] = (library[0], candidates[1] or library[1])
-    words += [_as_word(str(record)) for record in given.pop(RECORDS, (None, []))[1]] + list(step.records)
+    files = map(str, given.pop(RECORDS, (None, []))[1])
+    # A dash at the beginning of a word would be an option.
+    words += [f"./{file}" if file.startswith("-") else file for file in files] + list(step.records)
     for name, (part, value) in given.items():
         if name in known and name.strip("_") not in replaced and value != default_of(part):
             words += _words(part, value)
     words += [word for name, value in step.options.items() for word in (f"--{name}", value)]
     return readable(shlex.join(words))
-
-
-def _as_word(file: str) -> str:
-    """A file as a word of a command, where a dash at its beginning would be an option."""
-    return f"./{file}" if file.startswith("-") else file
 
 
 def _options_of(command: str) -> set[str]:

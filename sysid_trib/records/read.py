@@ -88,8 +88,9 @@ def stated_unit(
         if unit.quantity in ("angle", "displacement") and per_second:
             unit = SignalUnit(f"{unit.text}{per_second}", signal, unit.position, unit.factor, unit.known)
         elif stated is not None and stated.known:
+            article = "an" if stated.quantity[0] == "a" else "a"
             raise UsageError(
-                f"{source}: the header of column {name} says {stated.text}: {_article(stated.quantity)}; but "
+                f"{source}: the header of column {name} says {stated.text}: {article} {stated.quantity}; but "
                 f"--signal says {how.signal} (signal= in Python); leave the option out."
             )
     if not unit.known:
@@ -108,10 +109,6 @@ def _differs(stated: SignalUnit, given: SignalUnit) -> bool:
     return not (
         same_kind and (stated.quantity == given.quantity or plain_unit(stated.text) == plain_unit(given.text))
     )
-
-
-def _article(quantity: str) -> str:
-    return f"an {quantity}" if quantity[0] in "a" else f"a {quantity}"
 
 
 def read_record(

@@ -147,12 +147,6 @@ def smooth(tau: Array, angle: Array) -> SmoothedMotion:
     return SmoothedMotion(x, spline(tau, 1), spline(tau, 2), _noise_about(spline, angle - x))
 
 
-def noise_about_spline(tau: Array, angle: Array) -> float:
-    """`noise` of `smooth` by itself, without the derivatives of the motion."""
-    spline, x = least_squares_spline(tau, angle)
-    return _noise_about(spline, angle - x)
-
-
 def _noise_about(spline: BSpline, residual: Array) -> float:
     """Standard deviation of a sample about a spline that was fitted to it."""
     degrees_of_freedom = max(1, len(residual) - len(spline.c))
@@ -276,7 +270,10 @@ def sensor_noise(decay: xr.Dataset) -> float:
 
 
 def _noise(tau: bytes, angle: bytes) -> float:
-    return noise_about_spline(np.frombuffer(tau), np.frombuffer(angle))
+    """`noise` of `smooth` by itself, without the derivatives of the motion."""
+    values = np.frombuffer(angle)
+    spline, x = least_squares_spline(np.frombuffer(tau), values)
+    return _noise_about(spline, values - x)
 
 
 # A long record outlasts the records that are simulated of it.
