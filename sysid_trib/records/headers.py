@@ -10,9 +10,9 @@ import pandas as pd
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import (
     ANGLE_UNITS,
+    LAB_WORDS,
     POSITION_UNITS,
     TIME_UNITS,
-    WORDS,
     SignalUnit,
     is_known_unit,
     plain_unit,
@@ -69,7 +69,7 @@ def names_quantity(base: str) -> str:
     base = _without_accents(base)
     first = base.split(" ")[0]
     for text in (base, re.sub(r"[ _]?(?:[xyz]|\d+|left|right)$", "", base), first if len(first) > 2 else ""):
-        for quantity, names in WORDS["quantities"].items():
+        for quantity, names in LAB_WORDS["quantities"].items():
             if text in names:
                 return quantity
     # `p1 x`: a coordinate of anything.
@@ -80,12 +80,16 @@ def is_time(base: str, unit: str) -> bool:
     """True if a header is that of a time column."""
     base = _without_accents(base)
     plain = re.sub(r"\s*\d+$", "", base)
-    return plain in WORDS["time"] or base in WORDS["time"] or (unit in TIME_UNITS and base.startswith("time"))
+    return (
+        plain in LAB_WORDS["time"]
+        or base in LAB_WORDS["time"]
+        or (unit in TIME_UNITS and base.startswith("time"))
+    )
 
 
 def counts_rows(base: str) -> bool:
     """True if a header is that of a number of the row, such as `frame`."""
-    return base in WORDS["counter"]
+    return base in LAB_WORDS["counter"]
 
 
 def _without_accents(text: str) -> str:

@@ -10,9 +10,9 @@ import pandas as pd
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
 from sysid_trib.records.signal import LARGEST_NUMBER
-from sysid_trib.records.units import WORDS
+from sysid_trib.records.units import LAB_WORDS
 
-MISSING = frozenset(WORDS["missing"])
+MISSING_TEXTS = frozenset(LAB_WORDS["missing"])
 DAY = 86400.0
 # The minus sign of Swedish and Norwegian settings.
 MINUS = "\u2212"
@@ -92,7 +92,7 @@ def is_numeric(values: Any) -> bool:
 def is_missing(text: str) -> bool:
     """True if a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
     plain = text.strip().lower()
-    return plain in MISSING or not any(map(str.isalnum, plain))
+    return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
 
 
 def is_number(value: object) -> bool:

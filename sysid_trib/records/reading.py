@@ -142,10 +142,10 @@ def _is_gzip(path: Path) -> bool:
 
 def _copy(file: "IO[bytes] | gzip.GzipFile", copy: Path, name: str) -> None:
     """Copy a stream, and refuse to go on beyond the largest content."""
-    left = LARGEST_CONTENT
+    room = LARGEST_CONTENT
     with copy.open("wb") as target:
         while part := file.read(2**20):
-            left -= len(part)
-            if left < 0:
+            room -= len(part)
+            if room < 0:
                 raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
             target.write(part)

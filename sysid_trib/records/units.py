@@ -9,12 +9,12 @@ import numpy as np
 
 STANDARD_GRAVITY = 9.80665
 # How laboratories call columns, spell units, and write that a value is missing.
-WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 
 
 def _by_spelling(kind: str) -> dict[str, str]:
     """The name that results use of each spelling of a kind of unit."""
-    return {spelling: name for name, spellings in WORDS[kind].items() for spelling in spellings}
+    return {spelling: name for name, spellings in LAB_WORDS[kind].items() for spelling in spellings}
 
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -33,7 +33,7 @@ ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
 OFFERED_TIME_UNITS = "s, ms, us, ns, min, h or d"
-OFFERED_ANGLES = ", ".join(WORDS["angles"])
+OFFERED_ANGLES = ", ".join(LAB_WORDS["angles"])
 
 
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "¹": "^1", "⁻": "-", "\u22c5": "·", "\u2219": "·", "\u2212": "-"})
