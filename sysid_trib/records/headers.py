@@ -80,11 +80,8 @@ def is_time(base: str, unit: str) -> bool:
     """True if a header is that of a time column."""
     base = _without_accents(base)
     plain = re.sub(r"\s*\d+$", "", base)
-    return (
-        plain in LAB_WORDS["time"]
-        or base in LAB_WORDS["time"]
-        or (unit in TIME_UNITS and base.startswith("time"))
-    )
+    named = {plain, base} & set(LAB_WORDS["time"])
+    return bool(named) or (unit in TIME_UNITS and base.startswith("time"))
 
 
 def counts_rows(base: str) -> bool:
