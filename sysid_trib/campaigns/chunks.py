@@ -41,7 +41,7 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     whole = np.full(array.chunks, array.fill_value, dtype=array.dtype)
     whole[: len(values)] = values
     place = _place(folder, array, number)
-    if _is_fill(whole, array.fill_value):
+    if np.array_equal(whole, np.full_like(whole, array.fill_value), equal_nan=whole.dtype.kind == "f"):
         # As zarr does: what is not there is the fill value.
         place.unlink(missing_ok=True)
         return
@@ -78,12 +78,6 @@ def read_chunk(folder: Path, array: Any, number: int) -> Array:
 
 def _place(folder: Path, array: Any, number: int) -> Path:
     return folder / ".".join(["0"] * array.ndim).replace("0", str(number), 1)
-
-
-def _is_fill(values: Array, fill: Any) -> bool:
-    if values.dtype.kind == "f" and np.isnan(fill):
-        return bool(np.isnan(values).all())
-    return bool((values == fill).all())
 
 
 # The array of checksums of the others.

@@ -95,7 +95,7 @@ def read_clock(
             f"{source}: its samples are {factor * (given[1] - given[0]):.3g} s apart: no clock has such "
             "steps; give its unit (--time-units), or the sampling rate (--sampling-rate HZ)."
         )
-    time, said = even or _without_rounding(given, np.append(0, back), decimal_step(given))
+    time, said = even or _without_rounding(given, decimal_step(given))
     time = time * factor
     # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
     if abs(time[0]) > 1e6:
@@ -155,7 +155,7 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
     return given + np.cumsum(shift), back
 
 
-def _without_rounding(given: Array, starts: Index, rounding: float) -> tuple[Array, str]:
+def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
     """The uniform clock whose rounded stamps these are, rows missing or not; else the stamps themselves."""
     steps = np.diff(given)
     usual = usual_step(steps)

@@ -109,7 +109,7 @@ def free_decays(
     # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
     time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
-    _check_signal(time, angle, source)
+    _check_signal(angle, source)
     value = None if equilibrium == "auto" else _given(equilibrium)
     if value is not None and measured.name != "angle":
         raise UsageError(
@@ -296,6 +296,6 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     return inside
 
 
-def _check_signal(time: Array, angle: Array, source: str) -> None:
+def _check_signal(angle: Array, source: str) -> None:
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")

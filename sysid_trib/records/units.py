@@ -21,10 +21,9 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600
 TIME_UNITS = {spelling: _SECONDS[name] for spelling, name in _by_spelling("seconds").items()}
 ANGLE_UNITS, POSITION_UNITS = _by_spelling("angles"), _by_spelling("positions")
 _TURN = 2.0 * np.pi
-RADIANS = {
-    **{"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "deg": _TURN / 360.0, "gon": _TURN / 400.0, "rev": _TURN},
-    **{"arcmin": _TURN / 21600.0, "arcsec": _TURN / 1296000.0},
-}
+_PER_TURN = {"rev": 1.0, "deg": 360.0, "gon": 400.0, "arcmin": 21600.0, "arcsec": 1296000.0}
+RADIANS = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6}
+RADIANS |= {name: _TURN / count for name, count in _PER_TURN.items()}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
 # How often a signal is to be integrated to become an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
