@@ -99,7 +99,8 @@ def sentences(tree, text):
 def docstrings(tree):
     """Docstrings of a module with their lines."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
+        holds = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        if holds and (text := ast.get_docstring(node)):
             yield text, node.body[0].lineno
 
 
@@ -142,9 +143,9 @@ def test_the_house_does_not_grow():
     """What it had when it was last measured (`python tests/house.py`): each landing brings these down."""
     now = numbers()
     assert len(arrows()) <= 141
-    assert now["files"] <= 265
-    assert now["code lines"] <= 31_420
-    assert now["classes"] <= 222
+    assert now["files"] <= 255
+    assert now["code lines"] <= 31_070
+    assert now["classes"] <= 218
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -22,10 +22,9 @@ from sysid_trib.records.signal import Piece, checked_signal, unit_of_signal
 
 @dataclass(frozen=True)
 class CutDecay:
-    """A decay within a piece of a record, of which the swing's run decays.
+    """A decay within a piece: free are the samples `start` to `stop` and the swing's run.
 
-    Free motion begins with sample `start` and ends before `stop`; `before` and `after` say what was cut;
-    `stop_time` is that of a stop for good, nan without one.
+    `before` and `after` say what was cut, `stop_time` when it stopped for good (nan if not).
     """
 
     piece: Piece
@@ -195,7 +194,7 @@ def _sentence(decay: CutDecay, units: str, mended: str) -> str:
 
 
 # Exponents, over the frequency, from which the damped sine is fitted.
-FIRST_EXPONENTS = (-0.02, 0.02, 0.2, 0.6)
+FIRST_EXPONENTS = -0.02, 0.02, 0.2, 0.6
 
 
 def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> CutDecay:

@@ -109,7 +109,8 @@ def free_decays(
     # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
     time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
-    _check_signal(angle, source)
+    if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
+        raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
     value = None if equilibrium == "auto" else _given(equilibrium)
     if value is not None and measured.name != "angle":
         raise UsageError(
@@ -294,8 +295,3 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
             "widen the window."
         )
     return inside
-
-
-def _check_signal(angle: Array, source: str) -> None:
-    if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
-        raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
