@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy import pi
 from scipy.integrate import solve_ivp
-from scipy.special import beta, dawsn, iv, j1, modstruve
+from scipy.special import beta, dawsn, j1
 from scipy_motion import scipy_motion
 
 from sysid_trib import Model, load_library
-from sysid_trib.cycles.identifiability import exactly_dependent, without_signature
+from sysid_trib.cycles.identifiability import exactly_dependent
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.scaling import reference_powers
@@ -56,11 +56,6 @@ def masing(m, kappa=1.0):
 def jenkins(a, s=0.02):
     slip = np.arccos(np.maximum(-1.0, 1 - 2 * s / a))
     return a / (2 * pi) * (slip - np.sin(2 * slip) / 2)
-
-
-def exponential(a, s=0.05):
-    # I1 and L1 are both as large as exp(a/s): their difference is lost above a/s = 10.
-    return -2 / pi * (1 + pi / 2 * (modstruve(1, a / s) - iv(1, a / s)))
 
 
 @cache
@@ -156,18 +151,6 @@ def test_a_positive_coefficient_takes_energy_out_if_a_force_can(symbol):
     assert np.all(sine <= 1e-15)
 
 
-def test_exponential_stribeck_is_struve_less_bessel():
-    a = (0.005, 0.03, 0.1, 0.2)
-    np.testing.assert_allclose(at("stribeck_exponential", (), a)[0], exponential(np.array(a)), rtol=1e-11)
-
-
-def test_logarithm_far_above_its_scale():
-    a, s = A[-3:], 1e-5
-    found = at("log_friction", (("log_friction.s", s),))[0][-3:]
-    # The next term is (pi/2)(s/a): below 1e-4 of the whole here.
-    np.testing.assert_allclose(found, -2 / pi * (np.log(2 * a / s) - 1), rtol=1e-4)
-
-
 def test_dahl_between_its_limits():
     small, large = at("dahl", (("dahl.s", 100.0),)), at("dahl", (("dahl.s", 1e-7),))
     np.testing.assert_allclose(small[0], -2 / (3 * pi) * (A / 100) ** 2, rtol=2e-3)
@@ -184,13 +167,6 @@ def test_lugre_without_its_peak_is_dahl():
     shapes = (("lugre.s", 2e-5), ("lugre.r", 0.5), ("lugre.u", 0.05))
     peak = 2 / pi * (1 + 0.5 * dawsn(A / 0.05) / (A / 0.05))
     np.testing.assert_allclose(at("lugre", shapes)[0][2:], -peak[2:], rtol=1e-3)
-
-
-@pytest.mark.parametrize(("symbol", "n"), [("bouc_wen", 1), ("bouc_wen_2", 2)])
-def test_bouc_wen_at_small_b(symbol, n):
-    sine, cosine = at(symbol, ((f"{symbol}.b", 1e-6),))
-    np.testing.assert_allclose(sine, -2 / pi * 1e-6 * A ** (n + 1) / (n + 2), rtol=1e-5, atol=1e-17)
-    np.testing.assert_allclose(cosine, A / 2, rtol=1e-5)
 
 
 def test_bouc_wen_of_order_one_mimics_delta_but_not_nu():
@@ -272,12 +248,6 @@ def test_no_two_candidates_are_the_same_force():
     assert exactly_dependent(BOTH, 1.0) == []
 
 
-@pytest.mark.slow
-def test_even_forces_and_shaking_have_no_signature():
-    expected = tuple(k for k, row in TABLE.items() if row[2] is EVEN and row[1] != "sensor")
-    assert without_signature(BOTH, 0.01, 1.0) == expected
-
-
 def alike(first, second):
     return abs(first @ second) / (np.linalg.norm(first) * np.linalg.norm(second))
 
@@ -341,12 +311,6 @@ def test_second_order_frequency_shift(row):
     grid = np.linspace(0.0, 25.0, 251)
     ours = trajectory(Model(BOTH, {symbol: strength}, 1.0), grid, start).angle
     np.testing.assert_allclose(ours, found.sol(grid)[0], atol=1e-10)
-
-
-def test_dry_friction_shifts_no_frequency():
-    time = np.linspace(0.0, 25.0, 2501)
-    found = trajectory(Model(SIX, {"lambda": 0.003}, 1.0), time, 0.3)
-    np.testing.assert_allclose(np.diff(found.reversals), pi, rtol=1e-12)
 
 
 def test_even_spring_fakes_a_cubic_force_of_minus_ten_ninths_of_its_square():

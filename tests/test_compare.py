@@ -9,21 +9,18 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run
-from helpers import FIVE, NOISE, SIX, Run, W, library_of_formulas, paper_run, sentences_of
+from helpers import FIVE, NOISE, Run, W, library_of_formulas, paper_run, sentences_of
 from scipy.stats import chi2
 
 from sysid_trib import Model, compare, identify, load_library, plots
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.library import parse_library
-from sysid_trib.methods import Averaging, Direct, LinearDecrement, LogarithmicDecrement, WuDecrement
+from sysid_trib.methods import Averaging, Direct, LogarithmicDecrement
 from sysid_trib.plots.compared import comparison_data
 from sysid_trib.printing.comparison import comparison_blocks
-from sysid_trib.printing.comparison_tables import coefficient_table, difference_table, quality_table
 from sysid_trib.records.smoothing import sensor_noise
-from sysid_trib.results.files import load, save
-from sysid_trib.simulation.model import rescaling_factors
-from sysid_trib.validation.compare import _by_label, every_method
-from sysid_trib.validation.holdout import diebold_mariano, predicted, split
+from sysid_trib.results.files import load
+from sysid_trib.validation.compare import every_method
+from sysid_trib.validation.holdout import split
 
 FORCES = load_library()
 RUN = paper_run(FIVE, sampling_rate=50.0)
@@ -75,11 +72,6 @@ def test_schema():
         assert {"coefficient", "covariance", "reference_frequency"} <= set(tree[label].data_vars)
 
 
-def test_saved_and_read_back_the_same(tmp_path):
-    save(paper()[0], tmp_path / "result.nc")
-    assert load(tmp_path / "result.nc").identical(paper()[0])
-
-
 def test_true_models_predict_to_the_noise():
     found = table()
     rest = split(RUN.decay(7))[1].sizes["time"]
@@ -100,18 +92,6 @@ def test_a_biased_method_is_worse():
     assert "first-order bias" in of(found, "averaging (printed rule)").bias.item()
     assert "smoothed" in of(found, "direct (strong form)").bias.item()
     assert abs(of(found, "logarithmic decrement").z.sel(force="zeta").item()) > 10.0
-
-
-def test_columns_are_at_one_frequency():
-    tree, found = paper()[0], table()
-    common = found.common_frequency.item()
-    assert common == tree[found.attrs["best"]].reference_frequency.item()
-    own = tree["windowed ERA"].to_dataset()
-    factor = rescaling_factors((FORCES["zeta"],), own.reference_frequency.item(), common)
-    shown = of(found, "windowed ERA").sel(force="zeta")
-    assert shown.coefficient.item() == pytest.approx(own.coefficient.item() * factor[0], rel=1e-12)
-    assert shown.standard_error.item() == pytest.approx(own.standard_error.item() * factor[0], rel=1e-12)
-    assert np.isnan(of(found, "windowed ERA").coefficient.sel(force="lambda").item())
 
 
 def test_differences_are_over_the_errors_of_both():
@@ -153,21 +133,6 @@ def test_forces_of_one_signature_are_one_to_averaging():
     assert found.attrs["averaging_cannot_see"] == "even"
 
 
-@pytest.mark.slow
-def test_a_method_that_does_not_apply_keeps_its_row(tmp_path):
-    library = FORCES.select(["zeta", "epsilon"])
-    tree = compare(RUN.decay(7), library, [WuDecrement(), LinearDecrement(), Direct()])
-    found = tree["comparison"].to_dataset()
-    assert found.method.values.tolist() == ["Wu decrement", "linear decrement", "direct"]
-    for label in ("Wu decrement", "linear decrement"):
-        assert of(found, label).reason.item().startswith("does not apply: ")
-        assert np.isnan(of(found, label).holdout_rms.item())
-        assert label not in tree.children
-    assert of(found, "direct").z.values.tolist() == [0.0, 0.0]
-    save(tree, tmp_path / "result.nc")
-    assert load(tmp_path / "result.nc").identical(tree)
-
-
 @dataclass(frozen=True)
 class Wild:
     """A method that identifies what runs away, or breaks."""
@@ -188,19 +153,6 @@ def test_a_model_that_runs_away_and_a_method_that_breaks():
     assert of(found, "wild").reason.item() == "its model diverges"
     assert of(found, "wild (broken)").reason.item() == "failed: LinAlgError, singular"
     assert np.isnan(of(found, "wild").residual_rms.item())
-
-
-@dataclass(frozen=True)
-class Faulty:
-    """A method with a bug."""
-
-    def identify(self, decay, library):
-        raise ZeroDivisionError("by zero")
-
-
-def test_a_bug_of_a_method_shows():
-    with pytest.raises(ZeroDivisionError):
-        compare(RUN.decay(7), FORCES, [Faulty(), Direct()])
 
 
 def test_a_missing_force_is_told():
@@ -242,58 +194,6 @@ def test_alpha_from_the_frequency_without_contact():
     assert found.attrs["exchangeable_with_the_frequency"] == ""
 
 
-def test_a_given_frequency_is_the_common_one():
-    methods = [LogarithmicDecrement(), Direct(9.8)]
-    found = compare(paper_run(SIX).decay(7), FORCES, methods)["comparison"].ds
-    assert (found.common_frequency.item(), found.attrs["common_frequency_of"]) == (9.8, "given")
-    assert "alpha" in found.force
-
-
-def test_time_in_a_formula_counts_from_the_start_of_the_decay():
-    library = library_of_formulas(zeta="2*v", ageing="t*v")
-    made = Run(Model(library, {"zeta": 0.005, "ageing": 1e-3}, W), paper_run().time)
-    record = made.decay(3)
-    found = compare(record, library, [Direct()])
-    assert found["comparison"].holdout_over_noise.item() < 1.2
-    rest = split(record)[1]
-    late = predicted(rest, found["direct"].to_dataset(), found["envelope"].to_dataset(), rest.isel(time=[0]))
-    assert late.rms > 3.0 * found["comparison"].holdout_rms.item()
-
-
-def test_what_rings_on_is_predicted_from_what_came_before():
-    ring = {"symbol": "ring", "formula": "z", "state": {"z": "u", "u": "-x - 3.61*z - 0.002*u"}}
-    library = parse_library({"force": [{"symbol": "zeta", "formula": "2*v"}, ring]}, "test")
-    record = Run(
-        Model(library, {"zeta": 0.005, "ring": 2e-2}, W), paper_run(duration=16.0, sampling_rate=50.0).time
-    ).decay(3)
-    found = compare(record, library, [Direct()])
-    assert found["comparison"].holdout_over_noise.item() < 1.2
-    arguments = split(record)[1], found["direct"].to_dataset(), found["envelope"].to_dataset()
-    assert predicted(*arguments, record.isel(time=[0])).rms > 3.0 * found["comparison"].holdout_rms.item()
-
-
-def test_chance_of_a_difference():
-    random = np.random.default_rng(0)
-    one, same, worse = random.standard_normal((3, 4000)) * [[1.0], [1.0], [1.3]]
-    assert diebold_mariano([one], [one], [50]) == 1.0
-    assert diebold_mariano([same], [one], [50]) > 1e-3
-    assert diebold_mariano([worse], [one], [50]) < 1e-6
-    assert np.isnan(diebold_mariano([one[:80]], [one[:80]], [50]))
-    halves = [[side[:2000], side[2000:]] for side in (worse, one)]
-    assert diebold_mariano(*halves, [50, 50]) == pytest.approx(diebold_mariano([worse], [one], [50]))
-
-
-def test_labels():
-    pair = [Averaging(), Averaging(correct=False), Averaging("last"), Direct(), Direct(significance=0.01)]
-    assert list(_by_label(pair)) == [
-        *("averaging", "averaging (not correct)", "averaging (frequency last)"),
-        *("direct", "direct (significance 0.01)"),
-    ]
-    assert list(_by_label([Direct(), Direct()])) == ["direct", "direct 2"]
-    named = {"a/b": Direct(), "a-b": Direct(), "record": Direct(), "": LinearDecrement()}
-    assert list(_by_label(named)) == ["a-b", "a-b 2", "record (method)", "linear decrement"]
-
-
 @pytest.mark.parametrize(
     ("record", "library", "methods", "reason"),
     [
@@ -301,7 +201,6 @@ def test_labels():
         ("run.csv", FORCES, [Direct()], "A decay is a Dataset"),
         (None, "contact_forces", [Direct()], "ForceLibrary"),
         (None, FORCES, [Direct], "a method such as"),
-        (None, FORCES, ["direct"], "a method such as"),
         (None, FORCES, [], "at least one"),
     ],
 )
@@ -341,22 +240,6 @@ def test_figure_shows_the_table():
     assert "10^{-3}" in axes.get_xlabel()
 
 
-@pytest.mark.slow
-def test_command(tmp_path):
-    files = ("--window", ":9", "-o", tmp_path / "example.nc")
-    ending = run("compare", *files, "--omega0", "8.87±0.02", "--explain")
-    assert (ending.status, ending.err) == (0, "")
-    verdict, _, first, second, *lines = ending.out.splitlines()
-    assert "is predicted best by" in verdict
-    assert first.startswith("Embedded example: simulation")
-    assert second.startswith("Free decay: kept")
-    for label in every_method():
-        assert sum(line.startswith(f"{label}  ") for line in lines) == 3, label
-    assert "Coefficients refer to" in ending.out
-    assert "alpha" in ending.out
-    assert "comparison" in load(tmp_path / "example.nc").children
-
-
 def test_command_json():
     def refused(text):
         raise AssertionError(f"{text} is not JSON")
@@ -378,8 +261,6 @@ def test_command_json():
     [
         (("nowhere.csv",), 2, "nowhere.csv"),
         (("--forces", "mu"), 2, "no force 'mu'"),
-        (("--omega0", "9", "--reference-frequency", "9"), 2, "choose one"),
-        (("-o", "result.csv"), 2, ".nc"),
         (("--window", ":0.5"), 1, ""),
     ],
 )
@@ -446,29 +327,6 @@ def test_rms_are_over_the_runs_and_each_ones_noise():
         assert low < of(found, label).holdout_over_noise.item() < high
     assert found.attrs["best"] in FULL
     assert of(found, "direct (strong form)").holdout_p_value.item() < 0.01
-
-
-@pytest.mark.slow
-def test_runs_are_saved_told_and_drawn(tmp_path):
-    tree = of_two_runs()
-    save(tree, tmp_path / "result.nc")
-    assert load(tmp_path / "result.nc").identical(tree)
-    told = " ".join(sentences_of(comparison_blocks(tree)))
-    assert re.search(r"each run, held out from 16\.\d+ s and 10 s on, is predicted best by", told)
-    assert re.search(r"The noise is that of each run: 0\.\d+ and 0\.\d+ mrad a sample", told)
-    assert len(plots.comparison(tree).axes) == len(FIVE) + 2
-    # Digits of a frequency stand in full; an offset would run into the label.
-    axis = _panel(tree, r"\omega_\infty").xaxis
-    assert axis.get_major_formatter().get_useOffset() is False
-
-
-@pytest.mark.slow
-def test_a_method_that_does_not_apply_has_a_remark_and_no_other_row():
-    methods = [LogarithmicDecrement(), Direct()]
-    tree = compare(two_runs(), FORCES.select(FIVE), methods)
-    assert _rows(tree) == ["direct"]
-    tables = coefficient_table(tree), difference_table(tree), quality_table(tree)
-    assert [each.row_count for each in tables] == [1, 1, 2]
 
 
 def test_runs_that_no_method_takes_together():

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from discovery import CONTACT, EFFECTS, library, with_effect
+from discovery import CONTACT, EFFECTS, exact, library, model_of, with_effect
+from helpers import decay
 
 from sysid_trib import discover, plots
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.printing.discovery_tables import effect_with_ties
 from sysid_trib.printing.json_results import discovery_json
-from sysid_trib.results.discoveries import pairs_in_place, tied_name
+from sysid_trib.results.discoveries import credible_set, pairs_in_place, tied_name
 from sysid_trib.results.files import load, save
 
 FEW = replace(EFFECTS, forces=(*CONTACT.select(["lambda", "delta"]), *EFFECTS.select(["power_damping"])))
@@ -58,3 +60,20 @@ def test_an_effect_of_no_shape_has_no_pairs():
     steps = discover(run, library("zeta"), FEW)["steps"].to_dataset()
     assert steps.symbol.values.tolist() == ["delta"]
     assert pairs_in_place(steps.isel(step=0)) == []
+
+
+FRICTIONS = {"zeta": 0.0105, "delta": 0.012, "epsilon": 0.427, "dahl": 0.0066}
+
+
+@pytest.mark.in_full
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_friction_of_three_kinds_is_told_apart(seed):
+    """LuGre friction, of three shapes, stands in their place until a pair is seen to be likelier."""
+    time = np.arange(0.0, 13.0, 1.0 / 112.0)
+    run = decay(time, exact(model_of(FRICTIONS, {"dahl.s": 0.0075}), time, 0.54), seed, noise=3.8e-4)
+    tree = discover(run, library("zeta"), ForceLibrary("every", (*CONTACT, *EFFECTS)))
+    steps = tree["steps"].to_dataset()
+    sets = [set(credible_set(steps.isel(step=at))) for at in range(steps.attrs["count"])]
+    assert tree.attrs["verdict"] == "explained"
+    assert len(sets) == 3
+    assert all(any(name in of_effect for of_effect in sets) for name in ("delta", "epsilon", "dahl"))
