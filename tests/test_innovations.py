@@ -7,9 +7,6 @@ import xarray as xr
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce
-from sysid_trib.likelihood.sensor_noise import colour_variables, fractional_difference
-from sysid_trib.motion_fit.innovations import birge_ratios
-from sysid_trib.motion_fit.tracked import track
 from sysid_trib.simulation.initial_conditions import fit_start
 
 W, NOISE = 8.87, 2e-4
@@ -37,17 +34,6 @@ def pushed():
     motion = st.simulate(MODEL, TIME, 0.3, random_force=DENSITY, seed=2)
     decay = measured(motion.angle)
     return motion, decay, identified(decay, DENSITY)
-
-
-@pytest.mark.slow
-def test_noise_of_a_long_memory_has_few_states(pushed):
-    """Each tap was a state: of 1/f noise sampled finely a filter took seconds and gigabytes."""
-    _, decay, result = pushed
-    long = fractional_difference(0.5, 200)
-    followed = track(decay, result.assign(colour_variables([long]))).linear.sensor_filter
-    assert len(followed) < 50
-    turns = np.exp(-2j * np.pi * np.outer([1 / 60, 1 / 20, 0.1, 0.4], np.arange(len(long))))
-    assert np.abs(turns[:, : len(followed)] @ followed) == pytest.approx(np.abs(turns @ long), rel=0.05)
 
 
 def test_without_a_random_force_they_are_what_a_free_motion_leaves():
@@ -106,49 +92,12 @@ def test_a_push_is_seen_when_it_was_and_as_large_as_it_was(push, pushed):
     assert 0.5 < impulse / push < 1.1
 
 
-def test_a_wrong_model_shows_in_the_innovations():
-    damped = MODEL.with_coefficients({"delta": 2e-2})
-    decay = measured(st.simulate(damped, TIME, 0.3).angle)
-    result = identified(decay, "off", FORCES.select(["lambda"]))
-    assert st.validation.innovations(decay, result).ljung_box_p_value < 1e-6
-
-
-def test_any_method_and_each_of_several_runs():
-    decays = [measured(st.simulate(MODEL, TIME, a).angle, seed) for seed, a in enumerate((0.3, 0.2))]
-    result = st.identify(decays, FORCES, st.methods.Direct())
-    for run, decay in enumerate(decays):
-        found = st.validation.innovations(decay, result, run)
-        assert found.innovation_rms == pytest.approx(NOISE, rel=0.15)
-        assert dict(found.sizes) == {"time": len(TIME), "lag": 20}
-
-
 def test_a_gap_is_a_long_step(pushed):
     _, decay, result = pushed
     gap = decay.isel(time=[*range(300), *range(420, 700)])
     found = st.validation.innovations(gap, result)
     assert found.innovation_standard_deviation.values[300] > 2.0 * NOISE
     assert found.ljung_box_p_value > 0.001
-
-
-@pytest.mark.slow
-def test_a_long_record_is_linear_in_its_samples():
-    import time as clock
-
-    times = np.arange(40_000) * 2.0 * np.pi / W / 100
-    model = st.Model(FORCES, {"zeta": 1e-5, "delta": 1e-4}, W)
-    angle = st.simulate(model, times, 0.3).angle.values
-    angle = angle + NOISE * np.random.default_rng(0).standard_normal(len(times))
-    decay = xr.Dataset({"angle": ("time", angle)}, {"time": times})
-    seconds = []
-    for count in (10_000, 40_000):
-        part = decay.isel(time=slice(0, count))
-        result = st.identify(part, FORCES.select(["zeta", "delta"]), st.methods.Direct(refine=False))
-        result["random_force_density"] = DENSITY
-        result["random_force_standard_error"] = result["random_force_p_value"] = 0.0
-        start = clock.process_time()
-        st.validation.innovations(part, result)
-        seconds.append(clock.process_time() - start)
-    assert seconds[1] < 8.0 * seconds[0]
 
 
 def test_bands_hold_what_was_measured(pushed):
@@ -162,33 +111,6 @@ def test_bands_hold_what_was_measured(pushed):
     # The band holds the random force on the way: over tau its variance of x is per_tau * tau / 2, on average.
     wander = np.sqrt(0.5 * RandomForce(DENSITY).per_tau(W) * 2.0 * np.pi * ahead + NOISE**2)
     assert (bands.predicted_standard_error.mean("origin") > 0.9 * wander).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("symbol", ["delta", "sensor_curve"])
-def test_the_band_holds_what_another_coefficient_predicts_of_the_same_record(symbol, pushed):
-    """With another curve of the sensor, or another force, the same samples are those of another motion."""
-    _, decay, _ = pushed
-    curve = st.load_library("candidate_effects")["sensor_curve"]
-    forces = st.forces.ForceLibrary("with the sensor's curve", (*FORCES, curve))
-    result = st.identify(decay, forces, st.methods.Direct(random_force=DENSITY))
-    zero = xr.zeros_like(result.covariance)
-    known = result.assign(
-        covariance=zero,
-        frequency_covariance=xr.zeros_like(result.frequency_covariance),
-        reference_frequency_standard_error=0.0,
-    )
-    error, origins = 1e-5, [float(TIME[at]) for at in (200, 310, 423)]
-    variance = zero.copy()
-    variance.loc[{"force": symbol, "other_force": symbol}] = error**2
-    other = known.assign(coefficient=known.coefficient + error * (known.force == symbol))
-    here, there, wide = (
-        st.validation.prediction_bands(decay, r, [1.0, 3.0], origins=origins)
-        for r in (known, other, known.assign(covariance=variance))
-    )
-    added = wide.predicted_standard_error**2 - here.predicted_standard_error**2
-    change = np.abs(there.predicted - here.predicted)
-    assert np.sqrt(added).values == pytest.approx(change.values, rel=0.03, abs=0.02 * change.values.max())
 
 
 def test_a_prediction_uses_no_sample_after_its_origin(pushed):
@@ -211,24 +133,3 @@ def test_requests_that_no_record_supports(pushed):
         st.validation.prediction_bands(decay, result, [500.0])
     with pytest.raises(DecayError, match="start between"):
         st.validation.prediction_bands(decay, result, [1.0], origins=[0.0])
-
-
-def test_a_model_that_lacks_nothing_seldom_has_wider_bands():
-    due, origins = np.arange(400.0), np.arange(20.0, 400.0, 10.0)
-    scores = np.random.default_rng(3).standard_normal((50, 400))
-    factors = np.array([birge_ratios(each, due, origins) for each in scores])
-    # 1 % of 1,900, within three binomial errors.
-    assert 0.003 < np.mean(factors > 1.0) < 0.017
-
-
-def test_bands_of_a_model_that_lacks_a_force_are_widened_to_hold(pushed):
-    decay, result = pushed[1], pushed[2]
-    wrong = result.assign(coefficient=result.coefficient * xr.where(result.force == "delta", 3.0, 1.0))
-    origins = np.arange(2.0, 9.5, 0.71)
-    bands = st.validation.prediction_bands(decay, wrong, [1.0], origins=origins)
-    # The first ones had no predictions before them by which to be widened.
-    known = bands.isel(origin=slice(4, None), horizon=0)
-    scores = np.abs((known.measured - known.predicted) / known.predicted_standard_error)
-    assert (known.widening > 1.5).all()
-    assert (scores < 1.96).mean() > 0.85
-    assert (scores * known.widening < 1.96).mean() < 0.7

@@ -1,5 +1,3 @@
-import time
-
 import numpy as np
 import pytest
 from candidates import CANDIDATES, candidate
@@ -97,26 +95,6 @@ def test_phase_is_the_integral_of_the_frequency():
     np.testing.assert_allclose(found.phase, W * TIME + 4 * -0.4 / (3 * np.pi) * 0.3 * fall / 0.02, rtol=1e-11)
 
 
-def test_after_the_arrest_nothing_moves():
-    found = predicted({"lambda": 0.03})
-    after = found.arrest_time.item() < TIME
-    assert after.any()
-    assert np.all(found.amplitude[after] == 0)
-    assert np.all(np.isnan(found.frequency[after]))
-    assert np.all(np.isnan(found.phase[after]))
-
-
-def test_arrest_is_on_the_clock_of_the_times():
-    shifted = predicted({"lambda": 0.03}, t=TIME + 100.0)
-    assert shifted.arrest_time.item() == pytest.approx(100.0 + predicted({"lambda": 0.03}).arrest_time.item())
-
-
-def test_negative_dry_friction_ends_in_a_limit_cycle():
-    found = predicted({"lambda": -1e-3, "zeta": 0.05}, t=np.linspace(0, 200, 11))
-    assert found.amplitude.values[-1] == pytest.approx(2e-3 / (np.pi * 0.05), rel=1e-9)
-    assert np.isnan(found.arrest_time)
-
-
 @pytest.mark.parametrize(
     "coefficients",
     [
@@ -141,11 +119,6 @@ def test_tabulated_signatures_keep_the_equation(coefficients):
     np.testing.assert_allclose(-steps, slope, rtol=2e-4, atol=1e-9)
     frequency = W * (1 + sum(c * pairs[k][1] for k, c in coefficients.items()) / a[here])
     np.testing.assert_allclose(found.frequency[here], frequency, rtol=1e-6)
-
-
-def test_forces_that_drift_in_time():
-    found = predicted({"drift": 0.002})
-    np.testing.assert_allclose(found.amplitude, 0.3 * np.exp(-0.002 * W * TIME**2 / 4), atol=1e-9)
 
 
 def gaps_at_the_tenth_turn(strength):
@@ -187,22 +160,6 @@ def test_bad_amplitude(amplitude):
         predicted({"zeta": 0.01}, amplitude)
 
 
-@pytest.mark.parametrize("times", [[0.0, 0.0], [1.0, 0.0], [0.0, np.nan], [[0.0, 1.0]]])
-def test_bad_times(times):
-    with pytest.raises(SimulationError, match="times"):
-        predicted({"zeta": 0.01}, t=times)
-
-
 def test_growth_without_bound_is_refused():
     with pytest.raises(SimulationError, match="grows without bound"):
         predicted({"delta": -0.9})
-
-
-def test_six_forces_take_milliseconds():
-    model = Model(load_library(), PAPER, W)
-    taken = []
-    for _ in range(5):
-        start = time.perf_counter()
-        predict_envelope(model, TIME, 0.3)
-        taken.append(time.perf_counter() - start)
-    assert min(taken) < 4 * 20e-3

@@ -1,24 +1,17 @@
 """Is a random force one: its dependence on angle, speed, amplitude and time, and what is said of it."""
 
-import time as clock
-
 import numpy as np
 import pytest
 import xarray as xr
 from helpers import correlated_noise, sentences_of
 
 import sysid_trib as st
-from sysid_trib import plots
 from sysid_trib.commands.checks import parse_random_force
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.random_force import RandomForce
-from sysid_trib.methods.scope import with_random_force
-from sysid_trib.motion_fit.tracked import FollowedRuns
-from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.json_results import identification_json
 from sysid_trib.printing.verdict import verdict_sentence
-from sysid_trib.validation.verdict import verdict_on_record
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces").select(["zeta", "delta", "epsilon"])
@@ -48,7 +41,7 @@ def pushed():
     return decay, identified(decay)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_a_random_force_alone_depends_on_nothing():
     values = []
     for seed in range(4):
@@ -65,8 +58,6 @@ def test_a_random_force_alone_depends_on_nothing():
     ("symbol", "coefficient", "on"),
     [
         ("lambda", 1e-3, "speed"),
-        ("gravity", 0.5, "angle"),
-        ("even_spring", 5e-2, "angle"),
         ("damping_drift", 2e-3, "time"),
     ],
 )
@@ -98,41 +89,9 @@ def test_a_size_that_follows_the_amplitude_is_seen():
     assert tested.p_value < 1e-3
 
 
-@pytest.mark.slow
-def test_a_coefficient_that_was_held_wrong_is_no_random_force():
-    decay = measured(MODEL.with_coefficients({"zeta": 5e-3}))
-    method = st.methods.Trajectory(random_force="estimated", constraints={"epsilon": -0.05}, start=MODEL)
-    tested = st.validation.random_force_dependence(decay, st.identify(decay, FORCES, method))
-    assert tested.dependence_p_value.sel(aspect="force", on="angle") < 1e-6
-
-
-@pytest.mark.slow
-def test_a_density_by_hand_that_the_record_contradicts(pushed):
-    decay, result = pushed
-    assert st.validation.random_force_dependence(decay, result).density_p_value > 0.5
-    wrong = identified(decay, random_force=30.0 * density_of(5.0))
-    tested = st.validation.random_force_dependence(decay, wrong)
-    assert tested.density_p_value < 1e-4
-    assert 0.3 < tested.likely_density / density_of(5.0) < 3.0
-
-
 def test_without_a_random_force_there_is_nothing_to_test(pushed):
     with pytest.raises(UsageError, match="estimated"):
         st.validation.random_force_dependence(pushed[0], identified(pushed[0], random_force="off"))
-
-
-@pytest.mark.slow
-def test_a_long_record_takes_seconds():
-    time = np.arange(100_000) * 2.0 * np.pi / W / 100
-    model = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 1e-5, "delta": 1e-4}, W)
-    decay = measured(model, time=time)
-    result = st.identify(decay, model.library, st.methods.Direct(refine=False))
-    result["random_force_density"] = 1e-7
-    result["random_force_standard_error"] = result["random_force_p_value"] = 0.0
-    start = clock.process_time()
-    tested = st.validation.random_force_dependence(decay, result)
-    assert clock.process_time() - start < 10.0
-    assert tested.attrs["every"] == 5
 
 
 @pytest.fixture(scope="module")
@@ -183,78 +142,12 @@ def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
         assert "random_force" not in tree.children
 
 
-@pytest.mark.slow
-def test_a_random_force_is_named_where_methods_are_compared():
-    decay = measured(MODEL, density_of(20.0), 3)
-    methods = {"direct": st.methods.Direct(random_force="estimated")}
-    tree = st.compare(decay, FORCES, methods)
-    text = " ".join(sentences_of(comparison_blocks(tree)))
-    assert "These forces without a random force do not explain it." in text
-    assert "allow: direct" in text
-    assert "effective values" not in text
-    methods = {"direct": st.methods.Direct(random_force="off")}
-    tree = st.compare(decay, FORCES, methods)
-    assert "effective values" in " ".join(sentences_of(comparison_blocks(tree)))
-
-
-@pytest.mark.slow
-def test_each_run_is_judged(pushed):
-    runs = [measured(MODEL, density_of(5.0), seed) for seed in (3, 4)]
-    results = [identified(runs, random_force=option) for option in ("off", "estimated")]
-    tree = st.cross_check(runs, *results, draws=1)
-    assert tree["random_force"].p_value.dims == ("run",)
-    assert {"innovations_1", "innovations_2", "prediction_bands_2"} <= set(tree.children)
-    assert tree["comparison"].attrs["verdict_on_record"] == "explained with a random force"
-
-
-def test_methods_take_the_option_that_they_can():
-    direct, decrement = st.methods.Direct(), st.methods.WindowedERA()
-    assert with_random_force(direct, "auto").random_force == "auto"
-    assert with_random_force(decrement, "auto") is decrement
-    strong = st.methods.Direct(form="strong")
-    assert with_random_force(strong, 1e-4) is strong
-    with pytest.raises(UsageError, match="random_force"):
-        with_random_force(decrement, -1.0)
-
-
 @pytest.mark.parametrize("text", ["much", "-1", "nan", "1e30", ""])
 def test_the_command_line_refuses_what_is_no_density(text):
     with pytest.raises(UsageError, match="auto, estimated, off, or a density"):
         parse_random_force(text)
     assert parse_random_force(" 1e-4") == 1e-4
     assert (parse_random_force("auto"), parse_random_force("off")) == ("auto", "off")
-
-
-def test_figures_show_the_numbers(checked):
-    followed, bands = (checked[name].to_dataset() for name in ("innovations", "prediction_bands"))
-    over_time, over_lag, force = plots.innovations(followed).axes
-    assert over_time.lines[0].get_ydata() == pytest.approx(1e3 * followed.innovation.values)
-    assert (over_time.get_xlabel(), over_time.get_ylabel()) == ("time (s)", "innovation (mrad)")
-    assert over_lag.get_xlabel() == "lag (samples)"
-    assert over_lag.lines[0].get_ydata() == pytest.approx(followed.autocorrelation.values)
-    assert set(force.lines[0].get_ydata()) <= set(followed.random_force.values)
-    assert force.get_ylabel() == "random force (rad/s²)"
-    predicted = plots.prediction_bands(bands)
-    drawn = predicted.lines[0].get_ydata()
-    assert drawn == pytest.approx(1e3 * (bands.measured - bands.predicted).values[0], nan_ok=True)
-    assert predicted.get_ylabel().endswith("(mrad)")
-
-
-@pytest.mark.slow
-def test_noise_that_is_larger_than_the_sensors_hides_no_force():
-    whole = {f.symbol: f for f in st.load_library("candidate_effects")}
-    library = st.forces.ForceLibrary("whole", (*FORCES, whole["structural_damping"]))
-    time = np.arange(1200) * 2.0 * np.pi / W / 60
-    truth = {"zeta": 5e-3, "delta": 2e-3, "epsilon": -0.1, "structural_damping": 0.09}
-    decay = measured(st.Model(library, truth, W), time=time)
-    result = st.identify(decay, FORCES, st.methods.Direct(random_force="off"))
-    # As a method that takes the force for coloured noise states it.
-    result = result.assign(noise=result.noise * 5.0, random_force_density=0.0)
-    result = result.assign(random_force_standard_error=1e-6, random_force_p_value=1.0)
-    assert verdict_on_record("yes", 0.1, FollowedRuns({0: decay}, result), {}) == "not explained"
-    free = measured(MODEL, time=time)
-    plain = st.identify(free, FORCES, st.methods.Direct(random_force="off"))
-    assert verdict_on_record("yes", 0.1, FollowedRuns({0: free}, plain), {}) == "explained"
 
 
 def coloured(model, seed, density=0.0, time=TIME):
