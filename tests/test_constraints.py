@@ -1,77 +1,168 @@
-"""Constraints: fixed, bounded and tied parameters, read, checked and resolved."""
+"""Constraints: fixed, bounded and tied parameters, read, held by every method, and refused in a sentence."""
 
 import json
 
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import run
+from helpers import FIVE, SIX, W, library_of_formulas, names, paper_run, values
 
 from sysid_trib import Model, compare, free_decay, identify, load_library, simulate
 from sysid_trib.errors import UsageError
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.ties import parse_tie
-from sysid_trib.methods import Direct, method_of
+from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
+from sysid_trib.validation.homogeneity import run_agreement
 
 FORCES = load_library()
 EFFECTS = load_library("candidate_effects")
 NAMES = ("lambda", "zeta", "nu", "delta", "dahl.s")
+METHODS = pytest.mark.parametrize("method", [Direct, Trajectory, Averaging], ids=lambda m: m.__name__)
+QUICK = ("--window", ":9")
 
 
-def test_texts_of_the_command_line_are_read():
-    read = Constraints.from_texts(
-        ["lambda=0", "alpha = 1e-3"], ["zeta=0:", "epsilon=:1"], ["nu=-2.356*delta"]
+@pytest.fixture(scope="module")
+def record():
+    return paper_run(SIX).decay(0)
+
+
+@METHODS
+def test_a_fixed_value_comes_back_exactly_and_conditions_the_others(record, method):
+    """What is known of one coefficient is passed on by the covariance of the unconstrained fit."""
+    truth, free = FIVE["epsilon"], method(reference_frequency=W).identify(record, FORCES)
+    fixed = method(reference_frequency=W, constraints={"epsilon": truth}).identify(record, FORCES)
+    held = fixed.sel(force="epsilon")
+    assert (held.coefficient.item(), held.standard_error.item()) == (truth, 0.0)
+    assert held.constraint.item() == "fixed"
+    others = [s for s in free.force.values.tolist() if s != "epsilon"]
+    assert set(fixed.constraint.sel(force=others).values) == {""}
+    variance = free.covariance.sel(force="epsilon", other_force="epsilon").item()
+    gain = free.covariance.sel(other_force="epsilon") / variance
+    expected = free.coefficient + gain * (truth - free.coefficient.sel(force="epsilon").item())
+    apart = (fixed.coefficient - expected) / free.standard_error
+    np.testing.assert_allclose(apart.sel(force=others), 0.0, atol=0.02)
+    errors = np.sqrt(free.standard_error**2 - variance * gain**2).sel(force=others)
+    np.testing.assert_allclose(fixed.standard_error.sel(force=others), errors, rtol=0.02)
+
+
+@pytest.mark.parametrize("frequency", [W, None], ids=["given", "fitted"])
+def test_a_force_fixed_at_zero_is_a_force_left_out(record, frequency):
+    fixed = Direct(frequency, constraints={"lambda": 0.0}).identify(record, FORCES)
+    rest = [s for s in fixed.force.values.tolist() if s != "lambda"]
+    without = Direct(frequency).identify(record, FORCES.select(rest))
+    np.testing.assert_allclose(values(fixed, rest), values(without, rest), rtol=1e-6)
+    np.testing.assert_allclose(fixed.standard_error.sel(force=rest), without.standard_error, rtol=1e-3)
+
+
+@METHODS
+def test_a_tie_is_a_library_with_both_forces_in_one(record, method):
+    tied = method(reference_frequency=W, constraints={"nu": "-2.356*delta"}).identify(record, FORCES)
+    value, error = (tied[k].sel(force=["delta", "nu"]).values for k in ("coefficient", "standard_error"))
+    assert value[1] == pytest.approx(-2.356 * value[0], rel=1e-12)
+    assert error[1] == pytest.approx(2.356 * error[0])
+    assert tied.constraint.sel(force="nu").item() == "nu=-2.356*delta"
+    rest = [s for s in FORCES.symbols if s not in ("delta", "nu")]
+    both = library_of_formulas(both="v*abs(v) - 2.356*x*abs(x)")
+    same = method(reference_frequency=W).identify(
+        record, ForceLibrary("merged", (*FORCES.select(rest), *both))
     )
-    assert read.fixed == {"lambda": 0.0, "alpha": 1e-3}
-    assert read.bounds == {"zeta": (0.0, np.inf), "epsilon": (-np.inf, 1.0)}
-    assert read.ties == {"nu": "-2.356*delta"}
-    assert read
-    assert not Constraints()
-    read.check(FORCES)
+    for symbol, name in [*zip(rest, rest, strict=True), ("delta", "both")]:
+        expected, scale = (same[k].sel(force=name).item() for k in ("coefficient", "standard_error"))
+        assert tied.coefficient.sel(force=symbol).item() == pytest.approx(expected, abs=1e-3 * scale)
+        assert tied.standard_error.sel(force=symbol).item() == pytest.approx(scale, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("fix", "bound", "tie", "said"),
-    [
-        (["lambda"], [], [], "must be of the form lambda=0"),
-        (["lambda=x"], [], [], "'x' is not a number"),
-        (["lambda=nan"], [], [], "finite"),
-        (["lambda=0", "lambda=1"], [], [], "twice"),
-        ([], ["zeta=1"], [], "LOW:HIGH"),
-        ([], ["zeta=:"], [], "LOW:HIGH"),
-        ([], ["zeta=2:1"], [], "must rise"),
-        (["zeta=2"], ["zeta=:1"], [], "outside of its bounds"),
-        (["nu=1"], [], ["nu=delta"], "both tied and fixed"),
-        ([], ["nu=0:"], ["nu=delta"], "both tied and bounded"),
-        (["gamma=1"], [], [], "No parameter 'gamma'"),
-        ([], [], ["nu=gamma"], "holds 'gamma'"),
-        ([], [], ["nu=2*nu"], "to itself"),
-        ([], [], ["nu=2*delta", "delta=zeta", "zeta=nu"], "in a circle"),
-        ([], [], ["nu=delta^2"], "not a formula"),
-        ([], [], ["nu=__import__('os')"], "holds '__import__'"),
-        ([], [], ["nu=delta.real"], "holds 'delta.real'"),
-        ([], [], ["nu=(lambda: 1)()"], "not a formula"),
-    ],
-)
-def test_what_cannot_be_asked_is_refused_in_a_sentence(fix, bound, tie, said):
-    with pytest.raises(UsageError, match=said.replace("(", r"\(")) as refused:
-        Constraints.from_texts(fix, bound, tie).check(FORCES)
-    assert str(refused.value).endswith(".")
-    assert "\n" not in str(refused.value)
+def test_a_tie_need_not_be_linear_in_a_fit_of_the_motion(record):
+    found = Trajectory(W, constraints={"alpha": "-abs(nu)**1.5"}).identify(record, FORCES)
+    nu, alpha = (found.sel(force=s) for s in ("nu", "alpha"))
+    assert alpha.coefficient.item() == -(abs(nu.coefficient.item()) ** 1.5)
+    slope = 1.5 * abs(nu.coefficient.item()) ** 0.5
+    assert alpha.standard_error.item() == pytest.approx(slope * nu.standard_error.item())
+
+
+@METHODS
+def test_a_bound_holds_what_would_pass_it_and_changes_nothing_else(record, method):
+    low = 1.05 * SIX["zeta"]
+    bounded, fixed = (
+        method(reference_frequency=W, constraints={"zeta": asked}).identify(record, FORCES)
+        for asked in ((low, np.inf), low)
+    )
+    zeta = bounded.sel(force="zeta")
+    assert (zeta.coefficient.item(), zeta.standard_error.item()) == (low, 0.0)
+    assert zeta.constraint.item() == "at its bound"
+    np.testing.assert_allclose(bounded.coefficient, fixed.coefficient, rtol=1e-6)
+    np.testing.assert_allclose(bounded.standard_error, fixed.standard_error, rtol=1e-3)
+    free, wide = (
+        method(reference_frequency=W, constraints=c).identify(record, FORCES)
+        for c in ({}, {"zeta": (0.0, 1.0)})
+    )
+    np.testing.assert_allclose(wide.coefficient, free.coefficient, rtol=1e-5)
+    assert set(wide.constraint.values) == {""}
+
+
+def test_constraints_hold_for_several_runs_and_in_strong_form():
+    runs = [paper_run(SIX, duration=12.0).decay(seed) for seed in range(2)]
+    asked = {"lambda": 0.0, "nu": "-2.356*delta"}
+    together = Direct(constraints=asked).identify(runs, FORCES)
+    for found in (together, Direct(W, form="strong", constraints=asked).identify(runs[0], FORCES)):
+        dry, delta, nu = values(found, ["lambda", "delta", "nu"])
+        assert (dry, nu) == (0.0, pytest.approx(-2.356 * delta, rel=1e-12))
+    compared = run_agreement(runs, together)
+    assert set(compared.quantity.values.tolist()) == {"zeta", "delta", "epsilon", "asymptotic frequency"}
+
+
+def test_selection_is_among_the_free_coefficients(record):
+    method = Direct(W, significance=0.01, constraints={"lambda": SIX["lambda"], "nu": "-10.8*delta"})
+    found = method.identify(record, FORCES)
+    assert names(found.force.values, found.active.values) == {"lambda", "zeta", "delta", "nu", "epsilon"}
+    alone = Direct(W, significance=0.01, constraints={"zeta": "100*alpha"}).identify(record, FORCES)
+    assert alone.active.sel(force="zeta").item() == alone.active.sel(force="alpha").item()
+
+
+def test_forces_that_are_the_same_may_be_told_apart_by_a_fixed_value(record):
+    library = library_of_formulas(zeta="2*v", viscous="v", delta="v*abs(v)", nu="x*abs(x)", epsilon="x**3")
+    found = Direct(constraints={"viscous": 0.005}).identify(record, library)
+    alone = Direct().identify(record, library.select(["zeta", "delta", "nu", "epsilon"]))
+    expected = alone.coefficient.sel(force="zeta").item() - 0.0025
+    assert found.coefficient.sel(force="zeta").item() == pytest.approx(expected, rel=1e-4)
+
+
+def test_shapes_are_held_and_may_be_fixed():
+    from test_direct import run_with
+
+    run, method = run_with("stribeck")
+    fixed = Direct(W, constraints={"stribeck.s": 0.05}).identify(run.decay(0), run.model.library)
+    given = method.identify(run.decay(0), run.model.library)
+    np.testing.assert_array_equal(fixed.coefficient, given.coefficient)
+    assert fixed.shape.sel(shape_parameter="stribeck.s").item() == 0.05
+    with pytest.raises(UsageError, match=r"stribeck.s is bounded"):
+        Direct(W, constraints={"stribeck.s": (0.0, 1.0)}).identify(run.decay(0), run.model.library)
+
+
+def test_constraints_on_a_displacement_are_in_its_unit():
+    library = FORCES.select(["lambda", "zeta"])
+    motion = simulate(Model(library, {"lambda": 1e-3, "zeta": 0.01}, 9.0), np.arange(0.0, 15.0, 0.02), 0.3)
+    shown = 50.0 * motion.angle.values + 5e-3 * np.random.default_rng(0).standard_normal(motion.time.size)
+    decay = free_decay(xr.Dataset({"angle": ("time", shown, {"units": "mm"})}, {"time": motion.time.values}))
+    method, asked = Direct(random_force="off"), {"lambda": 0.04, "zeta": (0, None)}
+    alone = identify(decay, library, method, constraints=asked)
+    assert alone.coefficient.sel(force="lambda").item() == pytest.approx(0.04, rel=1e-12)
+    assert json.loads(alone.attrs["options"])["constraints"]["zeta"] == [0.0, None]
+    compared = compare(decay, library, [method], constraints=asked)["direct"]
+    np.testing.assert_allclose(compared.coefficient, alone.coefficient, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("text", "linear"),
     [
-        ("-2.356*delta", (0.0, {"delta": -2.356})),
         ("(lambda - 3*zeta)/2 + 1e-3", (1e-3, {"lambda": 0.5, "zeta": -1.5})),
-        ("2*pi*0.1", (0.2 * np.pi, {})),
+        ("sqrt(2)*delta + 2*pi*0.1", (0.2 * np.pi, {"delta": np.sqrt(2.0)})),
+        ("(delta + 1)**2 - delta**2 - 1", (0.0, {"delta": 2.0})),
         ("dahl.s*delta", None),
-        ("delta**2", None),
-        ("sqrt(2)*delta", (0.0, {"delta": np.sqrt(2.0)})),
-        ("1/delta", None),
         ("delta/0", None),
         ("abs(delta)", None),
-        ("(delta + 1)**2 - delta**2 - 1", (0.0, {"delta": 2.0})),
     ],
 )
 def test_linear_ties_are_known_by_their_form(text, linear):
@@ -82,56 +173,84 @@ def test_linear_ties_are_known_by_their_form(text, linear):
         assert found[1] == pytest.approx(linear[1])
 
 
-def test_a_held_shape_is_a_constant():
-    tie = parse_tie("zeta", "dahl.s*lambda", ("lambda", "dahl.s"))
-    assert tie.linear({"dahl.s": 0.5}) == (0.0, {"lambda": 0.5})
-
-
-@pytest.mark.parametrize(
-    "text", ["lambda*zeta**2/delta", "abs(lambda)*sign(zeta)", "min(lambda, zeta)*exp(delta)", "delta**1.5"]
-)
-def test_derivatives_are_those_of_differences(text):
-    tie = parse_tie("nu", text, NAMES)
+@pytest.mark.parametrize("text", ["abs(lambda)*sign(zeta)*delta**1.5", "min(lambda, zeta)*exp(delta)/delta"])
+def test_derivatives_of_ties_are_those_of_differences(text):
+    tie, step = parse_tie("nu", text, NAMES), 1e-6
     at = {"lambda": -0.3, "zeta": 0.7, "delta": 1.3}
-    found = tie.derivatives(at)
-    for name in tie.names:
-        step = 1e-6
+    for name, slope in tie.derivatives(at).items():
         ends = [tie.value(at | {name: at[name] + s * step}) for s in (1.0, -1.0)]
-        assert found[name] == pytest.approx((ends[0] - ends[1]) / (2.0 * step), abs=1e-8)
+        assert slope == pytest.approx((ends[0] - ends[1]) / (2.0 * step), abs=1e-8)
 
 
-def test_a_formula_without_a_value_is_nan():
-    assert np.isnan(parse_tie("nu", "1/delta", NAMES).value({"delta": 0.0}))
-
-
-def test_linear_map_follows_chains_of_ties():
+def test_ties_follow_each_other_and_hold_shapes():
     asked = Constraints({"lambda": 0.5, "nu": "2*delta + lambda", "delta": "3*zeta - 1"})
-    library = FORCES.select(["lambda", "zeta", "nu", "delta"])
-    free, matrix, constant = asked.linear_map(library)
+    free, matrix, constant = asked.linear_map(FORCES.select(["lambda", "zeta", "nu", "delta"]))
     assert free == ("zeta",)
     np.testing.assert_allclose(matrix[:, 0], [0.0, 1.0, 6.0, 3.0])
     np.testing.assert_allclose(constant, [0.5, 0.0, -1.5, -1.0])
-
-
-def test_linear_map_holds_shapes_and_refuses_what_is_not_linear():
     library = EFFECTS.select(["dahl", "cubic_damping"])
-    free, matrix, _ = Constraints({"cubic_damping": "dahl.s*dahl"}).linear_map(library, {"dahl.s": 0.25})
-    assert free == ("dahl",)
-    np.testing.assert_allclose(matrix[:, 0], [1.0, 0.25])
-    with pytest.raises(UsageError, match="not linear"):
-        Constraints({"dahl": "cubic_damping**2"}).linear_map(library)
+    _, held, _ = Constraints({"cubic_damping": "dahl.s*dahl"}).linear_map(library, {"dahl.s": 0.25})
+    np.testing.assert_allclose(held[:, 0], [1.0, 0.25])
     with pytest.raises(UsageError, match=r"dahl\.s is tied"):
         Constraints({"dahl.s": "cubic_damping"}).linear_map(library)
 
 
-def test_a_result_says_how_each_coefficient_is_constrained():
-    asked = Constraints({"lambda": 0.0, "zeta": (0, None), "nu": "2*delta"})
-    assert asked.kinds(("lambda", "zeta", "delta", "nu"), ["zeta"]) == [
-        "fixed",
-        "at its bound",
-        "",
-        "nu=2*delta",
-    ]
+@pytest.mark.parametrize(
+    ("fix", "bound", "tie", "said"),
+    [
+        (["lambda=nan"], [], [], "finite"),
+        ([], ["zeta=:"], [], "LOW:HIGH"),
+        ([], ["zeta=2:1"], [], "must rise"),
+        ([], ["nu=0:"], ["nu=delta"], "both tied and bounded"),
+        ([], [], ["nu=gamma"], "holds 'gamma'"),
+        ([], [], ["nu=2*delta", "delta=zeta", "zeta=nu"], "in a circle"),
+        ([], [], ["nu=delta^2"], "not a formula"),
+        ([], [], ["nu=__import__('os')"], "holds '__import__'"),
+        ([], [], ["nu=(lambda: 1)()"], "not a formula"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_in_a_sentence(fix, bound, tie, said):
+    with pytest.raises(UsageError, match=said) as refused:
+        Constraints.from_texts(fix, bound, tie).check(FORCES)
+    assert str(refused.value).endswith(".")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--fix", "lambda"], "--fix 'lambda' must be of the form lambda=0."),
+        (["--fix", "lambda=x"], "--fix 'lambda=x': 'x' is not a number."),
+        (["--fix", "lambda=0", "--fix", "lambda=1"], "--fix is given twice for lambda; choose one."),
+        (["--fix", "gamma=0"], "No parameter 'gamma' can be constrained; there are lambda, zeta"),
+        (["--bound", "zeta=1"], "--bound 'zeta=1' must be LOW:HIGH, of which one side may be empty."),
+        (["--fix", "nu=1", "--tie", "nu=delta"], "Parameter nu is both tied and fixed; choose one."),
+        (["--tie", "nu=2*nu"], "ties nu to itself; use other parameters."),
+        (["--tie", "nu=delta.__class__"], "holds 'delta.__class__', which is no parameter"),
+        (
+            ["--tie", "zeta=delta**2"],
+            "is not linear in the coefficients, which only a trajectory fit can do.",
+        ),
+        (["--fix", "zeta=2", "--bound", "zeta=0:1"], "outside of its bounds 0:1."),
+    ],
+)
+def test_the_command_refuses_in_a_sentence(options, said):
+    ending = run("identify", *QUICK, *options)
+    assert ending.status == 2
+    assert said in ending.complaint
+
+
+@pytest.mark.parametrize(
+    ("method", "asked", "said"),
+    [
+        (Direct, dict.fromkeys(SIX, 0.0), "leave at least one free"),
+        (Trajectory, {"gamma": 1.0}, "gamma"),
+        (Trajectory, {"zeta": (0.0,)}, "give a number to hold it"),
+    ],
+)
+def test_what_a_method_cannot_hold_is_refused(record, method, asked, said):
+    with pytest.raises(UsageError, match=said):
+        method(reference_frequency=W, constraints=asked).identify(record, FORCES)
 
 
 def test_old_arguments_are_parts_of_the_one_with_a_warning():
@@ -140,25 +259,29 @@ def test_old_arguments_are_parts_of_the_one_with_a_warning():
         method = Direct(**old)
     assert caught[0].filename == __file__
     assert method == Direct(constraints={"lambda": 0.0, "zeta": (0.0, None), "nu": "2*delta"})
-    with pytest.raises(UsageError, match="both tied and fixed"):
-        Direct(fix={"nu": 1.0}, tie={"nu": "delta"})
-
-
-def test_results_of_before_have_their_method():
     options = {"fix": {"lambda": 0.0}, "bounds": {"zeta": [0.0, None]}, "tie": {}}
-    result = xr.Dataset(attrs={"method": "direct", "options": json.dumps(options)})
-    assert method_of(result) == Direct(constraints={"lambda": 0.0, "zeta": [0.0, None]})
+    before = xr.Dataset(attrs={"method": "direct", "options": json.dumps(options)})
+    assert method_of(before) == Direct(constraints={"lambda": 0.0, "zeta": [0.0, None]})
 
 
-def test_constraints_on_a_displacement_are_in_its_unit():
-    library = FORCES.select(["lambda", "zeta"])
-    motion = simulate(Model(library, {"lambda": 1e-3, "zeta": 0.01}, 9.0), np.arange(0.0, 15.0, 0.02), 0.3)
-    shown = 50.0 * motion.angle.values + 5e-3 * np.random.default_rng(0).standard_normal(motion.time.size)
-    record = xr.Dataset({"angle": ("time", shown, {"units": "mm"})}, {"time": motion.time.values})
-    decay, asked = free_decay(record), {"lambda": 0.04, "zeta": (0, None)}
-    method = Direct(random_force="off")
-    alone = identify(decay, library, method, constraints=asked)
-    assert alone.coefficient.sel(force="lambda").item() == pytest.approx(0.04, rel=1e-12)
-    assert json.loads(alone.attrs["options"])["constraints"]["zeta"] == [0.0, None]
-    compared = compare(decay, library, [method], constraints=asked)["direct"]
-    np.testing.assert_allclose(compared.coefficient, alone.coefficient, rtol=1e-9)
+@pytest.mark.slow
+def test_the_command_holds_and_says_what_it_was_asked():
+    data = json.loads(run("identify", *QUICK, "--fix", "lambda=0", "--tie", "nu=-2.356*delta", "--json").out)
+    for method in data["methods"].values():
+        found = method["coefficients"]
+        assert found["lambda"]["value"] == found["lambda"]["standard_error"] == 0.0
+        assert found["nu"]["value"] == pytest.approx(-2.356 * found["delta"]["value"], rel=1e-12)
+    # What is fixed or tied adds no difference of its own.
+    assert set(data["cross_check"]["differences"]) == {"zeta", "delta", "epsilon", "asymptotic frequency"}
+    told = " ".join(run("identify", *QUICK, "--fix", "lambda=0", "--bound", "zeta=0.02:").out.split())
+    assert "Constraints: lambda is fixed (0); zeta is at its bound (0.02)." in told
+    assert "0.02 (bound)" in told
+
+
+@pytest.mark.slow
+def test_a_method_that_takes_no_constraint_keeps_its_row():
+    ending = run("compare", *QUICK, "--fix", "lambda=0", "--tie", "zeta=delta**2", "--json")
+    methods = json.loads(ending.out)["methods"]
+    assert methods["trajectory"]["coefficients"]["lambda"]["value"] == 0.0
+    assert "not linear" in methods["direct"]["reason"]
+    assert methods["Wu decrement"]["reason"].endswith("takes no fixed, bounded or tied coefficients")
