@@ -104,14 +104,6 @@ def test_a_counter_beside_packets_counts_what_is_lost(tmp_path, count):
     assert np.all(np.delete(gaps, 199) == 1.0)
 
 
-def test_runs_below_each_other_without_names(tmp_path):
-    values = 20.0 * np.exp(-0.1 * TIME) * np.cos(2.0 * np.pi * TIME / PERIOD)
-    block = "".join(f"{t:.4f} {v:.4f}\n" for t, v in zip(TIME, values, strict=True))
-    (tmp_path / "r.dat").write_text(f"{block}\n\n{block}")
-    record = read_record(tmp_path / "r.dat")
-    assert len(record.attrs["breaks"]) == 1
-
-
 def test_a_stamp_next_to_nothing_among_others(tmp_path):
     texts = [f"{t:.2f}" for t in TIME]
     texts[0] = "-1e-300"

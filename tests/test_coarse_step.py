@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.likelihood.run_rows import decimated
 from sysid_trib.records.sensor import coarse_step
 from sysid_trib.validation.answer import identifications
 
@@ -63,14 +62,6 @@ def test_a_step_is_coarse_beside_noise_and_motion(step, noise, swing, coarse):
     signal = step * np.round(signal / step) if step else signal
     found = coarse_step(xr.Dataset({"angle": ("time", signal)}), float(np.hypot(noise, step / np.sqrt(12.0))))
     assert found == pytest.approx(step if coarse else 0.0)
-
-
-def test_a_search_takes_samples_so_far_apart_that_rounding_is_white(decay):
-    fewer = decimated(decay)
-    assert np.median(np.abs(np.diff(fewer.angle.values))) > 0.9 * STEP
-    assert np.isin(fewer.angle.values, decay.angle.values).all()
-    fine = decay.assign(angle=decay.angle + STEP * np.random.default_rng(0).standard_normal(4500))
-    assert decimated(fine).sizes["time"] > 2 * fewer.sizes["time"]
 
 
 def test_rounding_is_no_missing_effect():

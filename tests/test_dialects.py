@@ -10,8 +10,8 @@ import pytest
 import scipy.io
 import xarray as xr
 
+import sysid_trib as st
 from sysid_trib.errors import DecayError, RecordError, UsageError
-from sysid_trib.records.as_angle import is_magnitude
 from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.read import read_record, read_records
 
@@ -216,10 +216,6 @@ def test_beats_are_told_from_a_drive():
             free_decay(xr.Dataset({"angle": ("time", angle + NOISE[0])}, {"time": TIME}))
 
 
-def test_so_few_samples_that_a_quarter_of_them_is_none_are_no_magnitude():
-    assert not is_magnitude(np.array([1.0, 2.0]))
-
-
 def test_facts_of_an_oscilloscope_beside_the_first_rows(tmp_path):
     facts = [("Record Length", "1000"), ("Vertical Units", "V"), ("Horizontal Units", "s")]
     cells = [",".join(fact) for fact in facts] + [","] * (len(TIME) - len(facts))
@@ -249,7 +245,6 @@ def test_a_column_without_a_name_that_swings_beyond_a_half_turn_is_no_angle(tmp_
         ("Zeit;Weg;Kraft\ns;mm;N", "mm"),
         ("Sekunden;Volt;Force", "V"),
         ("Время, с;Угол, град;x", "deg"),
-        ("time;p1_x;p1_y", "au"),
     ],
 )
 def test_units_in_a_row_of_their_own_as_a_name_or_abroad(tmp_path, head, unit):
@@ -263,3 +258,71 @@ def test_wide_letters_with_their_mark_or_without(tmp_path, encoding):
     text = "time (s),angle (deg)\n" + rows(SECONDS, DEGREES)
     (tmp_path / "r.csv").write_bytes(text.encode(encoding))
     assert read_record(tmp_path / "r.csv").attrs["angle_unit_in_file"] == "deg"
+
+
+FORMULA_TIME = np.arange(600) * 0.02
+FORMULA_SWING = 0.3 * np.exp(-0.1 * FORMULA_TIME) * np.cos(9.9 * FORMULA_TIME)
+
+
+def written(tmp_path, *headers):
+    """A record with a column for each header, each the same swing of 3 units."""
+    rows = (
+        ",".join([f"{t:.6g}", *[f"{10 * x:.9g}"] * len(headers)])
+        for t, x in zip(FORMULA_TIME, FORMULA_SWING, strict=True)
+    )
+    place = tmp_path / "a.csv"
+    place.write_text("\n".join([",".join(["time (s)", *headers]), *rows]), encoding="utf-8")
+    return place
+
+
+@pytest.mark.parametrize(
+    ("headers", "formula", "unit"),
+    [
+        (["a (deg)", "b (degrees)"], "-a", "deg"),
+        (["a (deg)", "b (degrees)"], "0.5*(a+b)", "deg"),
+        (["a (deg)", "b (degrees)"], "sqrt(a**2 + b**2)*sign(a)", "deg"),
+        (["a (deg)", "b (degrees)"], "a*b/abs(b)", "deg"),
+        (["x (mm)"], "min(x, 100)", "mm"),
+        (["x (mm)", "y (mm)"], "atan2(x - 3.1, 40 - y)", "rad"),
+        (["rate (deg/s)"], "-rate", "deg/s"),
+        (["theta"], "-theta", "deg"),
+    ],
+)
+def test_the_unit_of_columns_is_that_of_a_formula(tmp_path, headers, formula, unit):
+    record = st.read_record(written(tmp_path, *headers), angle=formula)
+    assert record.attrs["angle_unit_in_file"] == unit
+    assert record.attrs["angle_column"] == formula
+
+
+def test_a_formula_is_the_column_that_it_computes(tmp_path):
+    place = written(tmp_path, "a (deg)", "b (deg)")
+    mean = st.read_record(place, angle="0.5*(a+b)")
+    np.testing.assert_allclose(mean.angle, st.read_record(place, angle="a").angle)
+    assert np.max(np.abs(mean.angle)) == pytest.approx(np.deg2rad(3.0), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("headers", "formula", "said"),
+    [
+        (["x (mm)", "x (deg)"], "2*x", "no single column 'x'"),
+        (["a (deg)", "b (rad)"], "a + b", "does not follow"),
+        (["a (deg)"], "a*a", "does not follow"),
+        # By hand in rad.
+        (["a (deg)"], "a*pi/180", "does not follow"),
+        (["a (g)"], "9.81*a", "does not follow"),
+        (["a (deg)"], "2*c", "Columns that it may hold: time, a"),
+    ],
+)
+def test_a_unit_or_a_column_that_does_not_follow_is_asked_for(tmp_path, headers, formula, said):
+    with pytest.raises(UsageError, match=r"a\.csv: ") as refusal:
+        st.read_record(written(tmp_path, *headers), angle=formula)
+    assert said in str(refusal.value)
+
+
+@pytest.mark.parametrize("formula", ["a*pi/180", "0.0115*pot - 0.2", "a + 0*b"])
+def test_a_unit_that_does_not_follow_may_be_given(tmp_path, formula):
+    place = written(tmp_path, "a (deg)", "b (rad)", "pot (V)")
+    record = st.read_record(place, angle=formula, units="rad")
+    assert record.attrs["angle_unit_in_file"] == "rad"
+    with pytest.raises(UsageError, match="says deg"):
+        st.read_record(place, angle="-a", units="rad")

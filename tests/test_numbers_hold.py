@@ -135,62 +135,6 @@ def test_other_units_in_memory_are_refused(units):
         st.identify(record, SIX.select(["zeta"]), Direct())
 
 
-@pytest.mark.parametrize(
-    ("header", "stamps"),
-    [
-        ("Time", 45000.5 + TIME / 86400.0),
-        ("datenum", 738545.739572 + TIME / 86400.0),
-        ("time (h)", TIME / 3600.0),
-        ("time (days)", TIME / 86400.0),
-    ],
-)
-def test_hours_and_serial_days(header, stamps, tmp_path):
-    table = np.column_stack([stamps, CLEAN + NOISE])
-    np.savetxt(
-        tmp_path / "r.csv", table, fmt="%.12f", delimiter=",", comments="", header=f"{header},angle_rad"
-    )
-    record = st.read_record(tmp_path / "r.csv")
-    assert np.ptp(record.time.values) == pytest.approx(13.99, rel=1e-4)
-
-
-def test_whole_stamps_far_apart_have_no_unit(tmp_path):
-    table = np.column_stack([1876 * np.arange(len(TIME)), CLEAN + NOISE])
-    np.savetxt(
-        tmp_path / "r.csv",
-        table,
-        fmt=["%d", "%.6f"],
-        delimiter=",",
-        comments="",
-        header="Time Stamp,angle_rad",
-    )
-    with pytest.raises(st.errors.RecordError, match="--time-units"):
-        st.read_record(tmp_path / "r.csv")
-    record = st.read_record(tmp_path / "r.csv", time_units="us")
-    assert np.median(np.diff(record.time)) == pytest.approx(1.876e-3)
-
-
-@pytest.mark.parametrize(("quantity", "noise"), [("acceleration", 0.05), ("rate", 0.004)])
-def test_what_was_measured_is_compared_in_its_own_quantity(quantity, noise, tmp_path):
-    time = np.arange(0.0, 10.4, 0.02469)
-    w, decays = 2.0 * np.pi / 0.4403, 0.10
-    wave = 2.0 * np.exp((-decays + 1j * w) * time) * (1.0 if quantity == "acceleration" else -1j / w)
-    values = wave.real + noise * np.random.default_rng(11).standard_normal(len(time))
-    unit = "m/s^2" if quantity == "acceleration" else "m/s"
-    header = f"Time (s),{quantity} ({unit})"
-    table = np.column_stack([time, values])
-    np.savetxt(tmp_path / "a.csv", table, fmt="%.6e", delimiter=",", comments="", header=header)
-    decay = st.free_decay(st.read_record(tmp_path / "a.csv"))
-    library = SIX.select(["zeta"])
-    methods = st.methods.Averaging(), st.methods.Trajectory()
-    tree = st.cross_check(decay, *(st.identify(decay, library, method) for method in methods), draws=0)
-    compared = tree["comparison"]
-    assert compared.attrs["explained"] == "yes"
-    assert np.all(np.abs(compared.residual_over_noise - 1.0) < 0.15)
-    for name in ("averaging", "trajectory"):
-        result = tree[name]
-        assert abs(result.coefficient.item() - decays / w) < 3.5 * result.standard_error.item() < 1e-3
-
-
 def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time(tmp_path):
     forces = [("zeta", "2*v"), ("ageing", "2*v*t/10")]
     text = "".join(f'[[force]]\nsymbol = "{symbol}"\nformula = "{formula}"\n' for symbol, formula in forces)
@@ -207,17 +151,3 @@ def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time(tmp_path
     np.testing.assert_allclose(shares, [0.5, 1.0 / 6.0], atol=0.02)
     energy = dissipated_energy(result, amplitudes, time=times)
     np.testing.assert_allclose(energy.energy_share.sel(force="ageing"), shares)
-
-
-def test_a_swing_of_many_periods_with_gravity_held():
-    library = st.forces.ForceLibrary(
-        "pendulum", (SIX["lambda"], SIX["zeta"], st.load_library("candidate_effects")["gravity"]), "test"
-    )
-    true = {"zeta": 5e-5, "gravity": 1.0}
-    decay = noisy(st.Model(library, true, 9.3), np.arange(0.0, 100.0, 0.05), 1.5, 1e-4)
-    method = Direct(random_force="off", constraints={"gravity": 1.0})
-    result = method.identify(decay, library)
-    free = result.sel(force=["lambda", "zeta"])
-    assert np.all(np.abs(free.coefficient - [0.0, 5e-5]) < 3.5 * free.standard_error)
-    assert abs(result.reference_frequency - 9.3) < 3.5 * result.reference_frequency_standard_error
-    assert result.reference_frequency_standard_error < 1e-4

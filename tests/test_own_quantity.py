@@ -7,7 +7,7 @@ from command_line import run
 import sysid_trib as st
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
-from sysid_trib.simulation.initial_conditions import MEASURED, Observation, measured_part
+from sysid_trib.simulation.initial_conditions import Observation, measured_part
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = st.load_library().select(["zeta", "delta"])
@@ -39,23 +39,6 @@ def excess(result):
     return (np.array(values) - [*TRUE.values(), W]) / errors
 
 
-def test_an_acceleration_is_the_derivative_of_the_rate():
-    model = st.Model(FORCES, TRUE, W)
-    motion = trajectory(model, TIME, 0.4, 0.0)
-    shown = motion.acceleration
-    slope = np.gradient(motion.rate, TIME, edge_order=2)
-    assert np.abs(shown - slope)[2:-2].max() < 6e-3 * np.abs(shown).max()
-
-
-def test_an_accelerometer_on_the_axis_feels_gravity_alone():
-    model = st.Model(FORCES, TRUE, W)
-    motion = trajectory(model, TIME, 0.4, 0.0)
-    on_axis = Observation("accelerometer", 0.0).shown(motion)
-    np.testing.assert_allclose(on_axis, 9.80665 * np.sin(motion.position))
-    further = Observation("accelerometer", 0.1).shown(motion)
-    np.testing.assert_allclose(further - on_axis, 0.1 * motion.acceleration, atol=1e-12)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", KINDS)
 def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
@@ -85,16 +68,6 @@ def test_errors_of_what_was_measured_cover_the_truth(tmp_path, quantity):
     ]
     assert np.mean(np.abs(z) < 1.96) > 0.88
     assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx(1.0, abs=0.35)
-
-
-def test_a_displacement_of_a_rate_keeps_its_unit(tmp_path):
-    decay = decay_of(tmp_path / "phone.csv", "rate", 3)
-    scaled = decay.assign(angle=decay.angle * 1024.0, measured=decay[MEASURED] * 1024.0)
-    scaled["angle"].attrs["units"], scaled[MEASURED].attrs["units"] = "mm", "mm/s"
-    one, other = (st.methods.Trajectory().identify(d, FORCES) for d in (decay, scaled))
-    assert other.bias.attrs["units"] == "mm/s"
-    np.testing.assert_allclose(other.bias, 1024.0 * one.bias, rtol=1e-3)
-    np.testing.assert_allclose(other.coefficient, one.coefficient * [1.0, 1.0 / 1024.0], rtol=1e-4)
 
 
 def test_identify_says_in_what_it_compares(tmp_path):

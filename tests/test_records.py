@@ -1,6 +1,7 @@
 """Records come in from any format, with true times and units, and bad files are refused in one line."""
 
 import hashlib
+import json
 
 import h5py
 import numpy as np
@@ -43,16 +44,11 @@ def holds(record, angle=ANGLE, time=TIME):
 
 
 PLAIN_TEXT = {
-    "comma": table(),
     "comma and header": table(header="time,angle"),
     "quoted header": table(header='"time (s)","angle (rad)"'),
     "semicolon, decimal comma": table(";", ",", "Time;Angle"),
-    "semicolon, decimal comma, no header": table(";", ","),
-    "tab": table("\t", header="t\ttheta"),
     "tab, decimal comma": table("\t", ","),
-    "spaces": table("   "),
     "spaces, decimal comma": table(" ", ","),
-    "comma and space": table(", ", header="time, angle"),
     "trailing delimiter": table(header="time,angle,").replace("\n", ",\n").replace(",,", ","),
     "comments": table(comment="# a pendulum\n# 2019\n", header="time,angle"),
     "commented header": table(" ", comment="# time angle\n"),
@@ -61,13 +57,10 @@ PLAIN_TEXT = {
     "lone number above the header": "300\n" + table(header="time,angle"),
     "units below the header": table(comment="Time,Angle\n(s),(rad)\n\n"),
     "excel's hint": "sep=;\n" + table(";", header="time;angle"),
-    "byte order mark": "\ufeff" + table(header="time,angle"),
     "utf-16": table(header="time,angle").encode("utf-16"),
     "latin-1": table(header="zeit,angle (rad) Ã¼ber".encode().decode("latin-1")).encode("latin-1"),
     "dos lines": table(header="time,angle").replace("\n", "\r\n"),
-    "no newline at the end": table().rstrip("\n"),
     "milliseconds": table(header="time_ms,angle", time=1000 * TIME),
-    "milliseconds in brackets": table(header="Time [ms];phi", delimiter=";", time=1000 * TIME),
     "milliseconds after a slash": table(header="t / ms,theta", time=1000 * TIME),
 }
 
@@ -104,9 +97,7 @@ def test_any_text_table_is_read_as_written(tmp_path_factory, delimiter, decimal,
     ("header", "options"),
     [
         ("time,angle (deg)", {}),
-        ("time,angle_deg", {}),
         ("time,Angle [°]", {}),
-        ("time,angle/deg", {}),
         ("time,angle", {"units": "deg"}),
         ("time,angle (°)", {"units": "deg"}),
     ],
@@ -120,12 +111,8 @@ def test_degrees(tmp_path, header, options):
     ("header", "unit"),
     [
         ("time,gz (deg/s)", "rad/s"),
-        ("time,gz [rad/s]", "rad/s"),
-        ("time,gz (dps)", "rad/s"),
-        ("time,gz_dps", "rad/s"),
         ("time,gz_deg_per_s", "rad/s"),
         ("time,Gyro Z [°/s]", "rad/s"),
-        ("time,gz (rad s^-1)", "rad/s"),
         ("time,speed (mm/s)", "mm/s"),
     ],
 )
@@ -211,10 +198,6 @@ def test_whole_stamps_without_a_unit_are_said_to_be_taken_as_seconds(tmp_path):
         read_record(written(tmp_path, table(time=1000 * TIME)))
     for options, text in (({"time_units": "ms"}, table(time=1000 * TIME)), ({}, table())):
         assert "unit of time" not in read_record(written(tmp_path, text), **options).attrs["reading"]
-
-
-def test_time_units_by_option(tmp_path):
-    holds(read_record(written(tmp_path, table(time=1000 * TIME)), time_units="ms"))
 
 
 def test_matlab_cells_and_structs(tmp_path):
@@ -361,10 +344,6 @@ def test_missing_values_are_left_out_and_counted(tmp_path, cell):
     assert "1 value missing" in record.attrs["reading"]
 
 
-def test_a_row_that_is_cut_off_is_left_out(tmp_path):
-    holds(read_record(written(tmp_path, table(header="time,angle") + "3.0")))
-
-
 def changed(row, time=None, angle=None):
     rows = table(header="time,angle").splitlines()
     old_time, old_angle = rows[row].split(",")
@@ -374,30 +353,23 @@ def changed(row, time=None, angle=None):
 
 BAD = {
     "empty": ("", "is empty"),
-    "blank": ("\n \n", "is empty"),
     "header only": ("time,angle\n", "no rows of numbers"),
     "prose": ("this is not\na record at all\n", "no rows of numbers"),
     "binary": (bytes(range(256)) * 10, "binary content"),
-    "picture": (b"\x89PNG\r\n\x1a\n" + bytes(200), "binary content"),
     "infinite": (changed(17, angle="inf"), "row 17 of column angle is infinite"),
-    "overflow": (changed(17, angle="1e999"), "row 17 of column angle is infinite"),
     "text": (changed(17, angle="bad"), "row 17 of column angle holds 'bad'"),
-    "text in the first row": (changed(1, angle="bad"), "row 1 of column angle holds 'bad'"),
     "text in time": (changed(9, time="later"), "row 9 of column time holds 'later'"),
     "time reversed": (
         table(header="time,angle", time=TIME[::-1]),
         r"2\.99 s in row 1 is followed by 2\.98 s",
     ),
     "one sample": ("time,angle\n0,1\n", "single sample"),
-    "time alone": ("time\n0\n1\n2\n", "no column for the angle"),
     "ragged": (changed(17, angle="0.1,5,6"), "damaged or cut off"),
     "unknown unit of time": (table(header="time (fortnights),angle"), "unit 'fortnights' .*--time-units"),
     "degrees as radians": (table(header="time,angle (rad)", angle=1000 * ANGLE), "--units deg"),
     "cut netcdf": (b"\x89HDF\r\n\x1a\n" + bytes(300), "damaged or cut off"),
     "cut matlab": (b"MATLAB 5.0 MAT-file" + bytes(300), "damaged or cut off"),
     "cut excel": (b"PK\x03\x04" + bytes(300), "damaged or cut off"),
-    "cut netcdf 3": (b"CDF\x01" + bytes(30), "no numbers"),
-    "cut parquet": (b"PAR1" + bytes(300), "damaged or cut off"),
 }
 
 
@@ -454,14 +426,6 @@ def test_truncated_file(tmp_path, format, share):
         read_record(path)
 
 
-def test_missing_file_and_directory(tmp_path):
-    with pytest.raises(UsageError, match="no such file") as refusal:
-        read_record(tmp_path / "absent.csv")
-    assert refusal.value.exit_status == 2
-    with pytest.raises(RecordError, match="directory"):
-        read_record(tmp_path)
-
-
 @pytest.mark.parametrize(
     "options",
     [{"signal": "speed"}, {"units": "-"}, {"length": 0.0}, {"time_units": "weeks"}, {"sampling_rate": 0.0}],
@@ -475,17 +439,11 @@ def test_unknown_options(tmp_path, options):
     ("header", "base", "unit"),
     [
         ("angle (deg)", "angle", "deg"),
-        ("Time [ms]", "time", "ms"),
         ("time_ms", "time", "ms"),
         ("t / s", "t", "s"),
         ("rate_rad_s", "rate", "rad/s"),
-        ("gyro (deg/s)", "gyro", "deg/s"),
-        ("omega [rad s^-1]", "omega", "rad/s"),
         ("angular velocity (°/s)", "angular velocity", "°/s"),
         ("Y_id[0][1]", "y id[0][1]", ""),
-        ("Messung/Winkel", "winkel", ""),
-        ("run.time", "time", ""),
-        ("angle_2", "angle 2", ""),
     ],
 )
 def test_headers(header, base, unit):
@@ -520,3 +478,79 @@ def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):
         UsageError, match=r"'degr' .* is no unit of an angle that is known; give rad, mrad, deg"
     ):
         read_record(plain, units="degr", signal="angle")
+
+
+ARRAY_TIME = np.arange(1000) / 50.0
+SWING = np.round(0.3 * np.exp(-0.05 * ARRAY_TIME) * np.cos(6.0 * ARRAY_TIME), 6)
+
+
+def array_holds(path, column):
+    record = read_record(path)
+    assert record.attrs["angle_column"] == column
+    np.testing.assert_allclose(record.angle, SWING, atol=1e-6)
+    np.testing.assert_allclose(record.time, ARRAY_TIME, atol=1e-9)
+
+
+def test_arrays_of_numpy(tmp_path):
+    np.save(tmp_path / "table.npy", np.c_[ARRAY_TIME, SWING])
+    array_holds(tmp_path / "table.npy", "data[1]")
+    np.save(tmp_path / "named.npy", np.rec.fromarrays([ARRAY_TIME, SWING], names="t,theta"))
+    array_holds(tmp_path / "named.npy", "data.theta")
+    np.savez_compressed(tmp_path / "vectors.npz", phi=SWING, t=ARRAY_TIME)
+    array_holds(tmp_path / "vectors.npz", "phi")
+    np.save(tmp_path / "other_order.npy", np.c_[ARRAY_TIME, SWING].astype(">f8"))
+    array_holds(tmp_path / "other_order.npy", "data[1]")
+    dates = np.datetime64("2024-01-01") + np.round(1e9 * ARRAY_TIME).astype("m8[ns]")
+    np.save(tmp_path / "dates.npy", np.rec.fromarrays([dates, SWING], names="time,theta"))
+    array_holds(tmp_path / "dates.npy", "data.theta")
+    np.savez(tmp_path / "rate.npz", phi=SWING, fs=50.0)
+    array_holds(tmp_path / "rate.npz", "phi")
+
+
+def test_what_numpy_pickled_is_not_read(tmp_path):
+    np.save(tmp_path / "p.npy", np.array([{"t": 1}, None], dtype=object))
+    with pytest.raises(RecordError, match="cannot be read"):
+        read_record(tmp_path / "p.npy")
+
+
+ROWS = [{"t": t, "gyro": {"theta": x}} for t, x in zip(ARRAY_TIME.tolist(), SWING.tolist(), strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("content", "column"),
+    [
+        ({"device": "x", "t": ARRAY_TIME.tolist(), "theta": SWING.tolist()}, "theta"),
+        (
+            {"runs": {"one": {"t": ARRAY_TIME.tolist(), "theta": [None, *SWING[1:].tolist()]}}},
+            "runs.one.theta",
+        ),
+        (ROWS, "gyro.theta"),
+        ({"samples": ROWS}, "samples.gyro.theta"),
+        (np.c_[ARRAY_TIME, SWING].tolist(), "data[1]"),
+        ({"fs": 50, "theta": SWING.tolist()}, "theta"),
+        (json.loads(pd.DataFrame({"t": ARRAY_TIME, "theta": SWING}).to_json()), "theta"),
+        (json.loads(pd.DataFrame({"t": ARRAY_TIME, "theta": SWING}).to_json(orient="split")), "theta"),
+    ],
+)
+def test_tables_of_json(tmp_path, content, column):
+    (tmp_path / "r.json").write_text(json.dumps(content), encoding="utf-8")
+    record = read_record(tmp_path / "r.json")
+    assert record.attrs["angle_column"] == column
+    np.testing.assert_allclose(record.angle, SWING[-record.sizes["time"] :], atol=1e-6)
+
+
+def test_times_of_parquet_may_be_its_index(tmp_path):
+    pytest.importorskip("pyarrow")
+    for index in (
+        pd.to_timedelta(ARRAY_TIME, unit="s"),
+        pd.Timestamp("2024-01-01") + pd.to_timedelta(ARRAY_TIME, unit="s"),
+    ):
+        pd.DataFrame({"theta": SWING}, index=index.rename("time")).to_parquet(tmp_path / "r.parquet")
+        array_holds(tmp_path / "r.parquet", "theta")
+
+
+def test_json_that_is_none_or_deep_is_refused(tmp_path):
+    for content in ("[" * 100_000 + "]" * 100_000, "{}", "[]", '{"a": [1, "b", {}]}', "[[1, 2], [3]]"):
+        (tmp_path / "r.json").write_text(content)
+        with pytest.raises(RecordError):
+            read_record(tmp_path / "r.json")

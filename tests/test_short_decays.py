@@ -1,7 +1,5 @@
 """Motions of few samples, few swings, heavy damping or growth: what the methods can do the command can do."""
 
-import json
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,7 +9,6 @@ from scipy.signal import lfilter
 import sysid_trib as st
 from sysid_trib.campaigns.task import IDENTIFIED, rows_of
 from sysid_trib.errors import DecayError
-from sysid_trib.methods.indirect import _as_measured
 from sysid_trib.records.free_decay import free_decay, free_decays
 
 FREQUENCY = 9.0
@@ -45,19 +42,6 @@ def test_what_proves_no_decay_is_taken_where_its_forces_are_named(name):
     assert result.coefficient.item() == pytest.approx(zeta, abs=4.0 * result.standard_error.item())
 
 
-@pytest.mark.slow
-def test_the_command_takes_it_too(tmp_path):
-    time, zeta, start = SHORT["heavily damped"]
-    rows = [f"{t:.4f},{x:.6f}" for t, x in zip(time, swing(time, zeta, start), strict=True)]
-    path = tmp_path / "short.csv"
-    path.write_text("t (s),theta (rad)\n" + "\n".join(rows), encoding="utf-8")
-    assert "--forces" in run("identify", path, "--json").err
-    ending = run("identify", path, "--forces", "zeta", "--json")
-    assert ending.status == 0
-    found = json.loads(ending.out)["methods"]["direct"]["coefficients"]["zeta"]
-    assert found["value"] == pytest.approx(zeta, abs=4.0 * found["standard_error"])
-
-
 @pytest.mark.parametrize("name", SHORT)
 def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
     time, zeta, start = SHORT[name]
@@ -82,7 +66,7 @@ def test_other_commands_take_it(tmp_path, name):
     time, zeta, start = SHORT[name]
     table = np.c_[time, swing(time, zeta, start)]
     np.savetxt(tmp_path / "r.csv", table, "%.6f", ",", header="time (s),angle (rad)", comments="")
-    for command in (["compare"], ["discover", "--max-effects", "1", "--time-limit", "5"]):
+    for command in (["identify"], ["compare"], ["discover", "--max-effects", "1", "--time-limit", "5"]):
         ending = run(*command, tmp_path / "r.csv", "--forces", "zeta")
         assert ending.status == 0, ending.err
         assert "taken as it is" in ending.out
@@ -103,21 +87,6 @@ def test_few_samples_a_period_are_enough(samples):
     for method in (st.methods.Averaging(), st.methods.Direct()):
         result = st.identify(decay, library, method)
         assert result.coefficient.item() == pytest.approx(0.005, abs=4.0 * result.standard_error.item())
-
-
-def test_a_motion_that_stops_before_the_record_swings_is_said_to_have_nothing_in_common():
-    time = np.arange(0.0, 40.0, 0.1)
-    late = np.where(time < 18.0, 0.0, 0.2 * np.exp(-0.05 * time) * np.sin(0.7 * (time - 18.0)))
-    late += 1e-4 * np.random.default_rng(0).standard_normal(time.size)
-    early = np.where(time < 20.0, 0.2 * np.sin(0.7 * time + 0.3), 1e-9)
-    record, motion = (
-        st.records.envelope(xr.Dataset({"angle": ("time", angle)}, {"time": time})).assign_attrs(
-            first_time=0.0
-        )
-        for angle in (late, early)
-    )
-    with pytest.raises(DecayError, match="in common"):
-        _as_measured(motion, record)
 
 
 def test_shaking_after_the_decay_is_cut():

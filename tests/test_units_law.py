@@ -65,22 +65,3 @@ def test_what_is_kept_of_a_record_is_the_same_in_every_unit(power, time_power):
     assert np.ptp(np.diff(one.time)) < 1e-9 * 0.025
     assert other.time.values == pytest.approx(one.time.values * 2.0**time_power, rel=1e-12)
     assert other.stop_time.item() == pytest.approx(one.stop_time.item() * 2.0**time_power, rel=1e-12)
-
-
-@cache
-def discovered(power, time_power):
-    decay = recorded(power, time_power)
-    return st.discover(decay, FORCES.select(["lambda", "zeta"]), FORCES.select(["delta", "nu"]))
-
-
-@pytest.mark.in_full
-@pytest.mark.parametrize(("power", "time_power"), [(-40, 10), (20, -40)])
-def test_a_discovery_is_the_same_in_every_unit(power, time_power):
-    one, other = discovered(0, 0), discovered(power, time_power)
-    names = one["steps"].symbol.values.tolist()
-    assert names == ["delta"]
-    assert other["steps"].symbol.values.tolist() == names
-    assert other.attrs["verdict"] == one.attrs["verdict"]
-    error = one["steps"].standard_error.values
-    apart = other["steps"].coefficient.values * 2.0**power - one["steps"].coefficient.values
-    assert apart / error == pytest.approx(0.0, abs=1e-3)
