@@ -5,13 +5,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 from helpers import FIVE, paper_run
-from scipy.stats import norm, t as student
 from statsmodels.stats.meta_analysis import combine_effects
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.validation.random_effects import RandomEffects, precision
-from sysid_trib.validation.run_conditions import without_collinear
 
 
 def runs_of(values, errors, names=("lambda",)):
@@ -42,20 +40,6 @@ def test_intervals_of_the_spread_hold_in_95_of_100_cases(tau):
         hold += spread.lower <= tau <= spread.upper
     # Three binomial errors.
     assert abs(hold / records - 0.95) < 0.033
-
-
-def test_shrunken_estimates_are_nearer_and_their_errors_true():
-    random, pulls, gain = np.random.default_rng(3), [], []
-    for _ in range(60):
-        errors = np.exp(random.normal(0.0, 0.5, 10))
-        true = 3.0 + random.standard_normal(10)
-        values = true + errors * random.standard_normal(10)
-        near, error = RandomEffects(values, errors, np.ones((10, 1))).shrunken()
-        pulls.append((near - true) / error)
-        gain.append([np.sum((near - true) ** 2), np.sum((values - true) ** 2)])
-    assert 0.9 < np.std(pulls) < 1.1
-    better, by_itself = np.sum(gain, axis=0)
-    assert better < 0.7 * by_itself
 
 
 def test_intervals_of_laboratories_hold_in_95_of_100_cases():
@@ -126,15 +110,6 @@ def test_identifications_are_compared_at_one_frequency_and_a_worn_run_scatters()
     assert (verdicts["lambda"], verdicts["zeta"]) == ("scatters", "common")
 
 
-def test_a_run_without_a_value_is_left_out_of_its_quantity():
-    values, errors = np.array([1.0, 1.1, np.nan, 0.9]), np.full(4, 0.1)
-    told = st.campaigns.between_runs(runs_of(values, errors))
-    assert np.isnan(told.shrunken.values[2, 0])
-    assert told.verdict.item() == "common"
-    few = st.campaigns.between_runs(runs_of([1.0, np.nan], [0.1, 0.1]))
-    assert few.verdict.item() == "too few runs"
-
-
 @pytest.mark.parametrize(
     ("conditions", "laboratories", "sentence"),
     [
@@ -153,26 +128,6 @@ def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sente
         st.campaigns.between_runs(runs, conditions, laboratories=laboratories)
 
 
-def test_conditions_that_go_with_others_are_found_and_the_rest_is_kept():
-    table = pd.DataFrame(
-        {
-            "load": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
-            "wear": [5.0, 4.0, 3.0, 2.0, 1.0, 0.0],
-            "material": list("aabbab"),
-            "supplier": list("xxyyxy"),
-            "humidity": [3.0, 1.0, 4.0, 1.0, 5.0, 9.0],
-            "sum": [4.0, 3.0, 7.0, 5.0, 10.0, 15.0],
-        }
-    )
-    kept, collinear = without_collinear(table)
-    assert list(kept) == ["load", "material", "humidity"]
-    assert collinear["wear"] == "'load'"
-    assert collinear["supplier"] == "'material'"
-    assert collinear["sum"] == "'load', 'material', 'humidity' together"
-    # Of few runs no fit decides all effects, and none goes with another.
-    assert not without_collinear(table.iloc[:2])[1]
-
-
 def test_what_is_no_set_of_runs_is_refused():
     with pytest.raises(UsageError, match="Two runs at least"):
         st.campaigns.between_runs(runs_of([1.0], [0.1]))
@@ -180,27 +135,3 @@ def test_what_is_no_set_of_runs_is_refused():
         st.campaigns.between_runs([xr.Dataset()])
     with pytest.raises(UsageError, match="no free coefficient in common"):
         st.campaigns.between_runs([])
-
-
-def test_a_far_run_is_judged_by_all_others_even_among_few():
-    random = np.random.default_rng(5)
-    errors, load = np.exp(random.uniform(-0.5, 0.5, 9)), np.arange(9.0)
-    values = 3.0 + 0.5 * load + 0.5 * random.standard_normal(9) + errors * random.standard_normal(9)
-    values[4] += 40.0
-    design = np.column_stack([np.ones(9), load])
-    found = RandomEffects(values, errors, design).deleted_residuals()
-    for at in range(9):
-        others = RandomEffects(*(np.delete(a, at, 0) for a in (values, errors, design)))
-        tau = others.heterogeneity().value
-        fit = others.weighted(tau)
-        variance = errors[at] ** 2 + tau**2 + design[at] @ fit.covariance @ design[at]
-        size = (values[at] - design[at] @ fit.effects) / np.sqrt(variance)
-        expected = size if tau == 0.0 else np.copysign(norm.isf(student.sf(abs(size), 6)), size)
-        assert found[at] == pytest.approx(expected, rel=1e-3, abs=1e-3)
-    assert np.flatnonzero(np.abs(found) > 4.0).tolist() == [4]
-
-
-def test_a_run_that_alone_has_its_condition_is_held_against_none():
-    design = np.array([[1.0, 0.0]] * 4 + [[1.0, 1.0]])
-    found = RandomEffects(np.array([1.0, 1.1, 0.9, 1.0, 7.0]), np.full(5, 0.1), design).deleted_residuals()
-    assert np.isnan(found).tolist() == [False] * 4 + [True]

@@ -1,18 +1,17 @@
-"""The classical methods: each on a decay of its own model, what it assumes, and when it does not apply."""
+"""The classical methods, windowed ERA too: decays of their own model, and when they do not apply."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import FIVE, Run, W, decay, library_of_formulas, paper_run, rms, rms_range
+from helpers import FIVE, SIX, Run, W, decay, library_of_formulas, paper_run, rms, rms_range
 from hypothesis import given, settings, strategies as st
 
 from sysid_trib import Model, load_library
-from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.errors import DecayError
 from sysid_trib.methods import (
-    Direct,
     EnergyDecay,
     FeenyLiang,
     FrequencyShift,
@@ -22,6 +21,7 @@ from sysid_trib.methods import (
     WindowedERA,
     WuDecrement,
     feeny_liang_decrement,
+    windowed_modes,
 )
 from sysid_trib.simulation.simulate import trajectory
 
@@ -90,20 +90,6 @@ def test_standard_errors_tell_the_scatter(case):
     assert 0.9 < np.mean(birge_ratios) < 1.1
 
 
-@pytest.mark.slow
-def test_symbols_mean_nothing(case):
-    renamed = replace(FORCES, forces=tuple(replace(f, symbol=f"f_{f.symbol}") for f in FORCES))
-    record = case.run.decay(0)
-    one, other = (case.method.identify(record, library) for library in (FORCES, renamed))
-    np.testing.assert_array_equal(one.coefficient.values, other.coefficient.values)
-    assert other.force.values.tolist() == [f"f_{s}" for s in one.force.values]
-
-
-def test_several_records_are_refused(case):
-    with pytest.raises(UsageError, match="takes one record at a time"):
-        case.method.identify([case.run.decay(0)], FORCES)
-
-
 @pytest.mark.parametrize(
     ("method", "formulas", "sentence"),
     [
@@ -154,73 +140,6 @@ def test_feeny_and_liang_are_exact_at_exact_turning_points(solid, viscous, start
     np.testing.assert_allclose(found, (solid, viscous), rtol=1e-9, atol=1e-12)
 
 
-def test_turning_points_that_are_none_are_refused():
-    with pytest.raises(DecayError, match="at least three"):
-        feeny_liang_decrement([0.3, -0.2])
-    with pytest.raises(DecayError, match="do not decay"):
-        feeny_liang_decrement([3.0, 1.0, 5.0, 1.0])
-
-
-@pytest.mark.slow
-@settings(deadline=None, max_examples=10)
-@given(factor=st.floats(0.1, 4.0), later=st.floats(-100.0, 100.0))
-def test_a_larger_swing_scales_what_is_an_angle(factor, later):
-    run = paper_run({"lambda": 1e-3, "zeta": 0.0097}, duration=5.0)
-    record = run.decay(3)
-    scaled = decay(run.time + later, factor * record.angle.values)
-    for method in (
-        LogarithmicDecrement(correct=False),
-        FeenyLiang(correct=False),
-        QuadraticDecay(correct=False),
-    ):
-        one, other = (method.identify(d, FORCES) for d in (record, scaled))
-        powers = {"lambda": 1, "zeta": 0, "delta": -1}
-        expected = one.coefficient.values * [factor ** powers[s] for s in one.force.values]
-        np.testing.assert_allclose(other.coefficient.values, expected, rtol=1e-6, atol=1e-9)
-
-
-def test_frequency_shift_knows_both_frequencies():
-    truth = {"zeta": 0.05, "nu": -0.4, "alpha": 0.1}
-    library = FORCES.select(("zeta", "alpha", "nu"))
-    found = FrequencyShift(W).identify(paper_run(truth, duration=5.0).decay(), library)
-    limit = W * np.sqrt(1.1 - 0.05**2)
-    assert found.asymptotic_frequency.item() == pytest.approx(limit, rel=1e-5)
-    np.testing.assert_allclose(found.coefficient.values, [0.1, -0.4], rtol=1e-3)
-    free = FrequencyShift().identify(paper_run(truth, duration=5.0).decay(), library)
-    assert free.asymptotic_frequency.item() == pytest.approx(limit, rel=1e-5)
-    # Referred to its own frequency, a conservative force is (w_old/w_new)^2 of what it was.
-    assert free.coefficient.item() == pytest.approx(-0.4 / 1.1, rel=1e-3)
-
-
-def test_wu_takes_any_power_of_the_speed():
-    library = library_of_formulas(solid="sign(v)", cubic="v**3", root="sqrt(abs(v))*sign(v)", spring="x**3")
-    run = Run(Model(library, {"solid": 5e-4, "cubic": 0.1, "root": 5e-4}, W), paper_run(duration=9.0).time)
-    found = WuDecrement().identify(run.decay(), library)
-    assert found.force.values.tolist() == ["solid", "cubic", "root"]
-    np.testing.assert_allclose(found.coefficient.values, [5e-4, 0.1, 5e-4], rtol=1e-3)
-
-
-def test_the_correction_takes_off_what_averaging_gets_wrong():
-    run = paper_run({"lambda": 2e-3, "zeta": 0.05}, duration=3.0)
-    plain, corrected = (EnergyDecay(correct=c).identify(run.decay(), FORCES) for c in (False, True))
-    assert plain.attrs["first_order_bias_removed"] == "no"
-    gaps = [np.abs(errors_of(r, run.model.coefficients)[0][:2]) for r in (plain, corrected)]
-    assert np.all(gaps[1] < 1e-3 * gaps[0])
-    np.testing.assert_allclose(
-        plain.coefficient.values - corrected.first_order_bias.values, corrected.coefficient.values, rtol=1e-12
-    )
-
-
-def test_the_birge_ratio_of_an_equation_scales_its_own_errors():
-    shifted = paper_run({"zeta": 0.0097, "nu": -0.4}, duration=8.0)
-    found = LogarithmicDecrement().identify(shifted.decay(0), FORCES)
-    assert found.frequency_birge_ratio.item() > 50.0
-    assert found.envelope_birge_ratio.item() < 0.1 * found.frequency_birge_ratio.item()
-    own = LogarithmicDecrement().identify(paper_run({"zeta": 0.0097}, duration=8.0).decay(0), FORCES)
-    assert found.reference_frequency_standard_error > 50.0 * own.reference_frequency_standard_error
-    assert found.standard_error.item() < 0.2 * found.frequency_birge_ratio.item() * own.standard_error.item()
-
-
 @cache
 def envelope_only() -> Any:
     return FeenyLiang().identify(paper_run(FIVE).decay(1), FORCES)
@@ -234,17 +153,6 @@ def test_what_is_neglected_shows():
     assert found.coefficient.sel(force="zeta").item() > 0.013
 
 
-def test_slow_and_uneven_sampling_do_no_harm():
-    random = np.random.default_rng(2)
-    time = np.arange(400) / 20.0 + 2e-4 * random.standard_normal(400)
-    run = Run(Model(FORCES, {"zeta": 0.0097}, W), np.sort(time))
-    found = LogarithmicDecrement().identify(run.decay(4), FORCES)
-    direct = Direct(W).identify(run.decay(4), FORCES.select(["zeta"]))
-    gap, told = errors_of(found, run.model.coefficients)
-    assert np.all(np.abs(gap) < 4.0 * told)
-    assert found.standard_error.item() < 1.5 * direct.standard_error.item()
-
-
 @pytest.mark.parametrize("nu", [-0.2, 0.2])
 def test_an_elastic_force_passes_for_quadratic_friction_in_wus_decrement(nu):
     run = paper_run(DAMPED | {"lambda": 1e-5, "nu": nu}, duration=15.0)
@@ -253,3 +161,67 @@ def test_an_elastic_force_passes_for_quadratic_friction_in_wus_decrement(nu):
     assert gap == pytest.approx(-2.0 * DAMPED["zeta"] * nu, rel=0.2)
     assert found.envelope_birge_ratio.item() < 2.0
     assert found.frequency_birge_ratio.item() > 50.0
+
+
+LINEAR = {"zeta": 0.0097}
+
+
+def local_truth(run: Run, time):
+    """Frequency and decay rate between the exact turning points of the motion, at these times."""
+    turns = np.append(run.time[0], trajectory(run.model, run.time, run.start).reversals)
+    turns = np.unique(np.round(turns, 12))
+    size = np.abs(trajectory(run.model, turns, run.start).angle)
+    span = turns[2:] - turns[:-2]
+    local = 2.0 * np.pi / span, np.log(size[:-2] / size[2:]) / span
+    return [np.interp(time, turns[1:-1], values) for values in local]
+
+
+@pytest.mark.parametrize("sampling_rate", [25.0, 100.0, 1000.0])
+def test_local_values_on_the_papers_run(sampling_rate):
+    run = paper_run(SIX, sampling_rate=sampling_rate)
+    modes = windowed_modes(run.decay())
+    frequency, rate = local_truth(run, modes.window_time.values)
+    np.testing.assert_allclose(modes.window_frequency.values, frequency, rtol=1e-3)
+    np.testing.assert_allclose(modes.window_decay_rate.values, rate, rtol=2.5e-2)
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    zeta=st.floats(-0.01, 0.15),
+    w=st.floats(0.5, 300.0),
+    per_period=st.floats(12.0, 400.0),
+    start=st.floats(-2.0, 2.0).filter(lambda a: abs(a) > 0.01),
+)
+def test_a_linear_oscillator_is_found_exactly(zeta, w, per_period, start):
+    step = 2.0 * np.pi / w / per_period
+    run = Run(Model(FORCES, {"zeta": zeta}, w), step * np.arange(round(6.5 * per_period)), start)
+    found = WindowedERA().identify(run.decay(), FORCES)
+    assert found.coefficient.item() == pytest.approx(zeta, abs=1e-7)
+    assert found.reference_frequency.item() == pytest.approx(w, rel=1e-7)
+    assert found.asymptotic_frequency.item() == pytest.approx(w * np.sqrt(1.0 - zeta**2), rel=1e-7)
+    exact = abs(start) / np.sqrt(1.0 - zeta**2) * np.exp(-zeta * w * found.window_time.values)
+    np.testing.assert_allclose(found.window_amplitude.values, exact, rtol=1e-5)
+
+
+@pytest.mark.in_full
+@pytest.mark.parametrize("sampling_rate", [40.0, 400.0])
+def test_era_standard_errors_tell_the_scatter(sampling_rate):
+    run = paper_run(LINEAR, duration=6.0, sampling_rate=sampling_rate)
+    exact, whole, single = run.angle, [], []
+    amplitude = windowed_modes(run.decay()).window_amplitude.values
+    truth = {"frequency": W * np.sqrt(1.0 - 0.0097**2), "decay_rate": W * 0.0097, "amplitude": amplitude}
+    for seed in range(SEEDS):
+        found = WindowedERA().identify(decay(run.time, exact, seed), FORCES)
+        gaps = found.coefficient.item() - 0.0097, found.reference_frequency.item() - W
+        told = found.standard_error.item(), found.reference_frequency_standard_error.item()
+        whole.append(np.divide(gaps, told))
+        # Two windows that share no samples.
+        single.append(
+            [
+                ((found[f"window_{k}"] - v) / found[f"window_{k}_standard_error"]).values[[0, -1]]
+                for k, v in truth.items()
+            ]
+        )
+    low, high = rms_range(SEEDS)
+    for pulls in (whole, single):
+        assert np.all((rms(pulls) > low) & (rms(pulls) < high))

@@ -98,26 +98,6 @@ def test_reference_frequency_given_or_fitted_is_the_same_physics():
     np.testing.assert_allclose(gap / bound(run)[[0, 1, 2, 4, 5]], 0.0, atol=0.02)
 
 
-def test_unit_of_time_and_direction_of_rotation_do_not_matter():
-    run = paper_run()
-    record = run.decay(5)
-    here = Direct(W).identify(record, run.model.library)
-    slow = Direct(W / 1e3).identify(record.assign_coords(time=1e3 * record.time), run.model.library)
-    turned = Direct(W).identify(-record, run.model.library)
-    for other in (slow, turned):
-        np.testing.assert_allclose(values(other, SIX), values(here, SIX), rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(other.standard_error, here.standard_error, rtol=1e-6)
-
-
-def test_order_of_the_library_does_not_matter():
-    run = paper_run()
-    record = run.decay(5)
-    here = Direct(W).identify(record, run.model.library)
-    turned = Direct(W).identify(record, run.model.library.select(reversed(list(SIX))))
-    assert turned.force.values.tolist() == list(SIX)[::-1]
-    np.testing.assert_allclose(values(turned, SIX), values(here, SIX), rtol=1e-6, atol=1e-10)
-
-
 def test_strong_form_works_and_is_much_worse():
     run = paper_run()
     method = Direct(W, form="strong")
@@ -188,7 +168,7 @@ def test_errors_of_forces_with_a_shape_or_a_past_tell_the_scatter(symbol):
     assert np.all(rms(errors) / bound(run) < (2.0 if symbol == "masing" else 1.0) * high)
 
 
-@pytest.mark.slow
+@pytest.mark.in_full
 def test_correlated_noise_is_allowed_for():
     """White noise of this size would give a third of the error; Newey and West see most of it."""
     run, pulls, lags = paper_run(FIVE), [], []

@@ -1,11 +1,16 @@
-"""What holds for every method of the list."""
+"""What holds for every method of the list, and that Python's defaults are the command's."""
 
 from dataclasses import fields, is_dataclass
+from inspect import signature
 
+import numpy as np
 import pytest
+from command_line import run
 from helpers import FIVE, paper_run
 
+import sysid_trib as st
 from sysid_trib import load_library, methods
+from sysid_trib.commands.campaign import CampaignOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import METHODS, Averaging, Trajectory, method_of
 from sysid_trib.methods.scope import MethodScope, scope_of
@@ -70,3 +75,25 @@ def test_a_method_from_elsewhere_cannot_be_made_again():
     assert method_of(result) == methods.Direct()
     with pytest.raises(UsageError, match="'froude' is no method of this package"):
         method_of(result.assign_attrs(method="froude"))
+
+
+@pytest.fixture(scope="module")
+def example():
+    return st.free_decay(st.records.paper_twin())
+
+
+@pytest.mark.slow
+def test_identify_gives_what_the_command_gives(example, tmp_path):
+    assert run("identify", "-o", tmp_path / "command.nc").status == 0
+    by_command, here = st.load(tmp_path / "command.nc"), st.identify(example)
+    assert set(here.children) == set(by_command.children)
+    for group in ("averaging", "direct", "comparison"):
+        for name, variable in here[group].data_vars.items():
+            if variable.dtype.kind == "f":
+                np.testing.assert_allclose(variable, by_command[group][name], rtol=1e-12, err_msg=name)
+        assert here[group].attrs.get("verdict_on_record") == by_command[group].attrs.get("verdict_on_record")
+
+
+def test_a_campaign_has_as_many_workers_and_as_much_memory():
+    asked, here = CampaignOptions(), signature(st.campaign).parameters
+    assert (here["workers"].default, here["memory"].default) == (asked.workers, asked.memory)

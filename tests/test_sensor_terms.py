@@ -55,16 +55,6 @@ def test_errors_are_those_that_are_stated(density):
     assert np.all(size < high)
 
 
-@pytest.mark.slow
-def test_both_methods_agree_beside_a_random_force():
-    library, decay = LIBRARY.select(TRUTH | TERMS), record(1, density=1e-4)
-    direct, trajectory = (m(random_force="estimated").identify(decay, library) for m in (Direct, Trajectory))
-    apart = np.abs(direct.coefficient - trajectory.coefficient) / trajectory.standard_error
-    assert float(apart.max()) < 0.3
-    assert direct.standard_error.values == pytest.approx(trajectory.standard_error.values, rel=0.1)
-    assert np.all(np.abs(errors(trajectory)) < 4.0)
-
-
 def test_a_curve_that_is_left_out_is_taken_for_a_force():
     result = Direct().identify(record(0), LIBRARY.select([*TRUTH, "even_drag"]))
     assert abs(errors(result, {"even_drag": 0.0})) > 10.0
