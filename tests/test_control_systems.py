@@ -95,12 +95,6 @@ def test_poles_of_the_linear_model_are_exact(alpha, zeta):
     np.testing.assert_allclose(found.damping_ratio, zeta / np.sqrt(1 + alpha), rtol=1e-12)
 
 
-def test_the_printed_product_of_roots_is_not_the_frequency():
-    exact = damp(known({"alpha": 0.25, "zeta": 0.05})).frequency.max().item() / W
-    assert exact == pytest.approx(1.116915, abs=5e-7)
-    assert np.sqrt(1.25) * np.sqrt(1 - 0.05**2) == pytest.approx(1.116636, abs=5e-7)
-
-
 def test_forces_without_slopes_at_rest_are_left_out():
     smooth = {"zeta": 0.01, "nu": -0.4, "delta": 0.3}
     rough = {"lambda": 1e-3, "detent": 1e-3, "stribeck": 1e-3, "power": 0.1, "even_friction": 0.02}

@@ -8,12 +8,10 @@ import xarray as xr
 from command_line import run
 
 import sysid_trib as st
-from sysid_trib.cycles.describing_functions import DescribingFunctions, _at_rate
 from sysid_trib.errors import DecayError, UsageError
 
 W, NOISE = 9.9, 1e-4
 CONTACT, INPUTS = st.load_library("contact_forces"), st.load_library("inputs")
-CANDIDATES = st.load_library("candidate_effects")
 
 
 def identified(truth: dict[str, float], seconds: float = 40.0, scale: float = 1.0) -> xr.Dataset:
@@ -105,31 +103,6 @@ def test_a_model_is_driven_by_its_own_input():
     assert found.amplitude.sel(sweep="up").values[5] == pytest.approx(0.1 * gain / (2.0 * zeta), rel=1e-9)
     with pytest.raises(UsageError, match="has the inputs u"):
         st.forced_response(result, 0.1, [9.0], driven_by="base")
-
-
-@pytest.mark.slow
-def test_a_displacement_is_answered_in_its_unit(duffing):
-    meters = identified({"zeta": 0.005, "epsilon": 0.5}, scale=1e-6)
-    w = around(duffing, 0.97, 1.03, 21)
-    angles, lengths = (
-        st.forced_response(result, drive, w) for result, drive in ((duffing, 0.003), (meters, 3e-9))
-    )
-    assert lengths.amplitude.attrs["units"] == "m"
-    assert lengths.amplitude.values * 1e6 == pytest.approx(angles.amplitude.values, rel=1e-3, nan_ok=True)
-
-
-def test_a_force_at_another_frequency_is_that_of_a_faster_motion():
-    x, v = np.array([0.1, -0.2]), np.array([0.3, 0.05])
-    stribeck = CANDIDATES["stribeck"]
-    assert _at_rate(stribeck, 1.1).value(x, v) == pytest.approx(stribeck.value(x, 1.1 * v))
-    # A polynomial between a few frequencies is as good as each by itself.
-    ratio, amplitude = np.linspace(0.9, 1.1, 7), np.array([0.05, 0.2])
-    for symbol in ("stribeck", "maxwell", "dahl"):
-        force = CANDIDATES[symbol]
-        all_at_once = DescribingFunctions([force], {}, ratio).over(amplitude)
-        for at, single in enumerate(ratio):
-            alone = DescribingFunctions([force], {}, np.array([single])).over(amplitude)
-            assert all_at_once[:, :, at] == pytest.approx(alone[:, :, 0], rel=1e-5, abs=1e-9)
 
 
 def test_dry_friction_holds_what_a_small_drive_would_move():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy_motion import scipy_motion
 from test_simulate import ODD, SIX, TIME, W
 
 from sysid_trib import Model
@@ -75,21 +74,3 @@ def test_friction_that_never_held_has_the_derivative_of_its_closed_solution():
     np.testing.assert_allclose(
         found, np.stack([1.0 - np.cos(W * time), np.cos(W * time)], axis=1), atol=1e-12
     )
-
-
-@pytest.mark.parametrize("length", [0.03, 0.008, 0.002])
-def test_derivatives_of_a_stiff_state_do_not_grow(length):
-    """A state that fades 50 to 300 times in a period's angle: its own step is that of its derivatives."""
-    model = Model(ODD, {"dahl": 0.007, "viscous": 0.01}, W, {"dahl.s": length})
-    for name, quantity, off in furthest_off(model):
-        assert off < 1e-6, (name, quantity)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shift", [0.0, 1e-13, 9e-10])
-def test_starts_next_to_a_switching_are_exact(shift):
-    """A look ahead says where such a motion goes before it has gone."""
-    for coefficients in ({"masing": 0.02, "viscous": 0.01}, {"dry": 0.01, "detent": 0.02}):
-        model = Model(ODD, coefficients, W)
-        found = trajectory(model, GRID, 0.3, shift).angle
-        np.testing.assert_allclose(found, scipy_motion(model, GRID, 0.3, shift).y[:, 0], rtol=0, atol=1e-9)

@@ -1,5 +1,4 @@
 import json
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -10,19 +9,16 @@ from known_results import PAPER, W, correlated, known
 from scipy.integrate import quad
 
 from sysid_trib import Model, load_library
-from sysid_trib.control import damp
-from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
 from sysid_trib.physics import with_contactless_frequency
 from sysid_trib.physics.contact import SLIP_RATIO, contact_stiffness, slip_fingerprint, sphere_stiffness
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
-from sysid_trib.physics.model_estimate import model_estimate
 from sysid_trib.physics.si_units import inertia_with_mass, physical_units
 from sysid_trib.physics.sliding import sliding_coefficients
 from sysid_trib.printing.physics import physics_json, physics_sentences
-from sysid_trib.simulation.model import rescaling_factors
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 INERTIA = 1.33e-6
@@ -155,47 +151,7 @@ def test_propagated_errors_are_the_scatter_of_drawn_identifications(quantity):
     assert np.all(found[~used] < 1e-15)
 
 
-def test_errors_of_si_coefficients_hold_those_of_frequency_and_inertia():
-    values = np.array([*DRY.values(), W])
-    spread = correlated(values, 0.01)
-    found = physical_units(known(DRY, spread), INERTIA, inertia_standard_error=0.02 * INERTIA)
-    random = np.random.default_rng(3)
-    drawn = random.multivariate_normal(values, spread, 20_000, method="cholesky")
-    inertia = INERTIA * (1 + 0.02 * random.standard_normal(20_000))
-    si = inertia * 2 * drawn[:, 1] * drawn[:, -1]
-    row = found.sel(force="zeta")
-    assert row.coefficient.item() == pytest.approx(2 * 0.01 * INERTIA * W, rel=1e-12)
-    assert row.standard_error.item() == pytest.approx(si.std(), rel=0.03)
-    together = np.cov(si, inertia * drawn[:, 0] * drawn[:, -1] ** 2)[0, 1]
-    assert row.covariance.sel(other_force="lambda").item() == pytest.approx(together, rel=0.1)
-    alone = physical_units(known(DRY, spread), INERTIA).sel(force="zeta").standard_error.item()
-    assert alone < row.standard_error.item()
-
-
-def test_covariance_with_the_frequency_is_recovered_from_a_result():
-    for coefficients in (DRY, {"zeta": 0.3, "nu": 0.1}):
-        spread = correlated(np.array([*coefficients.values(), W]), 0.02)
-        np.testing.assert_allclose(model_estimate(known(coefficients, spread)).covariance, spread, rtol=1e-9)
-
-
 # Units, reference, symbols.
-
-
-def test_torques_are_the_same_whatever_the_formula():
-    library = every_force()
-    symbols = [f.symbol for f in library if f.kind == "force" and f.memoryless and not f.holds_time]
-    found = physical_units(known(dict.fromkeys(symbols, 0.7), library=library), INERTIA)
-    theta, rate = 0.23, 3.1
-    for force in (library[s] for s in symbols):
-        torque = abs(INERTIA * W**2 * 0.7 * float(force.value(theta, rate / W)))
-        term = found["multiplies"].sel(force=force.symbol).item()
-        if "x = theta" in term:
-            speed = rate if term.endswith("theta'") else rate / W
-            factor = abs(float(force.value(theta, speed)))
-        else:
-            powers = [part.partition("^") for part in term.split() if part != "1"]
-            factor = np.prod([(rate if "'" in base else theta) ** float(p or 1) for base, _, p in powers])
-        assert found.coefficient.sel(force=force.symbol).item() * factor == pytest.approx(torque, rel=1e-9)
 
 
 def test_units_follow_from_the_formulas():
@@ -216,49 +172,6 @@ def test_units_follow_from_the_formulas():
     for symbol, (unit, term) in expected.items():
         assert found["unit"].sel(force=symbol).item() == unit
         assert found["multiplies"].sel(force=symbol).item() == term
-
-
-def test_a_contactless_frequency_gives_the_contact_stiffness_with_its_error():
-    spread = correlated(np.array([*DRY.values(), W]), 0.002)
-    result = with_contactless_frequency(known(DRY, spread), 8.87, 0.03)
-    found = physical_units(result, INERTIA, inertia_standard_error=0.01 * INERTIA)
-    direct = contact_stiffness(
-        result, 8.87, INERTIA, omega0_standard_error=0.03, inertia_standard_error=0.01 * INERTIA
-    )
-    alpha = found.sel(force="alpha")
-    assert alpha.coefficient.item() == pytest.approx(direct.contact_stiffness.item(), rel=1e-12)
-    error = direct.contact_stiffness_standard_error.item()
-    assert alpha.standard_error.item() == pytest.approx(error, rel=1e-6)
-    # w holds alpha already, and so does the stiffness.
-    assert found.linear_stiffness.item() == pytest.approx(INERTIA * W**2, rel=1e-12)
-    held = known({"alpha": 0.2, **DRY})
-    assert physical_units(held, INERTIA).linear_stiffness.item() == pytest.approx(1.2 * INERTIA * W**2)
-    # In the frequency it weighs as much as (w_inf^2 - w0^2)/(2 w^2).
-    shift = weights(result, 0.1).frequency_shift.sel(force="alpha").item()
-    limit = result.asymptotic_frequency.item()
-    assert shift == pytest.approx((limit**2 - 8.87**2) / (2 * W**2), rel=1e-12)
-    np.testing.assert_allclose(
-        crossovers(result).sel(pair="nu epsilon frequency").amplitude,
-        crossovers(known(DRY)).sel(pair="nu epsilon frequency").amplitude,
-    )
-
-
-def test_a_contactless_frequency_changes_neither_energy_nor_arrest_nor_motion():
-    plain = with_errors(DRY)
-    result = with_contactless_frequency(plain, 8.87, 0.03)
-    energy = dissipated_energy(result, 0.3).sel(force=list(DRY))
-    xr.testing.assert_allclose(energy, dissipated_energy(plain, 0.3))
-    xr.testing.assert_allclose(arrest_time(result, 0.3), arrest_time(plain, 0.3))
-    xr.testing.assert_allclose(damp(result), damp(plain))
-
-
-def test_sensor_terms_have_no_weight():
-    library = every_force()
-    assert library["scale"].kind == "sensor"
-    spread = correlated(np.array([0.01, 0.2, 0.3, W]), 0.01)
-    found = weights(known({"zeta": 0.01, "scale": 0.2, "nu": 0.3}, spread, library=library), 0.3)
-    assert found.force.values.tolist() == ["zeta", "nu"]
-    assert found.frequency_share.sel(force="nu").item() == 1.0
 
 
 def test_no_force_is_known_by_its_symbol():
@@ -296,30 +209,6 @@ def test_weights_of_any_force_are_its_signature():
     np.testing.assert_allclose(np.abs(found.decay_share).sum("force"), 1.0)
 
 
-def test_crossovers_of_forces_that_are_no_powers():
-    library = every_force()
-    result = known({"zeta": 0.01, "jenkins": 0.1, "stribeck": 1e-3}, library=library)
-    found = crossovers(result)
-    for pair in ("zeta jenkins envelope", "zeta stribeck envelope"):
-        row = found.sel(pair=pair)
-        for rule, name in (("averaged", "decay"), ("peak force", "peak_force")):
-            a = row.amplitude.sel(rule=rule).item()
-            each = weights(result, a)[name]
-            first, second = (abs(each.sel(force=row[k].item()).item()) for k in ("first", "second"))
-            assert first == pytest.approx(second, rel=1e-6)
-    # Jenkins' friction is weak where it sticks and where it slips far: it leads in between only.
-    assert found.crossings.sel(pair="zeta jenkins envelope", rule="averaged").item() == 2
-
-
-def test_where_there_is_no_crossover_there_is_none():
-    same = crossovers(known({"zeta": 0.01, "maxwell": 0.1}, library=every_force()))
-    assert np.isnan(same.amplitude.sel(pair="zeta maxwell envelope", rule="averaged").item())
-    absent = crossovers(known({"zeta": 0.01, "delta": 0.0}))
-    assert np.all(np.isnan(absent.amplitude))
-    assert np.all(absent.crossings == 0)
-    assert crossovers(known({"zeta": 0.01})).sizes["pair"] == 0
-
-
 def test_arrest_is_near_the_stop_of_the_exact_motion():
     for start in (0.3, 0.1):
         found = arrest_time(with_errors(DRY), start)
@@ -350,13 +239,9 @@ def test_a_slipping_contact_has_the_fingerprint(kappa, noise):
     ("nu", "delta", "errors", "verdict"),
     [
         (-0.0942, 0.04, (0.002, 0.001), "compatible"),
-        (-0.0942, 0.04, (0.2, 0.1), "undecided"),
         (-0.40, 0.037, (0.003, 0.001), "not compatible"),
-        (0.0942, -0.04, (0.002, 0.001), "not compatible"),
-        (-0.0942, 0.041, (1e-5, 1e-5), "compatible"),
         (-0.06, 0.04, (1e-5, 1e-5), "not compatible"),
         (0.01, 0.0, (0.2, 0.001), "undecided"),
-        (0.4, 0.0, (0.02, 0.001), "not compatible"),
     ],
 )
 def test_verdict_of_the_fingerprint(nu, delta, errors, verdict):
@@ -387,40 +272,6 @@ def test_errors_of_stiffness_and_inertia():
 
 
 # Sliding windows.
-
-
-@dataclass(frozen=True)
-class Oracle:
-    """Knows the truth, but states it at a frequency of its own in every window; cannot decide some."""
-
-    shapes: dict = field(default_factory=dict)
-
-    def identify(self, decay, library):
-        start = decay.time.values[0]
-        if 5.0 < start < 7.0:
-            raise DecayError("nothing to see here")
-        w = W * (1.0 + 0.001 * start)
-        forces = library.select(DRY).forces
-        own = dict(zip(DRY, rescaling_factors(forces, W, w) * list(DRY.values()), strict=True))
-        return known(own, np.diag([1e-4] * len(DRY) + [0.0]) ** 2, w=w, library=library)
-
-
-def test_windows_are_compared_at_one_frequency():
-    found = sliding_coefficients(
-        paper_run().decay(1), load_library(), Oracle(), window_periods=6, overlap=0.5
-    )
-    decided = found.reason == ""
-    assert 0 < (~decided).sum().item() < 4
-    assert np.all(found.reason[~decided] == "nothing to see here")
-    assert np.all(np.isnan(found.coefficient[~decided]))
-    assert np.all(np.isfinite(found.coefficient[decided]))
-    spread = found.coefficient[decided].std("window") / np.abs(found.coefficient[decided].mean("window"))
-    assert np.all(spread < 1e-12)
-    assert np.all(np.diff(found.window_time) > 0)
-    assert np.all(np.diff(found.amplitude) < 0)
-    apart = found.window_time[found.apart].values
-    assert np.diff(apart).min() >= 6 * 2 * np.pi / W * 0.97
-    assert found.degrees_of_freedom.item() == int((found.apart & decided).sum()) - 1
 
 
 def test_constant_coefficients_pass_and_a_drift_is_found():
@@ -459,35 +310,16 @@ def test_sentences_and_data():
     assert data["slip_fingerprint"]["verdict"] == "not compatible"
 
 
-def test_a_force_that_is_not_finite_is_named():
-    formulas = {"limited": "log(5 - x)*v", "zeta": "2*v"}
-    library = parse_library({"force": [{"symbol": k, "formula": f} for k, f in formulas.items()]}, "test")
-    result = known({"limited": 0.01, "zeta": 0.01}, library=library)
-    assert "limited" in physics_sentences(result, 6.0)[0]
-    assert "limited" in physics_json(result, 6.0)["refused"]
-    assert "limited" in physics_sentences(result, 0.3)[0]
-    assert "refused" not in physics_json(result, 0.3)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (lambda: weights(xr.Dataset(), 0.3), "identification"),
         (lambda: weights(known(DRY), -0.3), "positive angles"),
-        (lambda: weights(known(DRY), [[0.3]]), "one row"),
-        (lambda: arrest_time(known(DRY), [0.3, 0.2]), "One amplitude"),
         (lambda: physical_units(known(DRY), 0.0), "inertia"),
         (lambda: physical_units(known(DRY), 1.0, inertia_standard_error=-1.0), "standard error"),
-        (lambda: contact_stiffness(known(DRY), 8.87, 1.0, frequency_standard_error=0.1), "frequency"),
-        (lambda: sliding_coefficients([paper_run().decay()], load_library(), Direct()), "one decay"),
         (lambda: sliding_coefficients(paper_run().decay(), load_library(), Direct(), overlap=1.0), "overlap"),
     ],
 )
 def test_wrong_requests_are_usage_errors(call, message):
     with pytest.raises(UsageError, match=message):
         call()
-
-
-def test_a_short_decay_has_no_windows():
-    with pytest.raises(DecayError, match="Two windows"):
-        sliding_coefficients(paper_run(duration=5.0).decay(0), load_library(), Direct())
