@@ -10,10 +10,9 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import sysid_trib as st
-from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.errors import UsageError
 from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.simulation.initial_conditions import fit_start
 
 W = 9.9
 TRUTH = {"lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}
@@ -44,24 +43,6 @@ def driven_record(seed: int, random_force: float = 0.0, **sampling: int) -> xr.D
     )
     noise = 2e-4 * np.random.default_rng(seed).standard_normal(len(time))
     return record.assign(angle=record.angle + noise).assign_attrs(source="synthetic")
-
-
-def test_driven_motion_is_that_of_scipy() -> None:
-    time = times()
-    push = drive(time)
-
-    def rates(t: float, y: np.ndarray) -> list[float]:
-        v = y[1] / W
-        force = 1e-3 * np.sign(v) + 0.02 * v - 0.1 * y[0] ** 3
-        return [y[1], np.interp(t, time, push) - W**2 * (y[0] + force)]
-
-    peer = solve_ivp(
-        rates, (0, time[-1]), [0.1, 0.0], t_eval=time, rtol=1e-9, atol=1e-11, max_step=time[1] / 4
-    )
-    motion = st.simulate(MODEL, time, 0.1, known_input=push)
-    # scipy steps over the jumps of the friction and the bends of the input.
-    assert np.max(np.abs(peer.y[0] - motion.angle.values)) < 2e-6
-    assert np.array_equal(motion.input.values, push)
 
 
 def test_constant_input_shifts_the_equilibrium() -> None:
@@ -98,30 +79,6 @@ def test_without_its_input_a_drive_is_taken_for_something_else() -> None:
     assert np.max(wrong) > 20.0
 
 
-@pytest.mark.in_full
-def test_errors_of_driven_records_are_those_stated() -> None:
-    method = METHODS["direct beside a random force"]
-    scores = []
-    for seed in range(20):
-        result = st.identify(driven_record(seed, periods=20, per_period=20), LIBRARY, method)
-        scores.append((result.coefficient.values - list(TRUTH.values())) / result.standard_error.values)
-    rms = np.sqrt(np.mean(np.square(scores), axis=0))
-    # An RMS of 20 is known to 16 %; forces err together.
-    assert np.all((rms > 0.6) & (rms < 1.4))
-
-
-@pytest.mark.slow
-def test_random_force_beside_a_known_input() -> None:
-    density = 1e-4
-    records = [driven_record(seed, density) for seed in range(2)]
-    for method in ("direct beside a random force", "trajectory beside a random force"):
-        result = st.identify(records, LIBRARY, METHODS[method])
-        z = (result.coefficient.values - list(TRUTH.values())) / result.standard_error.values
-        assert np.max(np.abs(z)) < 3.5
-        assert np.all(np.abs(result.random_force_density - density) < 4 * result.random_force_standard_error)
-        assert np.all(result.random_force_p_value < 1e-3)
-
-
 def test_innovations_and_bands_know_the_input() -> None:
     record = driven_record(3, 1e-4, periods=20)
     result = st.identify(record, LIBRARY, METHODS["direct beside a random force"])
@@ -129,26 +86,6 @@ def test_innovations_and_bands_know_the_input() -> None:
     bands = st.validation.prediction_bands(record, result)
     z = (bands.measured - bands.predicted) / bands.predicted_standard_error
     assert np.nanmax(np.abs(z)) < 4.0
-
-
-def test_steps_know_the_derivative_by_the_frequency() -> None:
-    time = times(2)
-    known = KnownInput(time, drive(time))
-
-    def ends(frequency: float) -> np.ndarray:
-        smooth = replace(
-            MODEL, reference_frequency=frequency, inputs={"input": known}, coefficients={"zeta": 0.01}
-        )
-        states = np.zeros((len(time), 2))
-        states[:, 0], states[:, 1] = 0.1, 0.2 * W / frequency
-        steps = expected_steps(smooth, time, states, 0.0, frequency=True)
-        # The rate, not v = rate / w, is the same at the beginning: v there depends on w too.
-        begun = steps.transition[:, :, 1] * (-states[:-1, 1:] / frequency)
-        return np.stack([steps.end, steps.sensitivity[:, :, 0] + begun])
-
-    small = 1e-5
-    numeric = (ends(W + small)[0] - ends(W - small)[0]) / (2 * small)
-    assert np.max(np.abs(numeric - ends(W)[1])) < 1e-7 * max(1.0, np.max(np.abs(numeric)))
 
 
 @pytest.mark.parametrize("between", ["linear", "held", "cubic"])
@@ -182,48 +119,9 @@ def test_an_input_that_is_no_acceleration_is_refused(units: str | None) -> None:
         st.identify(record, LIBRARY, METHODS["direct"])
 
 
-def test_an_input_with_a_hole_is_refused() -> None:
-    record = driven_record(1)
-    record.input[7] = np.nan
-    with pytest.raises(DecayError, match=r"input at .* s is not a finite number"):
-        st.identify(record, LIBRARY, METHODS["direct"])
-    with pytest.raises(UsageError, match="finite"):
-        st.simulate(MODEL, times(), known_input=np.full(len(times()), np.nan))
-    with pytest.raises(UsageError, match="one number for each sample"):
-        st.simulate(MODEL, times(), known_input=[1.0, 2.0])
-
-
 @pytest.mark.parametrize(
     "method", [st.methods.Averaging(), st.methods.Direct(form="strong"), st.methods.LogarithmicDecrement()]
 )
 def test_methods_of_free_motions_refuse_an_input(method: object) -> None:
     with pytest.raises(UsageError, match="known input"):
         st.identify(driven_record(1), LIBRARY, method)
-
-
-def test_what_compares_free_motions_refuses_an_input() -> None:
-    record = driven_record(1)
-    result = st.identify(record, LIBRARY, METHODS["direct"])
-    with pytest.raises(UsageError, match="known input"):
-        st.cross_check(record, result, result)
-
-
-@pytest.mark.parametrize("seed", [2, 5])
-def test_the_start_of_a_body_at_rest_with_friction_is_the_best(seed: int) -> None:
-    """It goes another way by its rate on either side of rest: one slope for both leads to and fro."""
-    inputs, friction = st.load_library("inputs"), st.load_library("contact_forces").select(["lambda", "zeta"])
-    axis = replace(inputs, forces=(*inputs.select(["free_axis", "gain"]), *friction))
-    truth = {"free_axis": 1.0, "gain": 0.4, "lambda": 0.2, "zeta": 0.1}
-    time = np.arange(0.0, 15.0, 0.02)
-    force = 3.0 * np.sin(2.0 * time) + 1.5 * np.sin(5.0 * time + 1.0)
-    model = st.Model(axis, truth, 5.0, inputs={"u": KnownInput(time, force)})
-    noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(time))
-    angle = st.simulate(model, time, 0.0, inputs=model.inputs).angle.values + noise
-
-    def left(rate: float) -> float:
-        # Where it begins is known best of all: the mean of what is left.
-        return float(np.std(angle - st.simulate(model, time, 0.0, rate, inputs=model.inputs).angle.values))
-
-    fitted = fit_start(model, time, angle, (3e-4, -0.1), offset=None)
-    found = float(np.sqrt(np.mean((angle - fitted.x) ** 2)))
-    assert found < min(map(left, np.linspace(-2e-3, 2e-3, 41))) * (1.0 + 1e-4)
