@@ -11,8 +11,8 @@ import sysid_trib as st
 from sysid_trib.printing.exported import csv_text, latex_text
 from sysid_trib.printing.json_results import identification_json
 from sysid_trib.printing.verdict import verdict_sentence
-from sysid_trib.validation.answer import better_of, identifications
-from sysid_trib.validation.model_error import _of_other_runs, error_parts
+from sysid_trib.validation.answer import identifications
+from sysid_trib.validation.model_error import error_parts
 
 NOISE = 3e-4
 TIME = np.arange(0.0, 20.0, 0.02)
@@ -54,16 +54,6 @@ def test_where_the_model_is_complete_nothing_is_added():
 
 
 @pytest.mark.slow
-def test_of_several_runs_every_other_one_predicts_the_rest(incomplete):
-    (decay, pair), method = incomplete, st.methods.Averaging(random_force="off")
-    missed = list(_of_other_runs(method, [decay, decay], FORCES, pair[0]))
-    assert len(missed) == 2
-    assert missed[0] == pytest.approx(missed[1])
-    assert missed[0] > NOISE
-    assert not list(_of_other_runs(method, [decay], FORCES, pair[0]))
-
-
-@pytest.mark.slow
 def test_a_random_force_is_taken_where_there_is_one():
     decay = record(random_force=2e-3, seed=3)
     results = identifications(decay, FORCES, METHODS)
@@ -84,38 +74,6 @@ def test_errors_have_two_parts(incomplete):
         np.testing.assert_allclose(np.sqrt(np.diag(result["covariance"])), result.standard_error, rtol=1e-9)
         unit = result.standard_error.values
         assert np.linalg.eigvalsh(result["covariance"].values / np.outer(unit, unit)).min() > -1e-9
-
-
-@pytest.mark.slow
-def test_two_releases_agree_within_the_total_errors():
-    whole = st.load_library("candidate_effects")
-    library = FORCES.__class__(FORCES.title, (*FORCES.forces, whole["stribeck"]), FORCES.source)
-    runs = [record(library, TRUTH | {"stribeck": 2e-3}, seed, angle) for seed, angle in ((1, 0.5), (2, 0.3))]
-    first, second = (st.identify(run, FORCES, METHODS[1]) for run in runs)
-    by_noise = st.validation.difference(*(METHODS[1].identify(run, FORCES) for run in runs)).z
-    total = st.validation.difference(first, second).z
-    assert np.abs(by_noise).max() > 4.0
-    assert np.abs(total).max() < 3.0
-
-
-@pytest.mark.slow
-def test_an_option_that_is_given_is_kept():
-    decay = record(random_force=2e-3, seed=3)
-    for option in ("off", "estimated", 2e-3):
-        result = st.identify(decay, FORCES, st.methods.Direct(random_force=option))
-        assert json.loads(result.attrs["options"])["random_force"] == option
-
-
-def test_the_first_is_the_answer_unless_the_second_predicts_clearly_better():
-    def predicting(rms):
-        return xr.Dataset({} if rms is None else {"held_out_rms": rms})
-
-    cases = {(1.0, 1.0): 0, (1.0, 0.95): 0, (1.0, 0.8): 1, (1.0, 1.5): 0, (np.nan, 1.0): 1, (None, None): 1}
-    for (first, second), answer in cases.items():
-        assert better_of(predicting(first), predicting(second)) == answer
-    # One that leaves nothing but noise is not asked to predict.
-    assert better_of(predicting(1.0), predicting(None)) == 1
-    assert better_of(predicting(None), predicting(0.5)) == 0
 
 
 def test_the_verdict_has_a_scale(checked):

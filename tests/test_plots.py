@@ -1,15 +1,20 @@
-"""Figures show the numbers that they are given."""
-
-import io
+"""Figures show the numbers of their results: of the paper, of studies, and the overview."""
 
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run
+from known_results import PAPER, known
 
-from sysid_trib import load_library, plots
+import sysid_trib as st
+from sysid_trib import Model, load_library, plots, simulate
 from sysid_trib.forces import signature
+from sysid_trib.physics import predict_envelope, weights
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_panels import MOST_POINTS
+from sysid_trib.records import envelope
+from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.validation.residual_force import residual_force
 
 SIX = load_library()
 
@@ -49,26 +54,153 @@ def test_a_long_record_keeps_its_peaks_on_paper():
     assert {0.3, -0.4} <= set(drawn)
 
 
-@pytest.mark.parametrize("text", ["$$", r"$x$\nand $\si{V}$"])
-def test_a_text_that_is_no_mathematics_is_drawn_as_it_is(text):
-    figure = style.new_figure(2.0, 2.0)
-    ax = figure.subplots()
-    ax.set(xlabel=text, title=f"load ({style.unit_label(text)})")
-    ax.set_xticks([0, 1], [text, "b"])
-    figure.savefig(io.BytesIO(), format="png")
+LIBRARY = load_library()
+TIME = np.arange(0.0, 40.0, 0.05)
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.19, 0.27), (1e-3, 0.4)])
-def test_an_axis_of_a_backbone_has_numbers_from_end_to_end(low, high):
-    amplitude = np.geomspace(low, high, 20)
-    curve = {"frequency": 9.9 - amplitude**2, "damping_ratio": 0.01 + 0.1 * amplitude}
-    columns = {f"{name}{end}": values for name, values in curve.items() for end in ("", "_low", "_high")}
-    data = xr.Dataset({name: ("amplitude", values) for name, values in columns.items()})
-    data = data.assign_coords(amplitude=("amplitude", amplitude, {"units": "rad"}))
-    data = data.assign({f"period_{name}": ("period", values) for name, values in curve.items()})
-    data = data.assign(period_amplitude=("period", amplitude))
-    figure = plots.backbone(data)
+def moved(coefficients):
+    model = Model(LIBRARY, coefficients, 1.0)
+    return simulate(model, TIME, 1.0), predict_envelope(model, TIME, 1.0)
+
+
+def labelled(axes):
+    return {line.get_label(): line for line in axes.lines}
+
+
+def test_a_decay_stands_inside_its_averaged_envelope():
+    motion, averaged = moved({"zeta": 0.05})
+    axes = plots.motions(motion, {"averaged envelope": averaged})
+    curve, upper, lower = axes.lines
+    np.testing.assert_array_equal(curve.get_ydata(), motion.angle)
+    np.testing.assert_array_equal(upper.get_ydata(), averaged.amplitude)
+    np.testing.assert_array_equal(lower.get_ydata(), -averaged.amplitude)
+    assert axes.get_xlabel() == "time (s)"
+    assert "(rad)" in axes.get_ylabel()
+
+
+def test_half_periods_are_marks_and_the_averaged_model_a_line_of_their_colour():
+    measured, predicted = {}, {}
+    for nu in (-0.5, 0.9):
+        motion, predicted[f"{nu}"] = moved({"zeta": 0.05, "nu": nu})
+        measured[f"{nu}"] = envelope(motion)
+    axes = plots.frequency_shift(measured, predicted)
+    for label, found in measured.items():
+        marks = labelled(axes)[label]
+        np.testing.assert_array_equal(marks.get_xdata(), found.amplitude)
+        np.testing.assert_array_equal(marks.get_ydata(), found.frequency)
+        assert marks.get_linestyle() == "None"
+        same = [line for line in axes.lines if line.get_color() == marks.get_color() and line is not marks]
+        np.testing.assert_array_equal(same[0].get_ydata(), predicted[label].frequency)
+    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert texts == list(measured)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.4])
+def test_half_sines_go_through_their_extrema(begin):
+    decay = paper_run(FIVE).decay(0)
+    found = envelope(decay)
+    part = decay.sel(time=slice(begin, begin + 1.5))
+    axes = plots.half_sines(part, found)
+    lines = labelled(axes)
+    extrema = lines[r"$\pm b_i$ at $t_i$"]
+    shown = np.isin(found.extremum_time, extrema.get_xdata())
+    assert shown.sum() == extrema.get_xdata().size >= 3
+    np.testing.assert_array_equal(extrema.get_ydata(), (found.sign * found.extremum)[shown])
+    # The arcs are the record, to the noise and what a decaying half period is beside a half-sine.
+    arcs = lines["half-sines"]
+    time, angle = (values[np.isfinite(values)] for values in (arcs.get_xdata(), arcs.get_ydata()))
+    np.testing.assert_allclose(np.interp(time, part.time, part.angle), angle, atol=0.02 * angle.max())
+    # The chord: its middle is the amplitude of the instant between, its length the period there.
+    chord = next(line for line in axes.lines if line.get_color() == "black")
+    instant = int(np.flatnonzero(shown)[0])
+    assert abs(chord.get_ydata().mean()) == pytest.approx(found.amplitude[instant].item(), rel=1e-12)
+    assert np.ptp(chord.get_xdata()) == pytest.approx(2 * np.pi / found.frequency[instant].item(), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit"), [("peak_force", " (rad)"), ("decay", " (rad)"), ("frequency_share", "")]
+)
+def test_weights_against_amplitude(quantity, unit):
+    found = weights(known(PAPER), np.linspace(0.02, 0.3, 15))
+    axes = plots.weights(found, quantity)
+    lines = labelled(axes)
+    np.testing.assert_array_equal(lines[r"$\nu$"].get_ydata(), found[quantity].sel(force="nu"))
+    np.testing.assert_array_equal(lines[r"$\lambda$"].get_xdata(), found.amplitude)
+    assert axes.get_ylabel() == found[quantity].attrs["long_name"] + unit
+
+
+def study():
+    error = np.arange(1.0, 25.0).reshape(2, 3, 4)
+    dims = ("method", "level", "force")
+    return xr.Dataset(
+        {"error": (dims, error), "bound": (dims[1:], 0.5 * error[0])},
+        {
+            "method": ["direct", "averaging"],
+            "level": ("level", [1e-4, 1e-3, 1e-2], {"long_name": "noise", "units": "rad"}),
+            "force": ["lambda", "zeta", "nu", "mine"],
+        },
+    )
+
+
+def test_errors_of_a_study_stand_above_the_bound():
+    found = study()
+    figure = plots.precision(found)
+    lines = labelled(figure.axes[1])
+    np.testing.assert_array_equal(lines["averaging"].get_ydata(), found.error[1].sel(force="zeta"))
+    np.testing.assert_array_equal(lines["Cramér-Rao bound"].get_ydata(), found.bound.sel(force="zeta"))
+    assert figure.axes[1].get_xlabel() == "noise (rad)"
+    assert [panel.get_title(loc="left") for panel in figure.axes] == [
+        r"$\lambda$",
+        r"$\zeta$",
+        r"$\nu$",
+        r"$\mathrm{mine}$",
+    ]
+    # Levels stand below the last panel of each column.
+    assert [bool(panel.get_xlabel()) for panel in figure.axes] == [False, True, True, True]
+
+
+FORCES = st.load_library()
+PANELS = 9
+
+
+@pytest.fixture(scope="module")
+def tree():
+    record = paper_run(FIVE, sampling_rate=50.0).decay(7)
+    pair = [method.identify(record, FORCES) for method in (st.methods.Averaging(), st.methods.Direct())]
+    return st.cross_check(record, *pair, draws=16)
+
+
+def texts(figure):
+    return [text for panel in figure.axes for text in (panel.get_xlabel(), panel.get_ylabel())]
+
+
+def test_every_panel_has_axes_with_units(tree):
+    figure = st.plots.overview(tree, width=7.2)
     figure.canvas.draw()
-    for panel in figure.axes:
-        labels = [text.get_text() for text in (*panel.get_xticklabels(), *panel.get_xticklabels(minor=True))]
-        assert len([label for label in labels if label and low <= float(label) <= high]) >= 3
+    panels = [panel for panel in figure.axes if panel.get_subplotspec() is not None]
+    assert len([panel for panel in panels if panel.get_title(loc="left").startswith("(")]) == PANELS
+    assert figure.get_size_inches()[0] == 7.2
+    for unit in ("(rad)", "(mrad)", "(s)", "(%)"):
+        assert any(unit in text for text in texts(figure))
+
+
+@pytest.mark.parametrize(
+    ("formula", "axis", "expected"),
+    [("x**3", "x", lambda x: 0.4 * x**3), ("v*abs(v)", "v", lambda v: 0.06 * v * np.abs(v))],
+)
+def test_the_missing_force_is_the_one_that_was_left_out(formula, axis, expected):
+    library = library_of_formulas(zeta="2*v", hidden=formula)
+    coefficient = 0.4 if axis == "x" else 0.06
+    time = np.arange(0.0, 40.0, 0.01)
+    motion = trajectory(st.Model(library, {"zeta": 0.004, "hidden": coefficient}, W), time, 0.5, 0.0).angle
+    record = decay(time, motion, 3, NOISE)
+    whole = st.methods.Direct(random_force="off", reference_frequency=W).identify(record, library)
+    lacking = whole.sel(force=["zeta"], other_force=["zeta"])
+    surface = residual_force(record, lacking)
+    at, error = surface[axis], surface[f"force_of_{axis}_standard_error"].values
+    mean = surface[f"force_of_{axis}"].values
+    inner = np.abs(at.values) < 0.45
+    # Means over cells of a curved force: within the errors and a hundredth of its largest value.
+    away = np.abs(mean - expected(at.values))[inner]
+    assert np.all(away < 5.0 * error[inner] + 0.05 * np.max(np.abs(expected(at.values))))
+    assert np.max(np.abs(mean / error)) > 20.0

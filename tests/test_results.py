@@ -1,25 +1,26 @@
-"""The one schema of an identification: labels, provenance, files."""
+"""The one schema of an identification; its files, whole or the older ones; files that are no records."""
 
 import json
+import os
 
 import numpy as np
 import pytest
 import xarray as xr
-from candidates import CANDIDATES
-from helpers import FIVE, SIX, Run, W, library_of_formulas, paper_run
+from command_line import TIME as WRITTEN_TIME, linear, run, write_csv
+from helpers import FIVE, SIX, W, paper_run
+from matplotlib.figure import Figure
 
 import sysid_trib
-from sysid_trib import Model, load_library
+import sysid_trib as st
+from sysid_trib import load_library
+from sysid_trib.commands.simulated_record import write_record
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.results.files import load, save
-from sysid_trib.results.references import with_contactless_frequency
+from sysid_trib.reporting.page import write_page
+from sysid_trib.results.files import load, save, write_figure
 from sysid_trib.results.schema import (
     asymptotic_frequency,
-    covariance_with_frequency,
     library_of,
-    map_identifications,
     model_of,
 )
 from sysid_trib.simulation.simulate import trajectory
@@ -76,18 +77,6 @@ def test_a_model_read_back_moves_as_the_record():
     assert np.sqrt(np.mean(gap**2)) == pytest.approx(1e-4, rel=0.05)
 
 
-def test_shape_parameters_are_kept():
-    entries = [{"symbol": "zeta", "formula": "2*v"}, {"symbol": "stribeck", **CANDIDATES["stribeck"]}]
-    library = parse_library({"force": entries}, "test")
-    shapes = {"stribeck.s": 0.04}
-    run = Run(Model(library, {"zeta": 0.01, "stribeck": 5e-4}, W, shapes), paper_run(duration=14.0).time)
-    result = Direct(W, shapes=shapes).identify(run.decay(0), library)
-    assert result.shape.sel(shape_parameter="stribeck.s").item() == 0.04
-    assert np.isnan(result.shape_standard_error).all()
-    assert model_of(result).shapes == shapes
-    assert np.all(np.abs(result.coefficient - [0.01, 5e-4]) < 4.0 * result.standard_error)
-
-
 def test_saved_and_read_back_the_same(tmp_path):
     result = Averaging(correct=False).identify(record(), FORCES)
     save(result, tmp_path / "one.nc")
@@ -121,22 +110,90 @@ def test_asymptotic_frequency_and_its_gradient():
         assert gradient[j] == pytest.approx((there - found) / step, rel=1e-4, abs=1e-6)
 
 
-def test_a_viscous_force_without_its_factor_two_counts_alike():
-    plain = asymptotic_frequency(library_of_formulas(c="v"), np.array([0.1]), W)[0]
-    assert plain == pytest.approx(asymptotic_frequency(library_of_formulas(c="2*v"), np.array([0.05]), W)[0])
+TIME = np.arange(1500) / 100.0
+RECORD = xr.Dataset({"angle": ("time", 0.3 * np.cos(9.91 * TIME))}, {"time": TIME})
+NAMES = ["one.nc", "one.csv", "one.html", "one.pdf"]
 
 
-def test_only_identifications_of_a_tree_are_changed():
-    result = Averaging(correct=False).identify(record(), FORCES)
-    tree = xr.DataTree.from_dict({"record": record(), "averaging": result})
-    changed = map_identifications(tree, lambda found: found.assign_attrs(seen="yes"))
-    assert changed["averaging"].attrs["seen"] == "yes"
-    assert "seen" not in changed["record"].attrs
+def write(target):
+    """Write some 15 to 60 kB."""
+    if target.suffix == ".html":
+        write_page("<p>" * 20_000, target)
+    elif target.suffix == ".pdf":
+        figure = Figure()
+        figure.subplots().plot(TIME, RECORD.angle)
+        write_figure(figure, target.with_suffix(""))
+    else:
+        write_record(RECORD, target)
 
 
-def test_a_frequency_without_contact_changes_no_covariance_with_the_reference_frequency():
-    result = Direct(random_force="off").identify(record(), FORCES)
-    with_alpha = with_contactless_frequency(result, 8.87, 0.02)
-    kept = [*(with_alpha.force.values.tolist().index(symbol) for symbol in result.force.values), -1]
-    there = covariance_with_frequency(with_alpha)[np.ix_(kept, kept)]
-    np.testing.assert_allclose(there, covariance_with_frequency(result), rtol=1e-9)
+def full(_):
+    raise OSError(28, "No space left on device")
+
+
+def cut_short(descriptor):
+    os.ftruncate(descriptor, 10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fault", "reason"), [(full, "No space left"), (cut_short, "read back")])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_disk_that_fills_up_leaves_the_older_file(tmp_path, monkeypatch, fault, reason, name):
+    target = tmp_path / name
+    target.write_text("older")
+    monkeypatch.setattr(os, "fsync", fault)
+    with pytest.raises(RecordError, match=rf"{name}: cannot be written \(.*{reason}"):
+        write(target)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    assert target.read_text() == "older"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_a_result_may_be_read_by_all_whom_the_umask_allows(tmp_path):
+    save(RECORD, tmp_path / "one.nc")
+    (tmp_path / "plain").write_text("")
+    assert (tmp_path / "one.nc").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+SHOWN = {
+    "by_command.nc": "this is a result of identify, no record; sysid-trib report by_command.nc -o by_command",
+    "from_python.nc": "this is a result of direct, no record; sysid-trib report from_python.nc",
+    "printed.json": "this is what a command printed with --json, no record; -o RESULT.nc keeps",
+    "facts.json": "this is what a command printed with --json",
+    "page.html": "this is a page of HTML, no record; a browser shows it",
+    "many.zarr": "this is the store of a campaign, no record; its page many.html shows it",
+    # Not of this package: what was said of it before is right.
+    "folder": "this is a directory; name a file in it",
+    "other.nc": "there are no numbers in it",
+    "other.json": "no column for the angle",
+    "cut.json": "no rows of numbers",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Files of each kind."""
+    there = tmp_path_factory.mktemp("written")
+    noise = 1e-4 * np.random.default_rng(1).standard_normal(1000)
+    record = write_csv(there / "record.csv", WRITTEN_TIME[:1000], linear(WRITTEN_TIME[:1000]) + noise)
+    printed = run("identify", record, "--forces", "zeta", "-o", there / "by_command.nc", "--json")
+    (there / "printed.json").write_text(printed.out)
+    (there / "facts.json").write_text(run("look", record, "--json").out)
+    decay = st.free_decay(st.read_record(record))
+    library = st.load_library("contact_forces").select(["zeta"])
+    st.save(st.identify(decay, library, st.methods.Direct()), there / "from_python.nc")
+    run("report", there / "by_command.nc", "-o", there / "page.html")
+    (there / "many.zarr").mkdir()
+    (there / "many.zarr" / "zarr.json").write_text("{}")
+    (there / "folder").mkdir()
+    xr.Dataset(attrs={"title": "empty"}).to_netcdf(there / "other.nc", engine="h5netcdf")
+    (there / "other.json").write_text('{"next": null, "values": ["a"]}')
+    (there / "cut.json").write_text('{"next": "sysid-trib ')
+    return there
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_what_is_no_record_is_named_with_what_shows_it(folder, name):
+    ending = run("look", folder / name)
+    assert SHOWN[name] in ending.complaint
+    assert ending.status == 1
