@@ -1,15 +1,11 @@
 """Campaigns: one row a record, whatever the workers, the order, the bad records and the kills."""
 
-import dataclasses
 import errno
 import io
-import json
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -19,13 +15,9 @@ import xarray as xr
 from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns.campaign import _wait_for_one
-from sysid_trib.campaigns.chunks import write_chunk
-from sysid_trib.campaigns.conditions import estimates_of, read_conditions
+from sysid_trib.campaigns.conditions import read_conditions
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.printing.campaign import campaign_json, named_sentences, named_text
-from sysid_trib.reporting.campaign import write_campaign
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
 LIBRARY_OF_ALL = st.load_library("contact_forces")
@@ -163,29 +155,6 @@ def test_a_bad_record_is_a_row_with_its_reason(tmp_path):
     assert np.isfinite(store.outline.values).any(axis=(1, 2)).tolist() == [True, False, True]
 
 
-@pytest.mark.slow
-def test_a_record_whose_file_has_changed_is_done_anew(tmp_path, monkeypatch):
-    files = [write_csv(tmp_path / f"{at}.csv", angle=linear(zeta=0.01 + 0.001 * at)) for at in range(3)]
-    good, others = files[1].read_bytes(), files[0].read_bytes()
-    files[1].write_text("")
-    before = st.campaign(files, TASK, output=tmp_path / "out.zarr", workers=0).load()
-    assert counts_of(before)["refused"] == 1
-    files[1].write_bytes(good)
-    files[2].write_bytes(others)
-    told = []
-    again = st.campaign(
-        files, TASK, output=tmp_path / "out.zarr", workers=0, tell=lambda *text: told.append(text[0])
-    ).load()
-    assert "2 records have changed" in told[0]
-    assert counts_of(again)["done"] == 3
-    assert (before.seconds == again.seconds).values.tolist() == [True, False, False]
-    np.testing.assert_array_equal(again.coefficient[2], again.coefficient[0])
-    assert not np.array_equal(again.coefficient[2], before.coefficient[2])
-    files[2].unlink()
-    kept = st.campaign(files, TASK, output=tmp_path / "out.zarr", workers=0).load()
-    xr.testing.assert_identical(kept, again)
-
-
 def test_a_fault_of_the_package_ends_one_record_alone(tmp_path):
     def read(path):
         raise ZeroDivisionError(path)
@@ -210,81 +179,13 @@ def test_a_store_of_another_campaign_is_refused(study, tmp_path):
         st.campaigns.open_store(tmp_path)
 
 
-def files_of(study, folder, numbers):
-    """Records of a study as files, named by their numbers."""
-    folder.mkdir(exist_ok=True)
-    for at in numbers:
-        decay = study.decay(at)
-        write_csv(folder / f"{at}.csv", decay.time.values, decay.angle.values)
-    return sorted(folder.glob("*.csv"))
-
-
-@pytest.mark.slow
-def test_what_was_done_stays_when_records_come_to_it(study, tmp_path):
-    """Files that sort between the others, a task that counts what it reads."""
-    folder, read = tmp_path / "data", []
-
-    def counted(path):
-        read.append(Path(path).name)
-        return [st.free_decay(st.read_record(path))]
-
-    task, output = st.campaigns.Task("identify", LIBRARY, METHODS, read=counted), tmp_path / "out.zarr"
-    st.campaign(files_of(study, folder, [1, 4]), task, output=output, workers=0)
-    grown = numbers(st.campaign(files_of(study, folder, [0, 3, 5]), task, output=output, workers=0))
-    assert read == ["1.csv", "4.csv", "0.csv", "3.csv", "5.csv"]
-    at_once = st.campaign(sorted(folder.glob("*.csv")), task, output=tmp_path / "once.zarr", workers=0)
-    once = numbers(at_once)
-    assert grown.attrs.pop("fingerprint") == once.attrs.pop("fingerprint")
-    xr.testing.assert_identical(grown, once)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "once.zarr", "out.zarr", "study.toml"]
-    with pytest.raises(UsageError, match="records that are not among these"):
-        st.campaign(files_of(study, folder, [])[1:], task, output=output, workers=0)
-
-
-@pytest.mark.slow
-def test_a_study_of_more_records_goes_on(study, tmp_path):
-    output = tmp_path / "out.zarr"
-    st.campaign(dataclasses.replace(study, records=4), TASK, output=output, workers=0)
-    took = st.campaigns.open_store(output).seconds.values
-    grown = st.campaign(study, TASK, output=output, workers=0)
-    np.testing.assert_array_equal(grown.seconds.values[:4], took)
-    xr.testing.assert_identical(
-        numbers(grown), numbers(st.campaign(study, TASK, output=tmp_path / "whole.zarr", workers=0))
-    )
-
-
-@pytest.mark.slow
-def test_a_store_whose_growth_was_killed_is_put_back(study, tmp_path, monkeypatch):
-    output = tmp_path / "out.zarr"
-    few = dataclasses.replace(study, records=4)
-    kept = numbers(st.campaign(few, TASK, output=output, workers=0))
-
-    def killed(*places):
-        raise KeyboardInterrupt
-
-    # Between both renames there is no store at its place.
-    rename = os.rename
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "rename", lambda old, new: rename(old, new) if Path(old) == output else killed())
-        with pytest.raises(KeyboardInterrupt):
-            st.campaign(study, TASK, output=output, workers=0)
-    assert not output.exists()
-    xr.testing.assert_identical(numbers(st.campaign(few, TASK, output=output, workers=0)), kept)
-    st.campaign(study, TASK, output=output, workers=0)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.zarr", "study.toml"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
         ("reference_frequency = 8.87\n", "", "needs 'reference_frequency'"),
-        ("low = 1e-3", "low = 1", "'zeta' of 'coefficients' must be"),
         ("records = {records}", "records = 0", "whole numbers"),
-        ("duration = 8", "duration = 8e9", "2 to 10,000,000 samples"),
         ("lambda =", "lamda =", "lamda"),
         ("[noise]", "[nose]", "has no 'nose'; it has title, .*Did you mean 'noise'"),
-        ("deviation = 0.01", "deviation = -0.01", "must not be below zero"),
-        ("rate = 60", "rate = [60, -60]", "must be from 1e-09 to"),
         ("seed = 7", "seed = [", "not a study in TOML"),
         ("deviation = 1e-4", "deviation = 'small'", "must be a number"),
     ],
@@ -306,45 +207,6 @@ def test_conditions_are_found_by_file_name_or_by_order(tmp_path):
     assert read_conditions(table, ["x", "y"]).load.tolist() == [3, 4]
     with pytest.raises(UsageError, match="2 rows for 3 records"):
         read_conditions(table, ["x", "y", "z"])
-
-
-@pytest.mark.parametrize(
-    ("text", "records", "sentence"),
-    [
-        ("record,load\na.csv,\n", ["a.csv"], r"'load' has no value for a\.csv"),
-        ("load\n1\n\n", ["a.csv", "b.csv"], "1 row for 2 records"),
-        ("file,load\na.csv,1\n", ["d/a.csv"], "column 'file' holds names of records; call it 'record'"),
-        ("record,load\na.csv,1\n", ["d/a.csv", "e/a.csv"], r"'a\.csv' is the name of several records"),
-    ],
-)
-def test_a_table_of_conditions_is_refused_before_the_work_is_done(tmp_path, text, records, sentence):
-    table = tmp_path / "runs.csv"
-    table.write_text(text)
-    with pytest.raises(UsageError, match=sentence):
-        read_conditions(table, records)
-
-
-@pytest.mark.slow
-def test_a_condition_that_goes_with_another_is_left_out_of_the_comparison(tmp_path):
-    rng = np.random.default_rng(5)
-    for at, name in enumerate("abcdef"):
-        angle = linear(TIME[:800], zeta=0.01 + 0.001 * at) + 1e-4 * rng.standard_normal(800)
-        write_csv(tmp_path / f"{name}.csv", TIME[:800], angle)
-    table = tmp_path / "runs.txt"
-    rows = [f"{name}.csv,{at},{10 - at},{at * at}" for at, name in enumerate("abcdef")]
-    table.write_text("\n".join(["record,load,wear,age", *rows]) + "\n")
-    asked = ("campaign", f"{tmp_path}/?.csv", "--conditions", table, "--workers", "0", "--forces", "zeta")
-    asked += ("--methods", "direct", "-o", tmp_path / "out.zarr")
-    ending = run(*asked)
-    sentence = "Condition 'wear' goes with 'load' in these records: it is left out"
-    assert (ending.status, ending.err) == (0, "")
-    assert sentence in ending.out
-    assert "p of age" in ending.out
-    assert "p of wear" not in ending.out
-    assert sentence in (tmp_path / "out.html").read_text(encoding="utf-8").replace("&#39;", "'")
-    data = json.loads(run(*asked, "--json").out)
-    assert data["collinear_conditions"] == {"wear": "'load'"}
-    assert "varies with load" in data["between_records"]["zeta"]["verdict"]
 
 
 def test_a_campaign_without_any_result_ends_with_one(tmp_path):
@@ -392,11 +254,8 @@ def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
     [
         (("--max-effects", "1"), "--max-effects is no option of --task identify"),
         (("--task", "compare", "--refit"), "--refit is no option of --task compare"),
-        (("--task", "discover", "--omega0", "9"), "--omega0 is no option of --task discover"),
-        (("--task", "discover", "--fix", "zeta=0"), "--fix is no option of --task discover"),
         (("--task", "discover", "--random-force", "off"), "--random-force is no option of --task discover"),
         (("--task", "discover", "--level", "2"), "--level '2' must lie between 0 and 1"),
-        (("--task", "discover", "--time-limit", "0"), "--time-limit '0' must be"),
     ],
 )
 def test_an_option_that_a_task_does_not_have_is_refused(tmp_path, options, complaint):
@@ -407,53 +266,6 @@ def test_an_option_that_a_task_does_not_have_is_refused(tmp_path, options, compl
     assert not (tmp_path / "a.zarr").exists()
 
 
-def test_a_damaged_store_is_a_sentence(tmp_path):
-    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
-    arguments = ["campaign", str(file), "--workers", "0", "--methods", "direct", "--forces", "zeta"]
-    assert run(*arguments, "-o", f"{tmp_path}/out.zarr").status == 0
-    for chunk in (tmp_path / "out.zarr" / "outline").glob("0*"):
-        chunk.write_bytes(chunk.read_bytes()[:20])
-    done = run(*arguments, "-o", f"{tmp_path}/out.zarr")
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "a part of the store is damaged" in done.err
-
-
-@pytest.mark.slow
-def test_a_discovery_keeps_what_its_names_cannot_be_separated_from(tmp_path):
-    noise = 5e-4 * np.random.default_rng(3).standard_normal(len(TIME))
-    cubic = st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "epsilon": -0.1664}, 10.0)
-    moved = st.simulate(cubic, TIME, 0.3, 0.0).angle.values
-    files = [write_csv(tmp_path / "cubic.csv", angle=moved + noise)]
-    files += [write_csv(tmp_path / "plain.csv", angle=linear(zeta=0.01) + noise)]
-    candidates = st.load_library("candidate_effects").select(["gravity", "bias"])
-    candidates = dataclasses.replace(candidates, forces=(*LIBRARY_OF_ALL.select(["epsilon"]), *candidates))
-    task = st.campaigns.Task("discover", LIBRARY_OF_ALL.select(["zeta"]), candidates=candidates)
-    store = st.campaign(list(map(str, files)), task, output=tmp_path / "found.zarr", workers=0).load()
-    named = store.named.item(0)
-    assert named in ("epsilon", "gravity")
-    assert set(store.tied.item(0).split(" or ")) == {"epsilon", "gravity"}
-    p_values = store.effect_p_value.isel(record=0)
-    assert p_values.sel(force=named) < 1e-4
-    assert int(np.isfinite(p_values).sum()) == 1
-    assert (store.named.item(1), store.tied.item(1)) == ("", "")
-    assert store.effect_p_value.isel(record=1).isnull().all()
-    write_campaign(store, None, None, tmp_path / "page.html")
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert f"{named} (p = {p_values.sel(force=named).item():.2g})" in page
-    assert f"not to be separated: {store.tied.item(0)}" in page
-    assert "of the final model; off by" in page
-    assert named_sentences(store) == [
-        f"Named, or not to be separated from a name: {first} in 1, {second} in 1."
-        for first, second in [sorted(("epsilon", "gravity"))]
-    ]
-    assert campaign_json(store, counts_of(store), None)["named_or_tied"] == {"epsilon": 1, "gravity": 1}
-    # As an older version has begun it.
-    older = store.drop_vars(["tied", "effect_p_value"])
-    assert named_text(older.isel(record=0)) == named
-    assert named_sentences(older) == []
-    assert "named_or_tied" not in campaign_json(older, counts_of(older), None)
-
-
 def test_a_folder_is_refused_before_a_store_is_made(tmp_path):
     (tmp_path / "data").mkdir()
     said = run("campaign", tmp_path / "data", "-o", tmp_path / "a.zarr")
@@ -462,36 +274,11 @@ def test_a_folder_is_refused_before_a_store_is_made(tmp_path):
     assert not (tmp_path / "a.zarr").exists()
 
 
-def test_a_campaign_in_a_process_that_is_being_started_says_what_is_lacking(tmp_path, monkeypatch):
-    monkeypatch.setattr(multiprocessing.current_process(), "_inheriting", True, raising=False)
-    with pytest.raises(UsageError, match="__main__"):
-        st.campaign(["a.csv"], TASK, output=tmp_path / "out.zarr")
-
-
 @pytest.mark.slow
-def test_a_store_is_no_result_of_one_record(study, tmp_path):
-    st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
-    with pytest.raises(RecordError, match=r"a\.html"):
-        st.load(tmp_path / "a.zarr")
-
-
-def test_estimates_are_at_one_frequency_and_of_one_unit(study, tmp_path):
-    store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0).load()
-    estimates = estimates_of(store, "direct")
-    assert estimates["quantity"].values.tolist() == ["lambda", "zeta", "asymptotic frequency"]
-    ratio = store.reference_frequency.values[:, 0] / estimates.attrs["reference_frequency"]
-    expected = store.coefficient.values[:, 0] * ratio[:, None] ** [2.0, 1.0]
-    np.testing.assert_allclose(estimates.value.values[:, :2], expected, rtol=1e-12)
-    other = store.assign(signal_units=("record", ["mm", *["rad"] * 5]))
-    assert estimates_of(other, "direct").sizes["run"] == 5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_workers_and_order_change_no_bit(study, tmp_path, workers):
+def test_workers_and_order_change_no_bit(study, tmp_path):
     alone = numbers(st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0))
     xr.testing.assert_identical(
-        numbers(st.campaign(study, TASK, output=tmp_path / "b.zarr", workers=workers)), alone
+        numbers(st.campaign(study, TASK, output=tmp_path / "b.zarr", workers=2)), alone
     )
 
 
@@ -513,33 +300,6 @@ def test_the_command_ends_with_a_page(tmp_path):
     assert page.count('<svg class="thumbnail"') == 3
 
 
-def test_no_worker_that_starts_is_a_sentence():
-    class Client:
-        def wait_for_workers(self, count, timeout):
-            raise TimeoutError(timeout)
-
-    with pytest.raises(UsageError, match="No worker has started within 120s; a script"):
-        _wait_for_one(Client())
-
-
-@pytest.mark.slow
-def test_a_worker_that_dies_while_it_starts_is_replaced(study, tmp_path):
-    psutil, killed = pytest.importorskip("psutil"), []
-
-    def kill_one():
-        while not killed:
-            time.sleep(0.05)
-            children = psutil.Process().children(recursive=True)
-            killed.extend([p for p in children if "spawn" in " ".join(p.cmdline())][:1])
-        killed[0].kill()
-
-    thread = threading.Thread(target=kill_one, daemon=True)
-    thread.start()
-    store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=2)
-    thread.join()
-    assert counts_of(store)["done"] == 6
-
-
 SCRIPT = """
 import sys
 import sysid_trib as st
@@ -553,12 +313,12 @@ if __name__ == "__main__":
 @pytest.mark.slow
 def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
     place = tmp_path / "study.toml"
-    place.write_text(STUDY.format(records=60))
+    place.write_text(STUDY.format(records=30))
     study = st.campaigns.load_study(place)
     whole = numbers(st.campaign(study, TASK, output=tmp_path / "whole.zarr", workers=0))
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    for seconds in (4.0, 6.0):
+    for seconds in (5.0,):
         process = subprocess.Popen(
             [sys.executable, script, place, tmp_path / "part.zarr"], start_new_session=True
         )
@@ -572,38 +332,16 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("after", [4.0, 7.0])
-def test_an_interrupt_while_workers_start_is_one_line(tmp_path, after):
+def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
     for at in range(4):
         write_csv(tmp_path / f"run{at}.csv", angle=linear(zeta=0.01 + 0.001 * at))
     command = [sys.executable, "-m", "sysid_trib", "campaign", "run*.csv", "-o", "out.zarr"]
     with subprocess.Popen(
         command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True
     ) as process:
-        time.sleep(after)
+        time.sleep(4.0)
         # To all of its processes, as a terminal does; it may have ended already.
         os.killpg(process.pid, signal.SIGINT)
         told = process.stderr.read().decode()
     assert "Traceback" not in told
     assert process.returncode in (0, 130)
-
-
-@pytest.mark.parametrize("kind", ["float64", "<U20", "int8"])
-def test_a_chunk_is_what_zarr_writes(tmp_path, kind):
-    import zarr
-
-    fill = {"f": np.nan, "U": "", "i": 0}[np.dtype(kind).kind]
-    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
-    arrays = {
-        name: group.create_array(name, shape=(7, 2), dtype=kind, chunks=(3, 2), fill_value=fill)
-        for name in ("ours", "its")
-    }
-    values = np.arange(14).reshape(7, 2).astype(kind)
-    values[3:6] = fill
-    for number in (0, 1, 2, 0):
-        part = slice(3 * number, 3 * number + 3)
-        arrays["its"][part] = values[part]
-        write_chunk(tmp_path / "a.zarr" / "ours", arrays["ours"], number, values[part])
-    assert np.array_equal(arrays["ours"][:], arrays["its"][:], equal_nan=kind == "float64")
-    ours, its = ({p.name: p.read_bytes() for p in (tmp_path / "a.zarr" / name).iterdir()} for name in arrays)
-    assert ours == its

@@ -1,16 +1,16 @@
-"""The command line as it is meant to be used: tables, JSON, files, figures, round trips."""
+"""The command line as it is meant to be used: tables, JSON, files, figures, help and its examples."""
 
+import contextlib
 import json
 import re
-import subprocess
-import sys
+import shlex
 
 import numpy as np
 import pytest
-import xarray as xr
 from command_line import run, write_csv
 
 from sysid_trib import load_library
+from sysid_trib.commands.app import EXAMPLES, app
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
@@ -75,21 +75,6 @@ def number(text):
     raise AssertionError(f"{text} is not JSON")
 
 
-def test_help_imports_nothing_heavy():
-    script = (
-        "import sys; sys.argv = ['sysid-trib', 'identify', '--help']\n"
-        "from sysid_trib import cli\n"
-        "try: cli.main()\n"
-        "except SystemExit: print(sorted(sys.modules))"
-    )
-    printed = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    ).stdout
-    assert "--reference-frequency" in printed
-    for heavy in ("pysindy", "numba", "matplotlib", "xarray", "scipy", "pandas", "sympy"):
-        assert f"'{heavy}'" not in printed
-
-
 def test_json_follows_the_schema(twin):
     found = twin[1]
     assert set(found["methods"]) == {"averaging", "direct"}
@@ -119,13 +104,6 @@ def test_result_file(twin, tree):
     assert tree["record"].ds.simulated_angle.sizes["model"] == 2
 
 
-@pytest.mark.slow
-def test_result_file_comes_back_equal(tree, tmp_path):
-    result_files.save(tree, tmp_path / "again.nc")
-    again = result_files.load(tmp_path / "again.nc")
-    xr.testing.assert_identical(again, tree)
-
-
 def test_figure(twin):
     written = sorted(path.name for path in (twin[0] / "new" / "figures").iterdir())
     figures = ("overview",)
@@ -143,31 +121,6 @@ def test_table_of_the_example_on_an_ascii_terminal():
     for row in ("lambda   solid friction", "alpha    linear elastic force", "w_inf (rad/s)"):
         assert row in ending.out
     assert "Averaging and direct agree" in ending.out
-
-
-@pytest.mark.slow
-def test_layers_of_the_text():
-    quiet, usual, whole = (run("identify", *layer).out for layer in (["--quiet"], [], ["--explain"]))
-    for text in (quiet, usual, whole):
-        assert text.startswith("The record is explained: its residual is nothing but noise")
-        assert "lambda   solid friction" in text
-    assert "Averaging and direct agree" not in quiet
-    assert "Free decay: kept" not in quiet
-    for text in (usual, whole):
-        assert "Averaging and direct agree within their errors." in text
-        assert "At 0.274 rad, the decay comes from zeta" in text
-    assert "chi-square" in whole
-    assert "chi-square" not in usual
-    assert "weigh the same" in whole
-    assert "weigh the same" not in usual
-    assert len(quiet.splitlines()) < len(usual.splitlines()) < len(whole.splitlines()) - 5
-
-
-@pytest.mark.parametrize("command", ["identify", "compare"])
-def test_two_layers_at_once_are_refused(command):
-    ending = run(command, "--quiet", "--explain")
-    assert ending.status == 2
-    assert ending.complaint == "sysid-trib: --explain prints more and --quiet prints less: choose one."
 
 
 @pytest.mark.slow
@@ -231,12 +184,6 @@ def test_degrees_and_their_equilibrium(tmp_path):
     assert "centred on 3.14159 as given rad" in ending.out
 
 
-def test_a_shape_alone_is_no_force(tmp_path, dahl_library):
-    for setting, reason in (("dahl.q=1", "no shape parameter 'q'"), ("dahl.s=1", "No force is given")):
-        ending = run("simulate", "-o", tmp_path / "x.csv", "--library", dahl_library, "--set", setting)
-        assert (ending.status, reason in ending.err) == (2, True)
-
-
 def test_state_and_shape_of_an_own_library(tmp_path, dahl_library):
     angles = []
     for size in ("0.01", "0.1"):
@@ -263,23 +210,6 @@ def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
     wrong = run(*asked, "--set", "jenkins.q=0.05")
     assert wrong.status == 2
     assert "jenkins.s" in wrong.complaint
-
-
-@pytest.mark.slow
-@pytest.mark.simulated_pairs
-def test_a_forgotten_library_shows(tmp_path):
-    """The six forces imitate friction falling with speed, but for a gap that hides in the noise."""
-    library = tmp_path / "mine.toml"
-    library.write_text(
-        '[[force]]\nsymbol = "zeta"\nformula = "2*v"\n[[force]]\nsymbol = "stribeck"\n'
-        'formula = "exp(-abs(v)/0.05)*sign(v)"\n[[force]]\nsymbol = "place"\nformula = "x**2*sign(v)"\n'
-    )
-    made = ("--set", "stribeck=2e-3,zeta=3e-3,place=0.02", "--noise", "1e-4", "--library", library)
-    assert run("simulate", "-o", tmp_path / "d.csv", *made).status == 0
-    told = run("identify", tmp_path / "d.csv").out
-    # What the six leave passes for a random force, but depends on the speed.
-    assert told.startswith("The model is approximate")
-    assert "direct agree" not in run("identify", tmp_path / "d.csv", "--random-force", "off").out
 
 
 def test_forces_of_an_own_library(dahl_library):
@@ -332,3 +262,45 @@ def test_narrow_terminal_cuts_no_number(tree, monkeypatch, capsys, colour):
             one = result.sel(force=symbol)
             assert value_with_error(one.coefficient.item(), one.standard_error.item()) in printed
     assert run("forces").out.count("4/(3 pi) a^2") == 2
+
+
+GROUPS = {
+    "identify": ["Records", "Model", "Constraints", "How sure", "Output", "Other", "Examples"],
+    "discover": ["Records", "Model", "Search", "Output", "Other", "Examples"],
+    "campaign": ["Records", "Model", "Constraints", "Search", "Campaign", "Output", "Other", "Examples"],
+}
+
+
+@pytest.mark.parametrize("command", GROUPS)
+def test_options_stand_in_groups(command):
+    lines = run(command, "--help").out.splitlines()
+    assert [line[:-1] for line in lines if line.endswith(":") and not line.startswith(" ")] == GROUPS[command]
+
+
+def test_every_command_has_two_examples():
+    names = {info.callback.__name__ for info in app.registered_commands}
+    assert names == set(EXAMPLES)
+    for name, examples in EXAMPLES.items():
+        assert len(examples) == 2
+        said = run(name, "--help").out
+        assert said.endswith(f"Examples:\n  {examples[0]}\n  {examples[1]}\n")
+
+
+def _works(names, folder):
+    with contextlib.chdir(folder):
+        for name in names:
+            for example in EXAMPLES[name]:
+                program, *words = shlex.split(example)
+                ending = run(*words)
+                assert program == "sysid-trib"
+                assert ending.status == 0, f"{example}: {ending.err}"
+
+
+@pytest.mark.slow
+def test_examples_that_are_quick_work(tmp_path):
+    _works(("simulate", "look", "backbone", "identify", "forces"), tmp_path)
+
+
+@pytest.mark.in_full
+def test_all_examples_work(tmp_path):
+    _works(EXAMPLES, tmp_path)

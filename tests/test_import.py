@@ -1,4 +1,4 @@
-"""Importing the package changes nothing in the process of whoever imports it."""
+"""Importing changes nothing in the process, waits for nothing heavy, and old names lead to new ones."""
 
 import ast
 import subprocess
@@ -6,12 +6,14 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import sysid_trib as st
 from sysid_trib import _MOVED as MOVED
 from sysid_trib.commands.terminal import one_thread
+from sysid_trib.records.sensor import sensor_step
 
 PACKAGE = Path(st.__file__).parent
 # What changes the process for all that runs in it.
@@ -45,13 +47,6 @@ print([name for name in before if before[name] != after[name]])
 
 def test_importing_changes_nothing_in_the_process():
     ended = subprocess.run([sys.executable, "-c", STATE], capture_output=True, text=True, check=True)
-    assert ended.stdout == "[]\n"
-
-
-def test_help_waits_for_nothing_that_computes():
-    heavy = ("numpy", "xarray", "scipy", "rich")
-    code = f"import sys, sysid_trib.commands.app; print([m for m in {heavy} if m in sys.modules])"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ended.stdout == "[]\n"
 
 
@@ -100,3 +95,56 @@ def test_no_module_hides_a_public_name(package):
     """A module that is imported becomes an attribute of its package, also in the place of a function."""
     modules = {path.stem for path in package.parent.glob("*.py")}
     assert modules.isdisjoint(import_module(f"sysid_trib.{package.parent.name}").__all__)
+
+
+COMMANDS = ("look", "identify", "discover", "compare", "simulate", "report", "forces")
+HEAVY = ("numpy", "scipy", "pandas", "xarray", "matplotlib", "pysindy", "numba")
+
+
+def test_nothing_heavy_is_imported_before_the_first_word(tmp_path):
+    # The progress of each command begins before its imports: at that point none of these may be there.
+    script = f"""
+import sys
+from contextlib import contextmanager
+from sysid_trib.commands.app import app
+from sysid_trib.commands import terminal
+class Reached(Exception): pass
+@contextmanager
+def progress():
+    heavy = sorted(set({HEAVY!r}) & set(sys.modules))
+    raise Reached(",".join(heavy))
+    yield
+arguments = {{"report": ["a.nc", "-o", "b.html"], "simulate": ["-o", "a.csv"]}}
+for name in {COMMANDS!r}:
+    terminal.progress = progress
+    try:
+        app([name, *arguments.get(name, [])], standalone_mode=False)
+    except Reached as reached:
+        print(name, reached)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [f"{name} " for name in COMMANDS], done.stdout
+
+
+@pytest.mark.parametrize("step", [1e-6, 1.57e-4, 2e-2])
+def test_the_step_of_a_sensor_is_that_of_its_lattice(step):
+    random = np.random.default_rng(0)
+    time = np.arange(3000) / 100.0
+    signal = 0.4 * np.exp(-0.01 * time) * np.cos(8.0 * time) + 1e-4 * random.standard_normal(time.size)
+    rounded = step * np.round(signal / step)
+    assert sensor_step(rounded) == pytest.approx(step, rel=1e-3)
+    # Digits of a file, and a unit, change nothing.
+    assert sensor_step(np.round(57.3 * rounded, 9)) == pytest.approx(57.3 * step, rel=1e-2)
+    assert np.isnan(sensor_step(signal))
+
+
+def test_values_between_the_steps_of_an_encoder_do_not_hide_them():
+    time = np.arange(20000) / 1000.0
+    signal = 0.4 * np.exp(-0.1 * time) * np.cos(8.0 * time)
+    step = 1.57e-4
+    counts = step * np.round(signal / step)
+    changes = np.flatnonzero(np.diff(counts, prepend=counts[0] - 1.0))
+    # Where it moves, the logger interpolates between the counts.
+    between = np.interp(time, time[changes], counts[changes])
+    shown = np.where(np.diff(counts, prepend=counts[0]) == 0.0, counts, between + 1e-9 * time)
+    assert sensor_step(shown) == pytest.approx(step, rel=1e-3)

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from command_line import run
 
-pytestmark = pytest.mark.simulated_pairs
-
 
 def identified(*arguments: object) -> dict:
     ending = run("identify", *arguments, "--json")
@@ -81,19 +79,6 @@ def test_rolling_ship_model(data_folder):
     # The roll axis: a natural frequency near 2.46 rad/s, 24 periods in a minute.
     assert found["methods"]["direct"]["reference_frequency"] == pytest.approx(2.46, abs=0.02)
     assert refuted(found)
-
-
-@pytest.mark.slow
-def test_segment_of_a_matlab_file(data_folder, pendulum):
-    path = data_folder / "single_pendulum" / "slice_15s_70s.mat"
-    found = identified(
-        path, "--time", "Time_id[1]", "--angle", "Y_id[1][0]", "--forces", "lambda,zeta,delta,epsilon"
-    )
-    assert found["record"]["angle_column"] == "Y_id[1][0]"
-    for epsilon in coefficients(found, "epsilon"):
-        assert -0.18 < epsilon < -0.14
-    frequencies = [f["methods"]["direct"]["reference_frequency"] for f in (found, pendulum)]
-    assert frequencies[0] == pytest.approx(frequencies[1], rel=5e-3)
 
 
 @pytest.mark.in_full

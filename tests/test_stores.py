@@ -1,16 +1,20 @@
 """Stores of campaigns: damage is noticed, one campaign at a time writes, and nothing else is replaced."""
 
+import errno
+import fcntl
 import json
 import os
 import shutil
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import linear, run, write_csv
 
 import sysid_trib as st
+from sysid_trib.campaigns import chunks as lock
 from sysid_trib.campaigns.chunks import sole_writer
-from sysid_trib.campaigns.store import as_dataset
 from sysid_trib.errors import RecordError
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
@@ -87,18 +91,6 @@ def test_what_is_damaged_in_a_store_is_noticed(made, tmp_path, damage):
             ask()
 
 
-def test_a_record_that_is_done_anew_has_its_checksum_anew(made, tmp_path):
-    records = [shutil.copy(record, tmp_path) for record in made[0][:2]]
-    place = tmp_path / "a.zarr"
-    before = do(records, place).coefficient.values
-    write_csv(tmp_path / "r1.csv", TIME, linear(TIME, 0.05))
-    do(records, place)
-    after = st.campaigns.open_store(place).coefficient.values
-    assert before[0] == after[0]
-    assert before[1] != after[1]
-    assert "checksum" not in as_dataset(place)
-
-
 def test_one_campaign_at_a_time_writes_to_a_store(made, tmp_path):
     records, base = made
     place = tmp_path / "a.zarr"
@@ -165,11 +157,34 @@ def test_a_pipe_is_not_waited_for(tmp_path, monkeypatch, words):
     assert (ending.status, "this is a pipe" in ending.complaint) == (1, True)
 
 
-@pytest.mark.slow
-def test_processes_of_a_campaign_execute_nothing_of_the_current_folder(made, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("signal", "socket", "pickle"):
-        (tmp_path / f"{name}.py").write_text(f"open('{name}', 'w')")
-    ending = run("campaign", *made[0], *OPTIONS[:-1], "2", "-o", "a.zarr")
-    assert ending.status == 0
-    assert not {"signal", "socket", "pickle"} & set(os.listdir(tmp_path))
+def held_by_another(file: int, *_: int) -> None:
+    raise PermissionError(errno.EACCES, "locked")
+
+
+def test_where_files_cannot_be_locked_whole_their_records_are(tmp_path, monkeypatch):
+    asked = []
+
+    def no_flock(*_: int) -> None:
+        raise OSError(errno.ENOTSUP, "no such locks")
+
+    monkeypatch.setattr(fcntl, "flock", no_flock)
+    monkeypatch.setattr(fcntl, "lockf", lambda *how: asked.append(how))
+    with lock.sole_writer(tmp_path / "s.zarr"):
+        assert len(asked) == 1
+    monkeypatch.setattr(fcntl, "lockf", held_by_another)
+    with pytest.raises(RecordError, match="another campaign"), lock.sole_writer(tmp_path / "s.zarr"):
+        pass
+
+
+def test_windows_locks_by_its_own_call(tmp_path, monkeypatch):
+    asked = []
+    windows = SimpleNamespace(LK_NBLCK=2, locking=lambda *how: asked.append(how[1:]))
+    monkeypatch.setitem(sys.modules, "msvcrt", windows)
+    monkeypatch.setattr(sys, "platform", "win32")
+    with lock.sole_writer(tmp_path / "s.zarr"):
+        assert asked == [(2, 1)]
+        assert os.listdir(tmp_path) == [".s.zarr.lock"]
+    assert not os.listdir(tmp_path)
+    windows.locking = held_by_another
+    with pytest.raises(RecordError, match="another campaign"), lock.sole_writer(tmp_path / "s.zarr"):
+        pass
