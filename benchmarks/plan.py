@@ -1,17 +1,23 @@
 """Loops of discover, plan, run, discover again: runs until one right name, and if what is stated holds.
 
-usage: python benchmarks/plan.py [--loops 20]
+usage: python benchmarks/plan.py [--loops 20] [--out FILE]     with FILE resumable, a line of JSON a loop
 """
 
 import argparse
+import itertools
+import json
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from scipy.stats import beta
 
 import sysid_trib as st
+from sysid_trib.validation.next_run import ODDS
 
 LIMITS, DURATION, RATE, NOISE, MOST_RUNS = (0.1, 0.8), 12.0, 50.0, 2e-3, 5
+# Between which probabilities stated ones are counted together.
+BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 # What is hidden beside viscous friction: symbol, coefficient.
 HIDDEN = {"epsilon": -0.167, "delta": 0.03, "nu": -0.1, "lambda": 6e-4}
 
@@ -32,45 +38,84 @@ def named(tree: xr.DataTree) -> list[str]:
     return last.candidate.values[last.credible.values].tolist()
 
 
-def loop(symbol: str, seed: int, planned: bool) -> tuple[int, list[tuple[float, bool]]]:
-    """Runs until the set is the right name alone, and what was stated of each and came true."""
+def odds_came(tree: xr.DataTree, symbol: str, models: list[str]) -> bool:
+    """Whether the right name has the odds against each other model that the plan was about."""
+    if not tree["steps"].attrs["count"]:
+        return False
+    step = tree["steps"].to_dataset().isel(step=-1)
+    likely = dict(zip(step.candidate.values.tolist(), step.tie_probability.values.tolist(), strict=True))
+    right = np.nan_to_num(likely.get(symbol, 0.0))
+    return bool(
+        right > ODDS * max(np.nan_to_num(likely.get(other, 0.0)) for other in models if other != symbol)
+    )
+
+
+def loop(symbol: str, seed: int, planned: bool) -> tuple[int, list[tuple[float, int, int]]]:
+    """Runs until the set is the right name alone.
+
+    And of each plan the probability stated, and whether it came true and the name stood alone; -1 where the
+    truth was not among its models.
+    """
     library = st.load_library().select(["zeta", symbol])
     model = st.Model(library, {"zeta": 0.01, symbol: HIDDEN[symbol]}, 9.9)
     rng = np.random.default_rng([seed, 7])
     runs, said = [decay_of(model, 0.25, DURATION, 1000 * seed)], []
     tree = st.discover(runs)
-    for count in range(1, MOST_RUNS + 1):
-        if named(tree) == [symbol] or count == MOST_RUNS:
+    for count in range(1, MOST_RUNS):
+        if named(tree) == [symbol]:
             break
-        amplitude = float(np.exp(rng.uniform(*np.log(LIMITS))))
+        amplitude, best = float(np.exp(rng.uniform(*np.log(LIMITS)))), None
         if planned and len(named(tree)) > 1:
             best = st.validation.plan(tree, amplitude=LIMITS, duration=(DURATION, DURATION)).isel(run=0)
-            amplitude, probability = best.amplitude.item(), best.probability.item()
+            amplitude = best.amplitude.item()
         runs.append(decay_of(model, amplitude, DURATION, 1000 * seed + count))
         tree = st.discover(runs)
-        if planned and len(runs) > 1 and "probability" in locals():
-            said.append((probability, named(tree) == [symbol]))
+        if best is not None and len(models := best.attrs["models"]) > 1:
+            came = int(odds_came(tree, symbol, models)) if symbol in models else -1
+            said.append((best.probability.item(), came, int(named(tree) == [symbol])))
     return (len(runs) if named(tree) == [symbol] else MOST_RUNS + 1), said
 
 
+def table_of(said: list[tuple[float, int, int]]) -> None:
+    """Print stated probabilities beside how often they came true."""
+    stated, came, right = np.array(said, dtype=float).reshape(-1, 3).T
+    print(
+        f"{len(came)} plans, {np.count_nonzero(came < 0)} without the truth among their models; of the others"
+    )
+    print("stated probability    runs  stated  came true (95 %)      named alone")
+    for low, high in [*itertools.pairwise(BINS), (0.0, 1.0)]:
+        there = (came >= 0) & (stated >= low) & ((stated < high) | (high == 1.0))
+        if count := np.count_nonzero(there):
+            true = came[there].sum()
+            ends = beta.ppf([0.025, 0.975], true + 0.5, count - true + 0.5)
+            interval = f"{true / count:.2f} ({ends[0]:.2f} to {ends[1]:.2f})"
+            words = f"{low:.2f} to {high:.2f}          {count:5}  {stated[there].mean():.2f}"
+            print(f"{words}    {interval:20}  {right[there].mean():.2f}")
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--loops", type=int, default=20)
-    loops, said, counts = parser.parse_args().loops, [], {True: [], False: []}
-    for seed in range(loops):
+    parser.add_argument(
+        "--out", type=Path, default=None, help="a line of JSON a loop; loops in it are not run"
+    )
+    asked = parser.parse_args()
+    rows = (
+        list(map(json.loads, asked.out.read_text().splitlines())) if asked.out and asked.out.exists() else []
+    )
+    for seed in range(len(rows), asked.loops):
         symbol = list(HIDDEN)[seed % len(HIDDEN)]
-        for planned in (True, False):
-            runs, stated = loop(symbol, seed, planned)
-            counts[planned].append(runs)
-            said += stated
-        print(f"{seed}: {symbol}: {counts[True][-1]} runs planned, {counts[False][-1]} at random", flush=True)
-    for planned, words in ((True, "planned"), (False, "at random")):
-        print(f"{words}: median {np.median(counts[planned]):g}, mean {np.mean(counts[planned]):.2f} runs")
-    if said:
-        stated, came = np.array(said).T
-        low, high = beta.ppf([0.025, 0.975], came.sum() + 0.5, len(came) - came.sum() + 0.5)
-        true = f"{came.mean():.2f} ({low:.2f} to {high:.2f}) of {len(came)}"
-        print(f"stated {stated.mean():.2f}, came true {true}")
+        (planned, said), (random, _) = (loop(symbol, seed, planned) for planned in (True, False))
+        rows.append([symbol, planned, random, said])
+        print(f"{seed}: {symbol}: {planned} runs planned, {random} at random; {said}", flush=True)
+        if asked.out:
+            asked.out.open("a").write(json.dumps(rows[-1]) + "\n")
+    for at, words in ((1, "planned"), (2, "at random")):
+        counts = [row[at] for row in rows]
+        print(
+            f"{words}: median {np.median(counts):g}, mean {np.mean(counts):.2f} runs of {len(counts)} loops"
+        )
+    table_of([stated for *_, said in rows for stated in said])
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from sysid_trib.likelihood.sensor_noise import (
 )
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
+from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
 from sysid_trib.motion_fit.least_squares import Fit, FitEstimate, fitted, grown, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
@@ -135,9 +136,7 @@ class Trajectory(Constrained):
         """
         runs = as_runs(decay, driven=True)
         library = library.with_own(self.own, len(runs))
-        offered = forces_to_identify(library, self.reference_frequency, sensors=True)
-        parameters = _parameters(self, offered, len(runs))
-        problem = FitProblem(parameters, tuple(_record(run, offered, self.warm_up) for run in runs))
+        problem = self._problem(runs, library)
         # In its own quantity the record is fitted by the free motion alone.
         pushed_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
         pushed_too = pushed_too and not self.warm_up
@@ -146,15 +145,37 @@ class Trajectory(Constrained):
         if pushed_too:
             pushed = _with_random_force(self, problem, first, quick)
             return pushed_identification(self, problem, runs, library, pushed)
-        fit = fitted(problem, grown(problem, first))
-        # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
-        for _ in range(3 if self.noise == "coloured" or len(runs) > 1 else 0):
-            problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
-            fit = fitted(problem, fit.values)
+        problem, fit = self._fitted_freely(problem, first)
         while stopped := stopped_by_bounds(problem.parameters, fit, problem.parameters.constraints.bounds):
             problem = replace(problem, parameters=problem.parameters.fix(stopped))
             fit = fitted(problem, fit.values)
         return _identification(self, problem, runs, library, fit)
+
+    def likelihood(self, decay: Decays, library: ForceLibrary) -> FreeLikelihood:
+        """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none."""
+        runs = as_runs(decay, driven=True)
+        problem = self._problem(runs, library.with_own(self.own, len(runs)))
+        quick = None if self.start else _quick(self, problem, runs)
+        first = _first_values(self, problem, quick)
+        problem, fit = self._fitted_freely(problem, first)
+        # In strong noise a start model may be nearer than what a growing window leads to.
+        fit = min(fit, fitted(problem, first), key=lambda tried: float(tried.residual @ tried.residual))
+        _residuals(problem, fit)
+        return FreeLikelihood.about(problem, fit)
+
+    def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
+        offered = forces_to_identify(library, self.reference_frequency, sensors=True)
+        records = tuple(_record(run, offered, self.warm_up) for run in runs)
+        return FitProblem(_parameters(self, offered, len(runs)), records)
+
+    def _fitted_freely(self, problem: FitProblem, first: Array) -> tuple[FitProblem, Fit]:
+        """The fit of the free motion, and its problem with the noise of each run."""
+        fit = fitted(problem, grown(problem, first))
+        # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
+        for _ in range(3 if self.noise == "coloured" or len(problem.records) > 1 else 0):
+            problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
+            fit = fitted(problem, fit.values)
+        return problem, fit
 
 
 def _record(decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> WhitenedRecord:
@@ -294,19 +315,25 @@ def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProbl
     return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
 
 
-def _identification(
-    method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset], library: ForceLibrary, fit: Fit
-) -> xr.Dataset:
+def _residuals(problem: FitProblem, fit: Fit) -> list[Array]:
+    """What the motion leaves of each run; refused where it does not follow them."""
     pairs = zip(problem.records, problem.residuals(fit.values), strict=True)
-    residuals = [residual[record.uncounted :] for record, residual in pairs]
+    counted = [residual[record.uncounted :] for record, residual in pairs]
     astray = any(
         np.max(np.abs(residual)) > np.max(np.abs(record.angle))
-        for residual, record in zip(residuals, problem.records, strict=True)
+        for residual, record in zip(counted, problem.records, strict=True)
     )
     if astray or not np.all(np.isfinite(fit.sensitivity)):
         raise DecayError(
             "No motion of these forces follows the record; offer other forces or a shorter window."
         )
+    return counted
+
+
+def _identification(
+    method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset], library: ForceLibrary, fit: Fit
+) -> xr.Dataset:
+    residuals = _residuals(problem, fit)
     parameters = problem.parameters
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
     reduced = fit.residual @ fit.residual / degrees_of_freedom

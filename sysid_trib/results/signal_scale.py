@@ -171,6 +171,8 @@ class _SignalScale:
         return total
 
     def _coefficient_power(self, symbol: str) -> float:
+        if "." in symbol:
+            return self._shape_power(symbol)
         degree = self.degrees.get(symbol)
         return 0.0 if degree is None else degree.coefficient
 
@@ -317,7 +319,7 @@ def _per_force(name: str, units: str) -> bool:
 
 def _labels(data: xr.Dataset, dim: str) -> Any:
     """Symbols of the forces along a dimension; None if it counts something else."""
-    if dim in ("force", "other_force", "candidate", "quantity") and dim in data.coords:
+    if dim in ("force", "other_force", "candidate", "quantity", "parameter") and dim in data.coords:
         return data[dim].values
     if dim == "step" and "symbol" in data.variables and data["symbol"].dims == ("step",):
         return data["symbol"].values
