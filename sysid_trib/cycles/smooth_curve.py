@@ -241,15 +241,31 @@ def _averaged(likely: Sequence[_Likely], count: int, bends: Array) -> SmoothCurv
     error = np.sqrt(variance)
     random = np.random.default_rng(0)
     draws = random.multinomial(BAND_DRAWS, [part.weight for part in likely])
-    largest = []
+    apart = []
     for part, m, several in zip(likely, means, draws, strict=True):
         # The variance is known by so many degrees of freedom.
         size = np.sqrt(np.maximum(1.0, part.variance * count / random.chisquare(count, several)))
         bent = part.root @ random.standard_normal((part.root.shape[1], several)) * size
-        largest.append(np.max(np.abs(bent + (m - mean)[:, None]) / error[:, None], axis=0))
+        apart.append((bent.T + (m - mean)) / error)
     noise = np.sqrt(sum(part.weight * part.variance for part in likely))
-    factor = float(np.quantile(np.concatenate(largest), BAND_PROBABILITY))
+    factor = simultaneous_factor(np.concatenate(apart))
     return SmoothCurve(mean, error, factor, _weights(likely), float(noise), bends)
+
+
+def simultaneous_factor(apart: Array) -> float:
+    """Errors on either side of a curve between which 95 % of its draws lie as a whole (sup-t).
+
+    Parameters
+    ----------
+    apart : (draw, point) array of float
+        Draws minus the curve over its pointwise errors; nan where a draw, or the curve, has no value.
+
+    Notes
+    -----
+    Montiel Olea and Plagborg-Møller (2019), doi 10.1002/jae.2656.
+    """
+    largest = np.max(np.nan_to_num(np.abs(apart)), axis=1)
+    return float(np.quantile(largest, BAND_PROBABILITY))
 
 
 def _weights(likely: Sequence[_Likely]) -> Array:

@@ -49,6 +49,14 @@ class FreeLikelihood:
         """Of all parameters, as the curvature at the best fit has it, (parameter, parameter)."""
         return self.parameters.covariance(self.best.sensitivity, self.best.values)
 
+    @cached_property
+    def root(self) -> Array:
+        """Of the covariance, (parameter, parameter): it makes unit draws draws of the parameters."""
+        size = np.sqrt(np.diag(self.covariance))
+        scale = np.where(size > 0.0, size, 1.0)
+        variances, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        return np.asarray(size[:, None] * axes * np.sqrt(np.maximum(variances, 0.0)))
+
     def deviance(self, values: Array) -> float:
         """By how much twice the logarithm of the likelihood is below that of the best fit."""
         residual = self.problem.white(self.problem.residuals(values))

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.describing_functions import DescribingFunctions, crossings, excess, picked, sweeps
+from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
@@ -35,6 +36,7 @@ def forced_response(
     *,
     driven_by: str = "",
     base: bool = False,
+    simultaneous: bool = False,
     seed: int = 0,
 ) -> xr.Dataset:
     """Steady response of an identified model to a harmonic drive, in sweeps of its frequency.
@@ -52,6 +54,8 @@ def forced_response(
         Which input, where the model has several.
     base : bool
         Of a model without inputs: `drive` is the displacement of a base, from which the signal is counted.
+    simultaneous : bool
+        Bands that hold each sweep as a whole, not each point, in 95 % of records.
     seed : int
         Of the draws for the bands.
 
@@ -95,11 +99,13 @@ def forced_response(
     else:
         units = {}
     given = xr.Dataset({"drive": ("frequency", size, units)}, {"frequency": w})
-    return _response(result, given, name, base, seed)
+    return _response(result, given, name, base, simultaneous, seed)
 
 
 @in_units_of_the_motion
-def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed: int) -> xr.Dataset:
+def _response(
+    result: xr.Dataset, given: xr.Dataset, name: str, base: bool, simultaneous: bool, seed: int
+) -> xr.Dataset:
     model, w, size = model_of(result), given.frequency.values, given.drive.values
     model = replace(model, library=model.library.select(force.symbol for force in model.forces))
     c = np.array([model.coefficients[force.symbol] for force in model.forces])
@@ -130,9 +136,20 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     # Where no draw has a motion there is none, and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
+    if simultaneous:
+        low, high = _as_a_whole(curves, low, high)
     # Lines are off by as much in each draw.
     exact = amplitude / by_lines
     return _dataset(result, given, (amplitude, exact * low, exact * high, phase), checks, left_open)
+
+
+def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Pointwise bands, (sweep, frequency), widened on either side until they hold whole draws of a sweep."""
+    middle = np.nanmedian(curves, axis=0)
+    width = np.where(curves > middle, high - middle, middle - low)
+    apart = (curves - middle) / np.where(width > 0.0, width, np.inf)
+    factor = np.array([simultaneous_factor(of_sweep) for of_sweep in apart.swapaxes(0, 1)])[:, None]
+    return middle + factor * (low - middle), middle + factor * (high - middle)
 
 
 def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:

@@ -1,0 +1,99 @@
+"""Simultaneous bands of an identified model's curves: motion, envelope, frequency and damping ratio."""
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.cycles.envelope_prediction import Averaged, predict_envelope
+from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
+from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
+from sysid_trib.records.decay import Decays
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import variable, with_error
+from sysid_trib.validation.profiles import free_likelihood
+
+# Draws of the parameters, and points of the curves that are no motion.
+DRAWS, POINTS = 400, 60
+# Name, dimension, long name and unit of each curve.
+CURVES = (
+    ("angle", "time", "angle of the model", "rad"),
+    ("envelope", "envelope_time", "amplitude of the model", "rad"),
+    ("frequency", "amplitude", "angular frequency of the model", "rad/s"),
+    ("damping_ratio", "amplitude", "damping ratio of the model", "1"),
+)
+
+
+@in_units_of_the_motion
+def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 0) -> xr.Dataset:
+    """Curves of an identified model with bands that hold each as a whole in 95 % of records.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        The record, or the runs.
+    result : Dataset
+        An identification of it, whose forces, constraints and shapes are those of the fit.
+    run : int
+        Which run's motion and envelope.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    Dataset
+        `angle(time)` as the sensor shows it, `envelope(envelope_time)`, and over `amplitude` the `frequency`
+        (rad/s) and the `damping_ratio`, each with its `..._standard_error` and the ends of its band,
+        `..._low` and `..._high`; attrs `factor_...`: half width over the standard error.
+
+    Raises
+    ------
+    DecayError
+        A random force pushes the motion, no motion follows the record, or draws of the model have no motion.
+
+    Notes
+    -----
+    The fit of the motion, its parameters drawn with their covariance, also the start and the sensor's zero.
+    A band is the curve ± a multiple of its pointwise standard error, which 95 % of the drawn curves do not
+    exceed anywhere (sup-t; Montiel Olea and Plagborg-Møller 2019). Curves but the motion are averages over a
+    cycle. The bands know the error of the noise, not that of the model.
+    """
+    likelihood = free_likelihood(decay, result)
+    normal = np.random.default_rng(seed).standard_normal((DRAWS, len(likelihood.parameters)))
+    steps = normal @ likelihood.root.T
+    time = likelihood.problem.records[run].time
+    coarse = np.linspace(time[0], time[-1], POINTS)
+    values = likelihood.best.values
+    best = _curves(likelihood, values, run, coarse, None)
+    try:
+        drawn = [_curves(likelihood, values + step, run, coarse, best[-1]) for step in steps]
+    except SysidTribError as why:
+        raise DecayError(f"Within its errors this model need not have a motion: {why}") from None
+    amplitudes = variable("amplitude", best[-1], "amplitude", "rad")
+    coords = {"time": time, "envelope_time": coarse, "amplitude": amplitudes}
+    made = xr.Dataset(coords=coords, attrs={"confidence": BAND_PROBABILITY})
+    for at, (name, dim, words, units) in enumerate(CURVES):
+        table = np.array([curves[at] for curves in drawn])
+        error = table.std(axis=0)
+        factor = simultaneous_factor((table - best[at]) / np.where(error > 0.0, error, np.inf))
+        made = made.assign(with_error(name, dim, (best[at], error), words, units))
+        for end, sign in (("low", -1.0), ("high", 1.0)):
+            text = f"{end} end of the 95 % band of the whole {words}"
+            made[f"{name}_{end}"] = variable(dim, best[at] + sign * factor * error, text, units)
+        made.attrs[f"factor_{name}"] = factor
+    return made
+
+
+def _curves(
+    likelihood: FreeLikelihood, values: Array, run: int, time: Array, amplitudes: Array | None
+) -> tuple[Array, ...]:
+    """The curves of these parameters, in the order of `CURVES`, and the amplitudes of the last two."""
+    parameters, record = likelihood.parameters, likelihood.problem.records[run]
+    model, (angle, rate, _) = parameters.model(values, run), parameters.per_run(values)[run]
+    motion = record.angle + record.residual(model, parameters.per_run(values)[run])
+    release = float(np.hypot(angle, rate / model.reference_frequency))
+    envelope = predict_envelope(model, time, release).amplitude.values
+    if amplitudes is None:
+        amplitudes = np.geomspace(max(envelope.min(), 1e-2 * release), release, POINTS)
+    change, frequency = Averaged(model).rates(amplitudes)
+    return motion, envelope, frequency, -change / (amplitudes * frequency), amplitudes
