@@ -26,18 +26,24 @@ CASES = {
 }
 
 
-def intervals(name: str, seed: int) -> list[float]:
-    """Truth, the fit's value and standard error, both ends by the profile, processor time (s)."""
+def fitted_record(name: str, seed: int, quieter: float = 1.0) -> tuple[xr.Dataset, xr.Dataset]:
+    """A record of a case, its noise over a number, and its fit."""
     coefficients, shapes, release, duration, noise, constraints = CASES[name]
     forces = (*CONTACT, *CANDIDATES.select([s for s in coefficients if s in CANDIDATES.symbols]))
     library = ForceLibrary("of the case", forces).select(list(coefficients))
     model, clock = st.Model(library, coefficients, W, shapes), np.arange(0.0, duration, 1.0 / RATE)
     angle = st.simulate(model, clock, release).angle.values
-    angle = angle + noise * np.random.default_rng([seed, 11]).standard_normal(len(clock))
+    angle = angle + noise / quieter * np.random.default_rng([seed, 11]).standard_normal(len(clock))
     decay = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": clock})
-    begin = time.process_time()
     method = st.methods.Trajectory(fit_shapes=tuple(shapes), random_force="off", constraints=constraints)
-    fit = st.identify(decay, library, method)
+    return decay, st.identify(decay, library, method)
+
+
+def intervals(name: str, seed: int) -> list[float]:
+    """Truth, the fit's value and standard error, both ends by the profile, processor time (s)."""
+    coefficients, shapes, *_ = CASES[name]
+    begin = time.process_time()
+    decay, fit = fitted_record(name, seed)
     row = st.validation.profile(decay, fit, [name]).isel(parameter=0)
     stated = fit.sel(shape_parameter=name) if shapes else fit.sel(force=name)
     words = ("shape", "shape_standard_error") if shapes else ("coefficient", "standard_error")

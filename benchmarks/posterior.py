@@ -1,0 +1,89 @@
+"""Posteriors by importance sampling beside random-walk Metropolis on the same likelihood, of three records.
+
+usage: python -m benchmarks.posterior [--steps 20000] [--only WORD]
+
+The records are cases of `profile.py`: presliding length, Stribeck speed, dry friction bounded at zero. In the
+noise of that study the Stribeck speed is hardly bounded above, the posterior no ellipse and Pareto k above 0.7.
+"""
+
+import argparse
+import time
+
+import numpy as np
+import xarray as xr
+
+import sysid_trib as st
+from benchmarks.profile import fitted_record
+from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
+from sysid_trib.validation.profiles import free_likelihood
+
+# Seeds, and by how much the noise is smaller than there.
+RECORDS = {"dahl.s": (0, 1.0), "stribeck.s": (4, 4.0), "lambda": (1, 1.0)}
+
+
+def walk(likelihood: FreeLikelihood, covariance: np.ndarray, steps: int) -> np.ndarray:
+    """Free parameters by random-walk Metropolis, (step, free), a tenth of the steps left out as burn-in.
+
+    Gelman, Roberts and Gilks (1996) for the length of the steps.
+    """
+    parameters, rng = likelihood.parameters, np.random.default_rng(1)
+    low, high = (limit[parameters.free] for limit in parameters.limits)
+    size = np.sqrt(np.diag(covariance))
+    root = size[:, None] * np.linalg.cholesky(covariance / np.outer(size, size)) * 2.38 / np.sqrt(len(size))
+    here, deviance, chain = likelihood.best.values[parameters.free], 0.0, []
+    for _ in range(steps):
+        there = here + root @ rng.standard_normal(len(size))
+        if np.all((there >= low) & (there <= high)):
+            other = likelihood.deviance(parameters.expand(there))
+            if np.log(rng.uniform()) < 0.5 * (deviance - other):
+                here, deviance = there, other
+        chain.append(here)
+    return np.array(chain[steps // 10 :])
+
+
+def effective(chain: np.ndarray) -> float:
+    """Effective sample size of a chain by the means of 40 batches."""
+    means = [batch.mean() for batch in np.array_split(chain, 40)]
+    return float(len(chain) * chain.var() / (len(chain) / 40 * np.var(means, ddof=1)))
+
+
+def columns(draws: xr.Dataset) -> dict[str, np.ndarray]:
+    """Draws of each coefficient, shape and the frequency."""
+    names = {symbol: draws.coefficient.sel(force=symbol) for symbol in draws.force.values.tolist()}
+    if "shape" in draws:
+        names |= {
+            name: draws["shape"].sel(shape_parameter=name) for name in draws.shape_parameter.values.tolist()
+        }
+    return {name: values.values.ravel() for name, values in names.items()} | {
+        "reference frequency": draws.reference_frequency.values.ravel()
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--only", default="", help="part of a record's name")
+    asked = parser.parse_args()
+    for name, (seed, quieter) in RECORDS.items():
+        if asked.only not in name:
+            continue
+        decay, fit = fitted_record(name, seed, quieter)
+        begin = time.process_time()
+        draws = st.validation.posterior(decay, fit, draws=1000)["posterior"].to_dataset()
+        spent = time.process_time() - begin
+        likelihood = free_likelihood(decay, fit)
+        symbols, free = columns(draws), likelihood.parameters.free
+        runs = [draws[each].values.reshape(-1) for each in ("start_angle", "start_rate", "offset")]
+        chain = walk(likelihood, np.cov([*symbols.values(), *runs]), asked.steps)
+        size, k = draws.attrs["effective_sample_size"], draws.attrs["pareto_k"]
+        print(f"{name}: effective {size:.0f} of 4000, Pareto k {k:.2f}, {spent:.1f} s; Metropolis:")
+        for at, (parameter, values) in enumerate(symbols.items()):
+            assert likelihood.parameters.names[free[at]] == parameter
+            other = chain[:, at]
+            means, errors = (values.mean() - other.mean()) / other.std(), values.std() / other.std()
+            print(f"  {parameter:20} mean {means:+.3f} errors off, error x {errors:.3f}", end="")
+            print(f", effective {effective(other):.0f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
