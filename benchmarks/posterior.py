@@ -3,7 +3,7 @@
 usage: python -m benchmarks.posterior [--steps 20000] [--only WORD]
 
 The records are cases of `profile.py`: presliding length, Stribeck speed, dry friction bounded at zero. In the
-noise of that study the Stribeck speed is hardly bounded above, the posterior no ellipse and Pareto k above 0.7.
+noise of that study the Stribeck speed is hardly bounded above, and Pareto k above 0.7.
 """
 
 import argparse

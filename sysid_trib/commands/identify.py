@@ -76,7 +76,8 @@ class SurenessOptions:
     title: ClassVar[str] = "How sure"
 
     profile: str | None = option(
-        "A,B,...", "Coefficients and shapes (dahl.s) whose intervals come from the profile likelihood."
+        "A,B,...",
+        "Coefficients and shapes (dahl.s) with intervals of the profile likelihood; lambda:delta, contours.",
     )
     sensitivity: bool = switch(
         "--sensitivity", "Fit the same forces over windows, starts, sampling, noise models and methods."
@@ -177,16 +178,21 @@ def _add_sureness(
     tree: "xr.DataTree", decays: "list[xr.Dataset]", sure: SurenessOptions, tell: "Tell"
 ) -> None:
     """Add what is asked of how sure the answer is, as groups of the result."""
-    names = [name.strip() for name in (sure.profile or "").split(",") if name.strip()]
-    if not (names or sure.sensitivity):
+    asked = [name.strip() for name in (sure.profile or "").split(",") if name.strip()]
+    names, pairs = ([name for name in asked if (":" in name) == paired] for paired in (False, True))
+    if len(pairs) > 1:
+        raise UsageError("--profile draws the contours of one pair at a time.")
+    if not (asked or sure.sensitivity):
         return
     from sysid_trib.validation.findings import answer_of
-    from sysid_trib.validation.profiles import profile
+    from sysid_trib.validation.profiles import contour, profile
     from sysid_trib.validation.refits import sensitivity
 
     answer = tree[answer_of(tree)].to_dataset()
     if names:
         tree["profile"] = profile(decays, answer, names, tell=tell)
+    for pair in pairs:
+        tree["contour"] = contour(decays, answer, pair.split(":"), tell=tell)
     if sure.sensitivity:
         tree["sensitivity"] = sensitivity(decays, answer, tell=tell)
 
@@ -256,7 +262,7 @@ def _figures(tree: "xr.DataTree", driven: bool, plots: Any) -> "list[tuple[str, 
     """The figures of each run, and of those groups that the result has."""
     from sysid_trib.results.variables import group_names, record_groups
 
-    of_groups = {name: getattr(plots, name) for name in ("innovations", "profile", "sensitivity")}
+    of_groups = {name: getattr(plots, name) for name in ("innovations", "profile", "contour", "sensitivity")}
     of_groups["prediction_bands"] = lambda data: plots.prediction_bands(data).figure
     count, over_time = len(record_groups(tree)), "driven" if driven else "overview"
     return [

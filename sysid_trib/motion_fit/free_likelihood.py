@@ -62,6 +62,10 @@ class FreeLikelihood:
         residual = self.problem.white(self.problem.residuals(values))
         return float(residual @ residual - self.best.residual @ self.best.residual)
 
+    def deviance_of(self, fit: Fit) -> float:
+        """The same of a fit."""
+        return float(fit.residual @ fit.residual - self.best.residual @ self.best.residual)
+
     def holding(self, held: Mapping[str, float], near: Array) -> Fit:
         """The best fit in which parameters have these values, from one that is near."""
         places = [self.parameters.index(name) for name in held]

@@ -9,7 +9,11 @@ from sysid_trib.plots.named_effects import (
 )
 from sysid_trib.plots.planned import plan as plan
 from sysid_trib.plots.samples import difference as difference
-from sysid_trib.plots.sureness import profile as profile, sensitivity as sensitivity
+from sysid_trib.plots.sureness import (
+    contour as contour,
+    profile as profile,
+    sensitivity as sensitivity,
+)
 
 from .at_a_glance import overview as overview
 from .paper import (

@@ -47,6 +47,41 @@ def profile(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
+def contour(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
+    """Contours of two parameters; dashed, the ellipses of their standard errors.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of `validation.contour`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
+    """
+    figure, panels = grid(1, 1, width, 0.8 * min(width, TWO_COLUMNS))
+    ax, levels = panels[0], np.sqrt(data.attrs["thresholds"])
+    names, estimate, error = data.parameter.values.tolist(), data.estimate.values, data.standard_error.values
+    (x_unit, x_label), (y_unit, y_label) = (
+        _power_of_ten(value, name) for value, name in zip(data.value.values, names, strict=True)
+    )
+    slope = data.correlation.item()
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    round_ = np.array([np.cos(turn), slope * np.cos(turn) + np.sqrt(1.0 - slope**2) * np.sin(turn)])
+    for level in levels:
+        x, y = estimate[:, None] + level * error[:, None] * round_
+        ax.plot(x / x_unit, y / y_unit, color=GREY, linewidth=0.8, linestyle="--")
+    x, y = data.value.values
+    # The root of the deviance is nearly straight between points.
+    lines = ax.contour(
+        x / x_unit, y / y_unit, np.sqrt(data.deviance), levels, colors=[INK, ORANGE], linewidths=1
+    )
+    texts = {level: f"{100.0 * p:g} %" for level, p in zip(levels, data.attrs["levels"], strict=True)}
+    ax.clabel(lines, fmt=texts, fontsize=FONT)
+    ax.plot(estimate[0] / x_unit, estimate[1] / y_unit, color=INK, marker="+", linestyle="")
+    ax.set(xlabel=x_label, ylabel=y_label)
+    ax.locator_params(nbins=4)
+    return figure
+
+
 def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
     """What values are drawn in, and the label of their axis: an offset at its end would hide the label."""
     power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))

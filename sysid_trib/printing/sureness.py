@@ -18,7 +18,7 @@ from sysid_trib.printing.layout import (
 )
 from sysid_trib.results.significance import SIGNIFICANT_ERRORS
 
-PROFILE, SENSITIVITY = "profile", "sensitivity"
+PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
 
 
 def sureness_blocks(tree: xr.DataTree) -> list[Block]:
@@ -26,6 +26,10 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
     blocks = []
     if PROFILE in tree.children:
         blocks += _profile_blocks(tree[PROFILE].to_dataset())
+    if CONTOUR in tree.children:
+        data = tree[CONTOUR].to_dataset()
+        said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
+        blocks.append(Block([said], title="Contours", figures=CONTOUR))
     if SENSITIVITY in tree.children:
         blocks += _sensitivity_blocks(tree[SENSITIVITY].to_dataset())
     return blocks

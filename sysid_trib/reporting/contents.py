@@ -217,6 +217,7 @@ FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
     "difference": lambda tree: [Figures(CAPTIONS["difference"], [plots.difference(tree)])],
     "profile": lambda tree: [_of_group(tree, "profile", plots.profile)],
+    "contour": lambda tree: [_of_group(tree, "contour", plots.contour)],
     "sensitivity": lambda tree: [_of_group(tree, "sensitivity", plots.sensitivity)],
     "gap": _motions,
     "scores": partial(_of_discovery, "scores", plots.ranking),

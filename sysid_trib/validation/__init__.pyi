@@ -5,7 +5,7 @@ from sysid_trib.validation.curve_bands import curve_bands as curve_bands
 from sysid_trib.validation.homogeneity import run_agreement as run_agreement
 from sysid_trib.validation.next_run import plan as plan
 from sysid_trib.validation.posteriors import posterior as posterior
-from sysid_trib.validation.profiles import profile as profile
+from sysid_trib.validation.profiles import contour as contour, profile as profile
 from sysid_trib.validation.random_force_test import random_force_dependence as random_force_dependence
 from sysid_trib.validation.refits import sensitivity as sensitivity
 from sysid_trib.validation.samples import difference as difference

@@ -1,5 +1,6 @@
 """Profile likelihood of a parameter: how much worse the motion fits where it is held beside its estimate."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -89,12 +90,8 @@ class Profile:
 
     def better(self) -> Fit | None:
         """A fit on the line that is better than the best, if there is one."""
-        at = min(self.fits, key=lambda at: self._deviance(self.fits[at]))
-        return self.fits[at] if self._deviance(self.fits[at]) < BETTER else None
-
-    def _deviance(self, fit: Fit) -> float:
-        best = self.likelihood.best.residual
-        return float(fit.residual @ fit.residual - best @ best)
+        fit = min(self.fits.values(), key=self.likelihood.deviance_of)
+        return fit if self.likelihood.deviance_of(fit) < BETTER else None
 
     def _look(self, at: float) -> float:
         """The root of the deviance at a place, by a fit from the nearest one towards the best."""
@@ -102,7 +99,9 @@ class Profile:
             near = max((other for other in self.fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
             held = {name: self.estimate(name) + at * step for name, step in self.direction.items()}
             self.fits[at] = self.likelihood.holding(held, self.fits[near].values)
-            self.roots[at] = float(np.copysign(np.sqrt(max(0.0, self._deviance(self.fits[at]))), at))
+            self.roots[at] = float(
+                np.copysign(np.sqrt(max(0.0, self.likelihood.deviance_of(self.fits[at]))), at)
+            )
         return abs(self.roots[at])
 
     def _by_root(self, root: float) -> float:
@@ -161,6 +160,74 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         best = min(others, key=lambda fit: float(fit.residual @ fit.residual))
         likelihood = FreeLikelihood.about(likelihood.problem, best)
     return _dataset(profiles, np.array(ends))
+
+
+# Probabilities of contours, whose deviance is that of chi-square with two degrees; the step between points at
+# which both parameters are held, in errors, and how many there are each way at most.
+CONTOURS, GRID_STEP, MOST_POINTS = (0.68, 0.95), 0.5, 24
+
+
+@in_units_of_the_motion
+def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Tell = silent) -> xr.Dataset:
+    """Deviance of the motion where two parameters are held, for contours of their profile likelihood.
+
+    Parameters
+    ----------
+    decay, result, tell
+        See `profile`.
+    names : sequence of str
+        Two coefficients or shape parameters.
+
+    Returns
+    -------
+    Dataset
+        Over `row` and `column`, steps along the axes of their joint error: the `value(parameter)` of both and
+        the `deviance` of the best fit there, nan beyond the last contour. `estimate` and `standard_error` of
+        each parameter, their `correlation`; attrs `levels` and the `thresholds` of the deviance.
+
+    Raises
+    ------
+    UsageError, DecayError
+        See `profile`; or names are not two.
+    """
+    if len(set(names)) != 2:
+        raise UsageError(f"Contours are of two parameters, not of {', '.join(names)}; give lambda:delta.")
+    likelihood, thresholds = free_likelihood(decay, result, names), chi2.ppf(CONTOURS, 2)
+    error = np.array([_error(likelihood, name) for name in names])
+    parameters = likelihood.parameters
+    places = [parameters.index(name) for name in names]
+    estimate, (low, high) = likelihood.best.values[places], (limit[places] for limit in parameters.limits)
+    correlation = likelihood.covariance[np.ix_(places, places)] / np.outer(error, error)
+    axes = GRID_STEP * error[:, None] * np.linalg.cholesky(correlation)
+    fits, inside = {(0, 0): likelihood.best}, [(0, 0)]
+    # Outwards from the best fit, each from its neighbour, as far as the last contour reaches.
+    for row, column in inside:
+        tell(f"contour of {' and '.join(names)}", 1.0 - 1.0 / (1.0 + 0.01 * len(fits)))
+        for there in itertools.product((row - 1, row, row + 1), (column - 1, column, column + 1)):
+            value = estimate + axes @ there
+            if there in fits or max(map(abs, there)) > MOST_POINTS or np.any((value < low) | (value > high)):
+                continue
+            held = dict(zip(names, value.tolist(), strict=True))
+            fits[there] = likelihood.holding(held, fits[row, column].values)
+            if likelihood.deviance_of(fits[there]) < thresholds[-1]:
+                inside.append(there)
+    reach = int(np.max(np.abs(list(fits))))
+    deviance = np.full((2 * reach + 1, 2 * reach + 1), np.nan)
+    for (row, column), fit in fits.items():
+        deviance[row + reach, column + reach] = max(0.0, likelihood.deviance_of(fit))
+    steps = np.arange(-reach, reach + 1)
+    value = estimate[:, None, None] + np.einsum("pa,arc->prc", axes, np.meshgrid(steps, steps, indexing="ij"))
+    variables = {
+        "estimate": variable("parameter", estimate, "estimate", PER_FORCE_UNIT),
+        "standard_error": variable("parameter", error, "standard error", PER_FORCE_UNIT),
+        "value": variable(
+            ("parameter", "row", "column"), value, "value at which it was held", PER_FORCE_UNIT
+        ),
+        "deviance": variable(("row", "column"), deviance, "deviance there", "1"),
+        "correlation": variable((), correlation[0, 1], "correlation of both", "1"),
+    }
+    attrs = {"levels": list(CONTOURS), "thresholds": thresholds.tolist()}
+    return xr.Dataset(variables, {"parameter": list(names)}, attrs)
 
 
 def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()) -> FreeLikelihood:

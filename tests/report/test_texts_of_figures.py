@@ -45,7 +45,7 @@ def of_a_result(tree):
     else:
         names = ("overview", "backbone")
     made = {name: partial(getattr(plots, name), tree) for name in names}
-    for name in ("profile", "sensitivity", "innovations"):
+    for name in ("profile", "contour", "sensitivity", "innovations"):
         if name in tree.children:
             made[name] = partial(getattr(plots, name), tree[name].to_dataset())
     if "prediction_bands" in tree.children:
@@ -131,6 +131,7 @@ def test_texts_of_what_is_asked_besides_have_room(results):
     frequencies = np.linspace(9.0, 11.0, 12)
     figures = {
         "profile": partial(plots.profile, st.validation.profile([DECAY], answer, ["zeta", "delta"])),
+        "contour": partial(plots.contour, st.validation.contour([DECAY], answer, ["zeta", "delta"])),
         "sensitivity": partial(plots.sensitivity, st.validation.sensitivity([DECAY], answer)),
         "response": partial(plots.response, st.forced_response(answer, 0.01, frequencies)),
         "plan": partial(plots.plan, st.validation.plan(results["discover"])),
