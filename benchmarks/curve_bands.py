@@ -65,11 +65,16 @@ def driven(fit: xr.Dataset, simultaneous: bool) -> xr.Dataset:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=400)
-    seeds = parser.parse_args().seeds
+    parser.add_argument("--only", default="", help="part of a case's name")
+    parser.add_argument("--no-response", action="store_true", help="leave out the forced response")
+    asked = parser.parse_args()
+    seeds = asked.seeds
     for case, (coefficients, noise) in CASES.items():
         model = st.Model(st.load_library().select(list(coefficients)), coefficients, W)
         response = None
-        if coefficients is FIVE:
+        if asked.only not in case:
+            continue
+        if coefficients is FIVE and not asked.no_response:
             fit = st.identify(st.simulate(model, CLOCK, RELEASE)[["angle"]], model.library)[
                 "direct"
             ].to_dataset()

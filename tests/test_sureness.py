@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from command_line import run as command
 from helpers import FIVE, library_of_formulas, paper_run
+from scipy.stats import norm
 
 from sysid_trib import identify
+from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
-from sysid_trib.validation import profile, sensitivity
+from sysid_trib.validation import contour, curve_bands, posterior, profile, sensitivity
 
 RUN = paper_run(FIVE, duration=10.0)
 LIBRARY = RUN.model.library
@@ -52,12 +54,83 @@ def test_a_random_force_has_no_profile_of_the_free_motion(decay):
         profile(decay, pushed, ["zeta"])
 
 
+def test_a_profile_ends_at_a_bound_and_comes_in_the_unit_of_the_record(decay):
+    millimetres = decay.assign(angle=(1e3 * decay.angle).assign_attrs(units="mm"))
+    ends = []
+    for record, unit in ((decay, 1.0), (millimetres, 1e-3)):
+        free = profile(record, identify(record, LIBRARY, Direct()), ["delta"]).isel(parameter=0)
+        ends.append([free.low.item() / unit, free.high.item() / unit])
+    assert ends[1] == pytest.approx(ends[0], rel=1e-6)
+    bounded = identify(decay, LIBRARY, Direct(), constraints={"delta": (0.0368, None)})
+    found = profile(decay, bounded, ["delta"]).isel(parameter=0)
+    assert found.low.item() == pytest.approx(0.0368, rel=1e-6)
+    assert found.asymmetric.item()
+
+
+@pytest.mark.parametrize("points", [1, 20])
+def test_a_band_of_independent_points_holds_all_of_them(points):
+    draws = np.random.default_rng(0).standard_normal((20_000, points))
+    expected = norm.isf(0.5 * (1.0 - 0.95 ** (1.0 / points)))
+    assert simultaneous_factor(draws) == pytest.approx(expected, rel=0.02)
+    assert simultaneous_factor(np.repeat(draws[:, :1], 5, axis=1)) == pytest.approx(1.96, rel=0.02)
+
+
+@pytest.mark.slow
+def test_bands_hold_whole_curves(decay, result):
+    found = curve_bands(decay, result)
+    for name in ("angle", "envelope", "frequency", "damping_ratio"):
+        assert 1.9 < found.attrs[f"factor_{name}"] < 4.5
+        half = found[f"{name}_high"] - found[name]
+        assert half.values == pytest.approx(
+            found.attrs[f"factor_{name}"] * found[f"{name}_standard_error"].values
+        )
+    assert np.all((found.angle_low <= RUN.angle) & (found.angle_high >= RUN.angle))
+
+
+@pytest.mark.slow
+def test_contours_of_linear_parameters_are_the_ellipses_of_their_errors(decay, result):
+    found = contour(decay, result, ["nu", "epsilon"])
+    steps = (found.value - found.estimate) / found.standard_error
+    slope = found.correlation.item()
+    x, y = steps.values
+    ellipse = (x**2 - 2.0 * slope * x * y + y**2) / (1.0 - slope**2)
+    known = np.isfinite(found.deviance.values)
+    assert known.sum() > 80
+    assert found.deviance.values[known] == pytest.approx(ellipse[known], rel=0.05, abs=0.05)
+    with pytest.raises(UsageError, match="two parameters"):
+        contour(decay, result, ["nu"])
+
+
+@pytest.fixture(scope="module")
+def draws(decay, result):
+    return posterior(decay, result, draws=250)
+
+
+@pytest.mark.slow
+def test_a_posterior_of_linear_parameters_is_normal_with_their_errors(draws, result):
+    coefficient = draws["posterior"].coefficient.stack(all=("chain", "draw"))
+    assert coefficient.std("all").values == pytest.approx(result.standard_error.values, rel=0.1)
+    assert np.abs((coefficient.mean("all") - result.coefficient) / result.standard_error).max() < 0.3
+    assert draws["posterior"].attrs["pareto_k"] < 0.5
+    assert 400 < draws["posterior"].attrs["effective_sample_size"] <= 1000
+
+
+@pytest.mark.slow
+def test_arviz_takes_a_posterior_as_it_is(draws):
+    arviz = pytest.importorskip("arviz")
+    table = arviz.summary(draws["posterior"].to_dataset(), var_names=["coefficient"])
+    assert table.index.tolist() == [f"coefficient[{symbol}]" for symbol in LIBRARY.symbols]
+    assert (table.r_hat.astype(float) < 1.05).all()
+
+
 @pytest.mark.slow
 def test_constraints_of_the_result_are_those_of_the_profile(decay):
     tied = identify(decay, LIBRARY, Direct(), constraints={"nu": "-10.8*delta"})
     found = profile(decay, tied, ["delta"]).isel(parameter=0)
     free = profile(decay, identify(decay, LIBRARY, Direct()), ["delta"]).isel(parameter=0)
     assert found.standard_error.item() < 0.9 * free.standard_error.item()
+    with pytest.raises(UsageError, match="tied"):
+        profile(decay, tied, ["nu"])
     # All held at the estimate of one: nothing else is known better by it.
     assert found.deviance.min().item() >= 0.0
 

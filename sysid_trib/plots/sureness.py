@@ -77,9 +77,17 @@ def contour(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     texts = {level: f"{100.0 * p:g} %" for level, p in zip(levels, data.attrs["levels"], strict=True)}
     ax.clabel(lines, fmt=texts, fontsize=FONT)
     ax.plot(estimate[0] / x_unit, estimate[1] / y_unit, color=INK, marker="+", linestyle="")
+    shown = np.isfinite(data.deviance.values)
     ax.set(xlabel=x_label, ylabel=y_label)
+    ax.set(xlim=_around(x[shown] / x_unit), ylim=_around(y[shown] / y_unit))
     ax.locator_params(nbins=4)
     return figure
+
+
+def _around(values: Array) -> tuple[float, float]:
+    """Ends of an axis that shows values."""
+    room = 0.05 * float(np.ptp(values))
+    return float(values.min()) - room, float(values.max()) + room
 
 
 def _power_of_ten(values: Array, name: str) -> tuple[float, str]:

@@ -37,6 +37,11 @@ def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
             for symbol in symbols
         ]
         said.append(f"{run}: {', '.join(parts)}, by all records together.")
+    if data.attrs["random_force"]:
+        said.append(
+            "A random force pushes the record, and only the sensor's noise is counted: errors will be larger "
+            "and probabilities lower than stated."
+        )
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         said.append(f"No run within the limits reaches {asked}; widen them, or repeat the run.")

@@ -11,6 +11,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.cramer_rao import sensitivities
 from sysid_trib.results.discoveries import added_effects, candidates_of, credible_set, shapes_of
@@ -145,7 +146,8 @@ def plan(
         other; `standard_error(run, force)` of the model's coefficients by all records together, the error
         of the model added, and whether it `meets` what is wanted. `parting(time)` of the best run: by how
         much the two likeliest models part up to each time, as the logarithm of their likelihood ratio.
-        attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
+        attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`; `random_force`, 1 where one
+        pushes what is known: it is left out of the noise, and the next run tells less than is said.
 
     Raises
     ------
@@ -176,7 +178,9 @@ def plan(
         rows.append(_worth(rivals, main, release, length, rate, noise))
     if not any(np.isfinite(row[0]) for row in rows):
         raise DecayError("No run within these limits has a motion; take others.")
-    return _dataset(rivals, runs, rows, wanted, Sensor(rate, repeats, noise, signal_units(main)))
+    pushed = any(random_force_of(main, run) for run in range(main.sizes.get("run", 1)))
+    made = _dataset(rivals, runs, rows, wanted, Sensor(rate, repeats, noise, signal_units(main)))
+    return made.assign_attrs(random_force=int(pushed))
 
 
 def _limits(
