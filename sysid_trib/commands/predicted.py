@@ -246,7 +246,6 @@ class SweepOptions:
         "--base",
         "Of a model without inputs: the drive is the displacement of a base, from which the signal counts.",
     )
-    simultaneous: bool = switch("--simultaneous", "Bands that hold each sweep as a whole, not each point.")
     points: int = option("N", "Frequencies.", 201, least=2)
 
 
@@ -282,14 +281,7 @@ def response(result: RESULT_FILE, *, sweep: SweepOptions, files: Files) -> None:
             raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
         tell("response")
         w = answer.asymptotic_frequency.item() * np.linspace(low, high, sweep.points)
-        data = forced_response(
-            answer,
-            sweep.drive,
-            w,
-            driven_by=sweep.driven_by,
-            base=sweep.base,
-            simultaneous=sweep.simultaneous,
-        )
+        data = forced_response(answer, sweep.drive, w, driven_by=sweep.driven_by, base=sweep.base)
         files.save(xr.DataTree(data), {files.csv: lambda: response_csv(data)})
         files.draw(lambda plots: [("response", lambda: plots.response(data))], tell)
     files.say(lambda: response_json(data), lambda: response_blocks(data))

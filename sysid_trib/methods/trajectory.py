@@ -161,7 +161,7 @@ class Trajectory(Constrained):
         # In strong noise a start model may be nearer than what a growing window leads to.
         fit = min(fit, fitted(problem, first), key=lambda tried: float(tried.residual @ tried.residual))
         _residuals(problem, fit)
-        return FreeLikelihood.about(problem, fit)
+        return FreeLikelihood.of_fit(problem, fit)
 
     def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)

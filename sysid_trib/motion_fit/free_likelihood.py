@@ -12,7 +12,7 @@ from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
 
 # Relative step at which a fit with parameters held is done: its deviance is known to far less than 1.
-STEADY = 1e-8
+HELD_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class FreeLikelihood:
     best: Fit
 
     @classmethod
-    def about(cls, problem: FitProblem, fit: Fit) -> "FreeLikelihood":
+    def of_fit(cls, problem: FitProblem, fit: Fit) -> "FreeLikelihood":
         """The likelihood about a fit; its parameters take their part of the noise from what it leaves."""
         part, records = len(problem.parameters.free) / len(problem.records), []
         for record, residual in zip(problem.records, problem.residuals(fit.values), strict=True):
@@ -46,24 +46,24 @@ class FreeLikelihood:
 
     @cached_property
     def covariance(self) -> Array:
-        """Of all parameters, as the curvature at the best fit has it, (parameter, parameter)."""
+        """Covariance of all parameters by the curvature at the best fit, (parameter, parameter)."""
         return self.parameters.covariance(self.best.sensitivity, self.best.values)
 
     @cached_property
     def root(self) -> Array:
-        """Of the covariance, (parameter, parameter): it makes unit draws draws of the parameters."""
+        """Root of the covariance, (parameter, parameter): it makes unit draws draws of the parameters."""
         size = np.sqrt(np.diag(self.covariance))
         scale = np.where(size > 0.0, size, 1.0)
         variances, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         return np.asarray(size[:, None] * axes * np.sqrt(np.maximum(variances, 0.0)))
 
     def deviance(self, values: Array) -> float:
-        """By how much twice the logarithm of the likelihood is below that of the best fit."""
+        """Deviance of values: by how much twice the log likelihood is below that of the best fit."""
         residual = self.problem.white(self.problem.residuals(values))
         return float(residual @ residual - self.best.residual @ self.best.residual)
 
     def deviance_of(self, fit: Fit) -> float:
-        """The same of a fit."""
+        """Deviance of another fit."""
         return float(fit.residual @ fit.residual - self.best.residual @ self.best.residual)
 
     def holding(self, held: Mapping[str, float], near: Array) -> Fit:
@@ -71,4 +71,6 @@ class FreeLikelihood:
         places = [self.parameters.index(name) for name in held]
         across = self.covariance[:, places] @ np.linalg.pinv(self.covariance[np.ix_(places, places)])
         start = near + across @ (np.array([*held.values()]) - near[places])
-        return fitted(replace(self.problem, parameters=self.parameters.fix(held)), start, tolerance=STEADY)
+        return fitted(
+            replace(self.problem, parameters=self.parameters.fix(held)), start, tolerance=HELD_TOLERANCE
+        )

@@ -14,9 +14,9 @@ from sysid_trib.results.variables import variable, with_error
 from sysid_trib.validation.profiles import free_likelihood
 
 # Draws of the parameters, and points of the curves that are no motion.
-DRAWS, POINTS = 400, 60
+CURVE_DRAWS, CURVE_GRID = 400, 60
 # Name, dimension, long name and unit of each curve.
-CURVES = (
+MODEL_CURVES = (
     ("angle", "time", "angle of the model", "rad"),
     ("envelope", "envelope_time", "amplitude of the model", "rad"),
     ("frequency", "amplitude", "angular frequency of the model", "rad/s"),
@@ -59,10 +59,10 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     cycle. The bands know the error of the noise, not that of the model.
     """
     likelihood = free_likelihood(decay, result)
-    normal = np.random.default_rng(seed).standard_normal((DRAWS, len(likelihood.parameters)))
+    normal = np.random.default_rng(seed).standard_normal((CURVE_DRAWS, len(likelihood.parameters)))
     steps = normal @ likelihood.root.T
     time = likelihood.problem.records[run].time
-    coarse = np.linspace(time[0], time[-1], POINTS)
+    coarse = np.linspace(time[0], time[-1], CURVE_GRID)
     values = likelihood.best.values
     best = _curves(likelihood, values, run, coarse, None)
     try:
@@ -72,7 +72,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     amplitudes = variable("amplitude", best[-1], "amplitude", "rad")
     coords = {"time": time, "envelope_time": coarse, "amplitude": amplitudes}
     made = xr.Dataset(coords=coords, attrs={"confidence": BAND_PROBABILITY})
-    for at, (name, dim, words, units) in enumerate(CURVES):
+    for at, (name, dim, words, units) in enumerate(MODEL_CURVES):
         table = np.array([curves[at] for curves in drawn])
         error = table.std(axis=0)
         factor = simultaneous_factor((table - best[at]) / np.where(error > 0.0, error, np.inf))
@@ -87,13 +87,13 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
 def _curves(
     likelihood: FreeLikelihood, values: Array, run: int, time: Array, amplitudes: Array | None
 ) -> tuple[Array, ...]:
-    """The curves of these parameters, in the order of `CURVES`, and the amplitudes of the last two."""
+    """The curves of these parameters, in the order of `MODEL_CURVES`, and the amplitudes of the last two."""
     parameters, record = likelihood.parameters, likelihood.problem.records[run]
     model, (angle, rate, _) = parameters.model(values, run), parameters.per_run(values)[run]
     motion = record.angle + record.residual(model, parameters.per_run(values)[run])
     release = float(np.hypot(angle, rate / model.reference_frequency))
     envelope = predict_envelope(model, time, release).amplitude.values
     if amplitudes is None:
-        amplitudes = np.geomspace(max(envelope.min(), 1e-2 * release), release, POINTS)
+        amplitudes = np.geomspace(max(envelope.min(), 1e-2 * release), release, CURVE_GRID)
     change, frequency = Averaged(model).rates(amplitudes)
     return motion, envelope, frequency, -change / (amplitudes * frequency), amplitudes

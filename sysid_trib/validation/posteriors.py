@@ -18,10 +18,10 @@ from sysid_trib.validation.profiles import free_likelihood
 
 # Degrees of freedom of the proposal, whose tails are heavier than the posterior's, and rounds in which its
 # mean and covariance follow the weighted draws of the one before, so many in each.
-TAILS, ROUNDS, DRAWS_OF_A_ROUND = 5.0, 3, 600
+PROPOSAL_TAILS, PROPOSALS, DRAWS_A_PROPOSAL = 5.0, 3, 600
 
 
-class Weighted(NamedTuple):
+class WeightedDraws(NamedTuple):
     """Draws of the free parameters, (draw, free), with the logarithms of their likelihood and weights."""
 
     values: Array
@@ -83,9 +83,9 @@ def posterior(
     likelihood, rng = free_likelihood(decay, result), np.random.default_rng(seed)
     free = likelihood.parameters.free
     centre, covariance = likelihood.best.values[free], likelihood.covariance[np.ix_(free, free)]
-    for at in range(ROUNDS):
-        tell(f"round {at + 1}", at / ROUNDS)
-        count = max(DRAWS_OF_A_ROUND, draws * chains if at == ROUNDS - 1 else 0)
+    for at in range(PROPOSALS):
+        tell(f"round {at + 1}", at / PROPOSALS)
+        count = max(DRAWS_A_PROPOSAL, draws * chains if at == PROPOSALS - 1 else 0)
         weighted = _weighted(likelihood, centre, covariance, count, rng)
         centre = weighted.weight @ weighted.values
         covariance = np.cov(weighted.values.T, aweights=weighted.weight)
@@ -106,18 +106,18 @@ def posterior(
 
 def _weighted(
     likelihood: FreeLikelihood, centre: Array, covariance: Array, count: int, rng: np.random.Generator
-) -> Weighted:
+) -> WeightedDraws:
     """Draws from a multivariate t with this centre and covariance, weighted by the likelihood."""
     parameters, size = likelihood.parameters, np.sqrt(np.diag(covariance))
     low, high = (limit[parameters.free] for limit in parameters.limits)
-    proposal = multivariate_t(None, covariance / np.outer(size, size), TAILS, allow_singular=True)
+    proposal = multivariate_t(None, covariance / np.outer(size, size), PROPOSAL_TAILS, allow_singular=True)
     units = proposal.rvs(count, random_state=rng)
     values = centre + size * units
     inside = np.all((values >= low) & (values <= high), axis=1)
     log_likelihood = np.full(count, -np.inf)
     for at in np.flatnonzero(inside):
         log_likelihood[at] = -0.5 * likelihood.deviance(parameters.expand(values[at]))
-    return Weighted(values, log_likelihood, log_likelihood - proposal.logpdf(units))
+    return WeightedDraws(values, log_likelihood, log_likelihood - proposal.logpdf(units))
 
 
 def _pareto_k(weight: Array) -> float:

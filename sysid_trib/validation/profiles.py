@@ -25,7 +25,7 @@ CONFIDENCE = 0.95
 END_ROOT = float(norm.isf(0.5 * (1.0 - CONFIDENCE)))
 # Standard errors of the first step by which the ends are looked for, by how much the next is longer, and how
 # many each way: some fifty errors.
-STEP_OUT, LONGER, MOST_STEPS_OUT = 1.0, 1.5, 8
+STEP_OUT, STEP_GROWTH, MOST_STEPS_OUT = 1.0, 1.5, 8
 # The root of the deviance at an end is right to this, after so many looks at most.
 END_TOLERANCE, MOST_LOOKS = 0.02, 4
 # The interval by the standard error is no good where an end is off by this part of it.
@@ -58,11 +58,11 @@ class Profile:
         self.fits[0.0] = self.likelihood.best
 
     def estimate(self, name: str) -> float:
-        """Of a parameter."""
+        """The best fit's value of a parameter."""
         return float(self.likelihood.best.values[self.likelihood.parameters.index(name)])
 
     def limit(self, sign: float) -> float:
-        """How far the line goes to one side before a parameter is at a limit."""
+        """Give the place on the line where a parameter is at a limit, on one side."""
         parameters, ends = self.likelihood.parameters, [np.inf]
         for name, step in self.direction.items():
             limits = [limit[parameters.index(name)] for limit in parameters.limits]
@@ -78,7 +78,7 @@ class Profile:
                 break
             if at == limit:
                 return limit
-            step *= LONGER
+            step *= STEP_GROWTH
         else:
             return sign * np.inf
         for _ in range(MOST_LOOKS):
@@ -158,13 +158,13 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         if not others:
             break
         best = min(others, key=lambda fit: float(fit.residual @ fit.residual))
-        likelihood = FreeLikelihood.about(likelihood.problem, best)
+        likelihood = FreeLikelihood.of_fit(likelihood.problem, best)
     return _dataset(profiles, np.array(ends))
 
 
 # Probabilities of contours, whose deviance is that of chi-square with two degrees; the step between points at
 # which both parameters are held, in errors, and how many there are each way at most.
-CONTOURS, GRID_STEP, MOST_POINTS = (0.68, 0.95), 0.5, 24
+CONTOURS, GRID_STEP, FARTHEST_POINT = (0.68, 0.95), 0.5, 24
 
 
 @in_units_of_the_motion
@@ -205,7 +205,11 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         tell(f"contour of {' and '.join(names)}", 1.0 - 1.0 / (1.0 + 0.01 * len(fits)))
         for there in itertools.product((row - 1, row, row + 1), (column - 1, column, column + 1)):
             value = estimate + axes @ there
-            if there in fits or max(map(abs, there)) > MOST_POINTS or np.any((value < low) | (value > high)):
+            if (
+                there in fits
+                or max(map(abs, there)) > FARTHEST_POINT
+                or np.any((value < low) | (value > high))
+            ):
                 continue
             held = dict(zip(names, value.tolist(), strict=True))
             fits[there] = likelihood.holding(held, fits[row, column].values)

@@ -36,7 +36,6 @@ def forced_response(
     *,
     driven_by: str = "",
     base: bool = False,
-    simultaneous: bool = False,
     seed: int = 0,
 ) -> xr.Dataset:
     """Steady response of an identified model to a harmonic drive, in sweeps of its frequency.
@@ -54,8 +53,6 @@ def forced_response(
         Which input, where the model has several.
     base : bool
         Of a model without inputs: `drive` is the displacement of a base, from which the signal is counted.
-    simultaneous : bool
-        Bands that hold each sweep as a whole, not each point, in 95 % of records.
     seed : int
         Of the draws for the bands.
 
@@ -64,7 +61,8 @@ def forced_response(
     Dataset
         Over `sweep` (`up`, `down`, `unstable`) and `frequency` (rad/s): `amplitude` in the unit of the
         signal, nan where there is no such motion (or dry friction holds), with `amplitude_low` and
-        `amplitude_high`, the ends of 95 % bands; `phase` (rad) ahead of the drive.
+        `amplitude_high`, the ends of 95 % bands, and `whole_low` and `whole_high`, those of bands that hold
+        a sweep as a whole; `phase` (rad) ahead of the drive.
         `frequency_ratio(frequency)`, over that at small amplitudes.
         Over `check` motions that were simulated: `check_frequency`, `check_amplitude`, `simulated_amplitude`.
         `left_open`: the largest part by which these differ, which the bands hold.
@@ -99,13 +97,11 @@ def forced_response(
     else:
         units = {}
     given = xr.Dataset({"drive": ("frequency", size, units)}, {"frequency": w})
-    return _response(result, given, name, base, simultaneous, seed)
+    return _response(result, given, name, base, seed)
 
 
 @in_units_of_the_motion
-def _response(
-    result: xr.Dataset, given: xr.Dataset, name: str, base: bool, simultaneous: bool, seed: int
-) -> xr.Dataset:
+def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed: int) -> xr.Dataset:
     model, w, size = model_of(result), given.frequency.values, given.drive.values
     model = replace(model, library=model.library.select(force.symbol for force in model.forces))
     c = np.array([model.coefficients[force.symbol] for force in model.forces])
@@ -136,11 +132,10 @@ def _response(
     # Where no draw has a motion there is none, and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
-    if simultaneous:
-        low, high = _as_a_whole(curves, low, high)
     # Lines are off by as much in each draw.
     exact = amplitude / by_lines
-    return _dataset(result, given, (amplitude, exact * low, exact * high, phase), checks, left_open)
+    ends = [exact * end for end in (low, high, *_as_a_whole(curves, low, high))]
+    return _dataset(result, given, (amplitude, *ends, phase), checks, left_open)
 
 
 def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
@@ -240,7 +235,7 @@ def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, floa
 def _dataset(
     result: xr.Dataset, given: xr.Dataset, curves: tuple[Array, ...], checks: Array, left_open: float
 ) -> xr.Dataset:
-    amplitude, low, high, phase = curves
+    amplitude, low, high, whole_low, whole_high, phase = curves
     both, unit = ("sweep", "frequency"), "rad"
     w, natural = given.frequency.values, result.asymptotic_frequency.item()
     of_check = ("angular frequency of a motion that was simulated", "its amplitude", "that of the simulation")
@@ -250,6 +245,8 @@ def _dataset(
         "amplitude": variable(both, amplitude, "amplitude", unit),
         "amplitude_low": variable(both, low * (1.0 - left_open), "low end of the 95 % band", unit),
         "amplitude_high": variable(both, high * (1.0 + left_open), "high end of the 95 % band", unit),
+        "whole_low": variable(both, whole_low * (1.0 - left_open), "low end of the band of a sweep", unit),
+        "whole_high": variable(both, whole_high * (1.0 + left_open), "high end of the band of a sweep", unit),
         "phase": variable(both, phase, "phase ahead of the drive", "1"),
         "frequency_ratio": variable("frequency", w / natural, "over that at small amplitudes", "1"),
         "left_open": variable((), left_open, "largest part by which simulations differ", "1"),
