@@ -171,7 +171,7 @@ def simulated(
     sensitivity : (sample, 2) array of float or None
         Of its own motion, if it is known.
     """
-    problem, motion = run.problem, motion_of_run(run, active, sensitivity)
+    problem, motion = run.problem, motion_of_run(run, active, sensitivity, near=True)
     columns = problem.averaged_columns(run.frequency, motion.x, motion.v, hidden=motion.hidden)
     reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
     start = motion.angle, motion.rate

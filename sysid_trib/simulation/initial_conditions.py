@@ -64,8 +64,8 @@ def measured_part(decay: xr.Dataset) -> tuple[Observation, Array, Array]:
 
 
 MAX_ROUNDS = 8
-# A last step of the start, in parts of the swing.
-SETTLED_START = 1e-5
+# A last step of the start, in parts of the swing; of a motion that need only be near the record.
+SETTLED_START, NEAR_START = 1e-5, 1e-3
 # After a step as long as this part of the swing the derivatives are taken anew.
 FAR_START = 1e-2
 # And after one that is not shorter than this part of the one before: with one slope for both sides of a rest
@@ -191,7 +191,7 @@ def fit_start(
         # A step as long as the swing itself is a phase slip, not a start.
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
         zero += float(steps[2]) if offset is not None else 0.0
-        if near and longest < SETTLED_START:
+        if near and longest < NEAR_START:
             break
         by = BY_START if longest > min(FAR_START, NOT_SHORTER * before) else ()
         before = longest
