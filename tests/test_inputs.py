@@ -115,6 +115,17 @@ def test_a_driven_record_gives_its_coefficients_with_their_units(method: object)
     np.testing.assert_allclose(scaled.coefficient, result.coefficient * factors, rtol=1e-5)
 
 
+def test_a_record_that_begins_driven_and_ends_free_gives_what_both_parts_tell() -> None:
+    drive = KnownInput(TIME, np.where(TIME < 5.0, broadband(3), 0.0))
+    motion = st.simulate(st.Model(DRIVEN, TRUTH, W), TIME, 0.1, inputs={"u": drive})
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(len(TIME))
+    record = motion.assign(angle=("time", motion.angle.values + noise, {"units": "rad"}))
+    method = st.methods.Direct(random_force="off")
+    both, part = (st.identify(r, DRIVEN, method) for r in (record, record.sel(time=slice(0.0, 4.99))))
+    assert np.abs((both.coefficient - list(TRUTH.values())) / both.standard_error).max() < 4.0
+    assert (both.standard_error < 0.8 * part.standard_error).all()
+
+
 def test_stated_errors_tell_the_scatter() -> None:
     z = []
     for seed in range(6):
