@@ -12,9 +12,10 @@ from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p
 from sysid_trib.printing.residual import force_type_sentences, residual_text
 from sysid_trib.printing.verdict import heterogeneity_sentences
 from sysid_trib.records.decay import RECORD_PARTS
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.discoveries import PAIRS, added_effects, error_widening, misnamed_effects
 from sysid_trib.results.significance import determines
-from sysid_trib.results.variables import signal_units
+from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.verdict import record_noise
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
@@ -90,7 +91,9 @@ def _unknown_effect(tree: xr.DataTree) -> list[str]:
         return [f"Unknown effect: {names}{residual}, but not {rivals} compared."]
     # The final model leaves more than noise of the sensor and a random force without cause.
     if float(tree.attrs.get("noise_p_value", 1.0)) < tree["ranking"].significance_level.item():
+        driven = inputs_of(tree[record_groups(tree)[0]].to_dataset())
         why = "and no random force leaves it so: what is left goes with angle, speed or time"
+        why = "so that forces are missing, or have another form" if driven else why
         return [f"Unknown effect: {names}{residual}, {why}.", *_unexplained(tree)]
     return _not_explained(tree, residual, "")
 

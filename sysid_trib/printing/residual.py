@@ -5,8 +5,10 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing.layout import in_small_units, text_table
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.validation.findings import residual_over_noise
+from sysid_trib.validation.findings import residual_of, residual_over_noise
 from sysid_trib.validation.verdict import LOUD, record_noise
 
 UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
@@ -37,7 +39,14 @@ def residual_text(tree: xr.DataTree, model: str) -> str:
     ratio = residual_over_noise(tree, model)
     if not np.isfinite(ratio):
         return "the motion of the model leaves the record"
-    return f"the gap is {times_noise(ratio)}"
+    runs = [tree[name].to_dataset() for name in record_groups(tree)]
+    if not any(map(inputs_of, runs)):
+        return f"the gap is {times_noise(ratio)}"
+    # No spline tells the noise of a driven motion: whether the gap is more, its colour says.
+    part = residual_of(tree, model) / root_mean_square([float(run.angle.std()) for run in runs])
+    p_value, level = float(tree.attrs["noise_p_value"]), tree["ranking"].significance_level.item()
+    colour = "" if np.isnan(p_value) else ", and white" if p_value >= level else ", and not white"
+    return f"the gap is {100.0 * part:.2g} % of the motion (RMS){colour}"
 
 
 def times_noise(ratio: float) -> str:

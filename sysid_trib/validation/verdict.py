@@ -14,6 +14,7 @@ from sysid_trib.motion_fit.bands import SETTLING_PERIODS, bands_of
 from sysid_trib.motion_fit.innovations import innovations_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import root_mean_square
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import group_names, noise_of_run, record_groups, text_variable
@@ -34,8 +35,12 @@ def record_noise(tree: xr.DataTree) -> float:
 
 
 def run_record_noise(tree: xr.DataTree, run: int) -> float:
-    """Noise of one run."""
-    return sensor_noise(tree[record_groups(tree)[run]].to_dataset())
+    """Noise of one run; of a driven one, whose motion no spline follows, no more than a model leaves."""
+    record = tree[record_groups(tree)[run]].to_dataset()
+    noise = sensor_noise(record)
+    if not inputs_of(record) or "simulated_angle" not in record:
+        return noise
+    return float(np.fmin(noise, (record.angle - record.simulated_angle).std("time").min()))
 
 
 def breakdown(tree: xr.DataTree, model: str) -> str:
