@@ -21,6 +21,7 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
+from sysid_trib.simulation.internal_states import begun_after
 from sysid_trib.simulation.model import Model
 
 
@@ -80,7 +81,11 @@ def free_motions(model: FittedModel) -> list[FreeMotion]:
 
 
 def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion:
-    """The free motion of a model beside a record."""
+    """The free motion of a model beside a record, its states and memory those that came before."""
+    if (before := path.before) is not None:
+        past = before.form.tau, *before.at_samples
+        begun = (begun_after(force, *past, model.shapes, before.elapsed) for force in model.library)
+        model = replace(model, library=replace(model.library, forces=tuple(begun)))
     # A motion counts `t` from its first sample.
     later = counted_from(model.library, float(path.time[0]) - path.origin)
     acting = replace(

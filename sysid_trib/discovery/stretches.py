@@ -63,7 +63,10 @@ def _parts_to_learn(runs: Sequence[xr.Dataset], *, whole: bool) -> list[RecordPa
     for at, run in enumerate(runs):
         time = run.time.values.astype(float)
         end = len(time) if whole else first_held_out(time)
-        parts += [RecordPart(part, at, float(time[0])) for part in _stretches(run, slice(0, end))]
+        parts += [
+            RecordPart(part, at, float(time[0]), _before(run, part) if part.sizes["time"] < end else None)
+            for part in _stretches(run, slice(0, end))
+        ]
     return parts
 
 
@@ -74,11 +77,16 @@ def _last_thirds(runs: Sequence[xr.Dataset]) -> list[RecordPart]:
         time = run.time.values.astype(float)
         first = first_held_out(time)
         for part in _stretches(run, slice(first, len(time))):
-            begin, count = int(np.searchsorted(time, part.time.values[0])), part.sizes["time"]
-            whole = count == len(time) - first
-            before = up_to_held_out(run) if whole else run.isel(time=slice(max(0, begin - count), begin + 1))
+            is_whole = part.sizes["time"] == len(time) - first
+            before = up_to_held_out(run) if is_whole else _before(run, part)
             parts.append(RecordPart(part, at, float(time[0]), before))
     return parts
+
+
+def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
+    """As much of a run before a stretch of it, and its first sample; None at the begin of the run."""
+    begin, count = int(np.searchsorted(run.time.values, part.time.values[0])), part.sizes["time"]
+    return run.isel(time=slice(max(0, begin - count), begin + 1)) if begin else None
 
 
 def _held_out_records(records: Sequence[xr.Dataset], runs: Sequence[xr.Dataset]) -> list[RecordPart]:
@@ -105,6 +113,10 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         # Where nothing swings there are no periods to be counted.
         yield part
         return
+    time = part.time.values
+    if time[-1] - time[0] > 4.0 * duration:
+        # What forces remember of before is not known where a record begins.
+        part = part.sel(time=slice(time[0] + duration, None))
     yield from stretches(part, duration, 3.0 * duration)
 
 

@@ -1,7 +1,7 @@
 """What has not been seen, predicted: by the likelihood of its rows, and by a free run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,6 @@ from sysid_trib.likelihood.run_rows import run_rows
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
-from sysid_trib.simulation.internal_states import begun_after
 
 
 @dataclass(frozen=True)
@@ -68,28 +67,17 @@ def predicted(
     """
     scores, residuals = [], []
     for part, before, origin, run in zip(parts, befores, origins, runs, strict=True):
-        near, acting = model.rows[run].path, model
-        memoryless = all(trial.force.memoryless for trial in model.trials)
-        path = near.of_run(part, frequency, origin).rescaled(near.frequency)
-        if before is not None and not memoryless:
-            earlier = near.of_run(before, frequency, origin).rescaled(near.frequency)
-            acting = _remembering(model, earlier)
-        scored, path = _scored(acting, path, run)
+        near = model.rows[run].path
+        past = None if all(trial.force.memoryless for trial in model.trials) else before
+        path = near.of_run(part, frequency, origin, past).rescaled(near.frequency)
+        scored, path = _scored(model, path, run)
         scores.append(scored)
         try:
-            motion = free_motion(model_of_fit(acting), path, model.sensor(run))
+            motion = free_motion(model_of_fit(model), path, model.sensor(run))
             residuals.append(root_mean_square(motion.residual))
         except SysidTribError:
             residuals.append(float("nan"))
     return Prediction(tuple(scores), root_mean_square(residuals))
-
-
-def _remembering(model: FittedModel, before: RecordPath) -> FittedModel:
-    """The model with states and memory of its forces as they are at the end of a path."""
-    motion = before.form.tau, *before.at_samples
-    forces = [begun_after(trial.force, *motion, trial.shapes, before.elapsed) for trial in model.trials]
-    trials = zip(model.trials, forces, strict=True)
-    return replace(model, trials=tuple(replace(trial, force=force) for trial, force in trials))
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:

@@ -80,6 +80,8 @@ class RecordPath:
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     inputs : mapping of str to KnownInput
         What drives it.
+    before : RecordPath, optional
+        The record up to the first sample, and with it, of which forces remember.
     """
 
     time: Array
@@ -95,6 +97,7 @@ class RecordPath:
     ratio: float = 0.0
     held: tuple[tuple[TrialEffect, float], ...] = ()
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
+    before: "RecordPath | None" = None
 
     @property
     def elapsed(self) -> Array:
@@ -137,8 +140,13 @@ class RecordPath:
 
     @cached_property
     def motion(self) -> GivenMotion:
-        """The path as history-dependent forces follow it."""
-        return GivenMotion(*self.points[:3], self.points.time)
+        """The path as history-dependent forces follow it, with what came before."""
+        tau, x, v, _, time, _ = self.points
+        if self.before is None:
+            return GivenMotion(tau, x, v, time)
+        early, early_x, early_v, _, early_time, _ = self.before.points
+        pairs = (early - early[-1], tau), (early_x, x), (early_v, v), (early_time, time)
+        return GivenMotion(*(np.concatenate([first[:-1], last]) for first, last in pairs))
 
     @cached_property
     def _held_force(self) -> Array:
@@ -178,7 +186,7 @@ class RecordPath:
         for trial, c in acting:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
                 past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
-                of_x, of_v = of_x + c * past_x, of_v + c * past_v
+                of_x, of_v = of_x + c * past_x[-len(tau) :], of_v + c * past_v[-len(tau) :]
         return of_x + stiffness, of_v
 
     def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
@@ -233,7 +241,8 @@ class RecordPath:
         for rows in with_past.values():
             force, shapes = trials[rows[0]].force, [trials[at].shapes for at in rows]
             together = values_along(self.motion, force, shapes)
-            values[:, rows] = self._collocated(trials, rows) if together is None else together
+            together = self._collocated(trials, rows) if together is None else together
+            values[:, rows] = together[-len(values) :]
         return values
 
     def _memoryless(self, trial: TrialEffect) -> Array:
@@ -271,15 +280,15 @@ class RecordPath:
         return self._cells[packed]
 
     def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
-        columns = []
-        tau, x, v, _, time, _ = self.points
+        columns, motion = [], self.motion
+        x, v, time = motion.at_samples["x"], motion.at_samples["v"], motion.time
         for at in rows:
             force, shapes = trials[at].force, trials[at].shapes
             try:
-                hidden = states_along(force, tau, x, v, shapes, time=time)
+                hidden = states_along(force, motion.tau, x, v, shapes, time=time)
                 columns.append(force.value(x, v, time, shapes=shapes, hidden=hidden))
             except SysidTribError:
-                columns.append(np.full(len(tau), np.nan))
+                columns.append(np.full(len(x), np.nan))
         return np.stack(columns, axis=1)
 
     def follow(self, motion: Array, trials: Sequence[TrialEffect], coefficients: Array) -> "RecordPath":
@@ -300,13 +309,17 @@ class RecordPath:
         form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
         fine = self.fine.rescaled(frequency / self.frequency)
         spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)
-        return replace(self, frequency=frequency, form=form, spline=spline, fine=fine)
+        before = self.before and self.before.rescaled(frequency)
+        return replace(self, frequency=frequency, form=form, spline=spline, fine=fine, before=before)
 
-    def of_run(self, run: xr.Dataset, frequency: float, origin: float) -> "RecordPath":
-        """The path of another run of the same sensor and the same held forces."""
+    def of_run(
+        self, run: xr.Dataset, frequency: float, origin: float, before: xr.Dataset | None = None
+    ) -> "RecordPath":
+        """The path of another run of the same sensor and the same held forces; `before` as of this one."""
         time, angle = run.time.values.astype(float), run.angle.values.astype(float)
         path = path_of(time, angle, frequency, self.sensor, origin, self.settings)
-        return replace(path, held=self.held, inputs=inputs_of(run))
+        earlier = None if before is None else self.of_run(before, frequency, origin)
+        return replace(path, held=self.held, inputs=inputs_of(run), before=earlier)
 
 
 def path_of(

@@ -79,6 +79,7 @@ def fit_start_model(
     settings: Settings = DEFAULTS,
     held: Sequence[tuple[TrialEffect, float]] = (),
     origins: Sequence[float] | None = None,
+    befores: Sequence[xr.Dataset | None] = (),
 ) -> FittedModel:
     """Fit the start model beside both noises of each run.
 
@@ -94,6 +95,8 @@ def fit_start_model(
         Forces that are always there, with their coefficients.
     origins : sequence of float, s, optional
         From which the `t` of formulas counts in each run; by default its first sample.
+    befores : sequence of Dataset or None
+        The record of each up to the run's first sample, and with it; none where left out.
 
     Raises
     ------
@@ -104,6 +107,9 @@ def fit_start_model(
     paths = [replace(_first_path(run, nominal, settings), held=tuple(held)) for run in runs]
     if origins is not None:
         paths = [replace(path, origin=origin) for path, origin in zip(paths, origins, strict=True)]
+    for at, before in enumerate(befores):
+        if before is not None:
+            paths[at] = replace(paths[at], before=paths[at].of_run(before, nominal, paths[at].origin))
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
     model = fit_model(paths, trials, frequency_free=frequency is None)
     if not (model.is_finite and np.isfinite(model.deviance)):
