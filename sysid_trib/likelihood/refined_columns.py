@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import SimulationError
+from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.linearisation import DeviationOperator, linearised
 from sysid_trib.likelihood.optimizers import ConstraintMap
 from sysid_trib.likelihood.problem import ReferenceTrajectory, RunRegression, Runs
@@ -171,7 +172,11 @@ def simulated(
     sensitivity : (sample, 2) array of float or None
         Of its own motion, if it is known.
     """
-    problem, motion = run.problem, motion_of_run(run, active, sensitivity, near=True)
+    problem = run.problem
+    values = dict(zip(problem.library.symbols, run.coefficients.tolist(), strict=True))
+    # Where nothing pulls a body back, an error of its start grows.
+    near = not is_free_to_move(problem.library, values)
+    motion = motion_of_run(run, active, sensitivity, near=near)
     columns = problem.averaged_columns(run.frequency, motion.x, motion.v, hidden=motion.hidden)
     reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
     start = motion.angle, motion.rate
