@@ -17,6 +17,7 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.scaling import reference_powers
 from sysid_trib.methods import Averaging
+from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 SIX = load_library()
@@ -357,3 +358,14 @@ def test_a_force_is_the_same_with_another_reference_frequency(symbol):
 
 def test_a_power_that_is_a_shape_parameter_has_no_power_of_the_reference_frequency():
     assert {s for s in BOTH.symbols if reference_powers(BOTH[s]) is None} == NO_POWER
+
+
+@pytest.mark.parametrize("frequency", [0.25, 1.0, 4.0])
+def test_history_drag_is_half_a_derivative_of_the_rate(frequency):
+    force = load_library("water")["history_drag"]
+    tau = np.linspace(0.0, 40.0 * np.pi / frequency + 80.0, 6001)
+    x, v = np.sin(frequency * tau) / frequency, np.cos(frequency * tau)
+    value = force.value(x, v, tau, hidden=states_along(force, tau, x, v, time=tau))
+    exact = np.sqrt(frequency) * np.cos(frequency * tau + np.pi / 4.0)
+    settled = tau > 80.0
+    assert np.abs(value - exact)[settled].max() < 0.04 * np.sqrt(frequency)

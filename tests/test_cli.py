@@ -231,7 +231,7 @@ def test_forces_have_the_papers_signatures():
     assert "3/8 a^3" in rows["epsilon"]
 
 
-@pytest.mark.parametrize("name", ["contact_forces", "candidate_effects", "hysteresis", "inputs"])
+@pytest.mark.parametrize("name", ["contact_forces", "candidate_effects", "hysteresis", "inputs", "water"])
 def test_forces_fit_a_page_and_say_their_equations(name, tmp_path):
     ending = run("forces", name, "--latex", tmp_path / "forces.tex")
     assert ending.status == 0, ending.err

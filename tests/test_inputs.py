@@ -369,7 +369,7 @@ LIBRARY = replace(
     forces=(
         *st.load_library("inputs").select(["gain"]),
         *st.load_library("contact_forces").select(["zeta"]),
-        *HYSTERESIS,
+        *HYSTERESIS.select(["bouc_wen_n"]),
     ),
 )
 MOVED = {"gain": 0.05, "zeta": 0.02, "bouc_wen_n": 0.5}

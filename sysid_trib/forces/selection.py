@@ -14,7 +14,7 @@ from sysid_trib.forces.formulas import LARGEST_CONSTANT
 from sysid_trib.forces.library import library_folder, load_library
 
 # The forces that systems name, by library.
-EFFECTS, INPUTS = "candidate_effects", "inputs"
+EFFECTS, INPUTS, HYSTERESIS = "candidate_effects", "inputs", "hysteresis"
 SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS)
 SYSTEMS_FILE = "systems.toml"
 # What a system's signal can be.
@@ -108,6 +108,8 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
     """What a model may lack: the other forces of its library and of inputs, and the usual effects."""
     effects = load_library(EFFECTS)
     of_inputs = [force for force in load_library(INPUTS) if set(force.inputs) & set(inputs)]
+    # More shapes are more than a search can tell, and of a decay these too.
+    of_inputs += [force for force in load_library(HYSTERESIS) if inputs and len(force.shape) < 3]
     others = [force for force in (*library, *of_inputs) if force.symbol not in start.symbols]
     taken = [force.symbol for force in (*start, *others)]
     # One's own force of a symbol goes before the usual effect of the same.

@@ -93,7 +93,7 @@ def _unknown_effect(tree: xr.DataTree) -> list[str]:
     if float(tree.attrs.get("noise_p_value", 1.0)) < tree["ranking"].significance_level.item():
         driven = inputs_of(tree[record_groups(tree)[0]].to_dataset())
         why = "and no random force leaves it so: what is left goes with angle, speed or time"
-        why = "so that forces are missing, or have another form" if driven else why
+        why = "as forces leave it that are missing, or coloured noise of the sensor" if driven else why
         return [f"Unknown effect: {names}{residual}, {why}.", *_unexplained(tree)]
     return _not_explained(tree, residual, "")
 
