@@ -44,7 +44,7 @@ found = st.records.envelope(decay)
 halves, instants = found.sizes["half_period"], found.sizes["instant"]
 print(f"{halves} whole half periods, {instants} instants; noise {found.white_noise.item():.2g} rad a sample")
 print(f"amplitude from {found.amplitude[0].item():.3f} to {found.amplitude[-1].item():.3f} rad")
-st.plots.half_sines(decay.sel(time=slice(0.0, 1.35)), found).figure
+st.plots.motions(decay.sel(time=slice(0.0, 1.35)), half_periods=found).figure
 
 # %% [markdown]
 # ## L and M

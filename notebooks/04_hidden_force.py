@@ -130,7 +130,6 @@ found = st.discover(record, known, candidates)
 
 # %%
 display(st.plots.story(found))
-display(st.plots.disagreement(found))
 
 # %% [markdown]
 # What closes the gap? The score of each candidate is how far its own effect on the motion, less what the

@@ -168,7 +168,6 @@ if "pendulum" in files:
     seen, unseen = parted(longer, 13.0 if whole else 9.0)
     pendulum = searched(seen, "zeta", effects=3, holdout=unseen)
     display(st.plots.story(pendulum))
-    display(st.plots.disagreement(pendulum))
     display(st.plots.ranking(pendulum))
 
 # %% [markdown]

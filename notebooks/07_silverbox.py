@@ -136,4 +136,4 @@ if path is not None:
     print(tree["comparison"].attrs["verdict_on_record"], compared.residual_over_motion.values)
     if "difference" in compared:
         display(compared[["difference", "standard_error", "z"]].to_dataframe())
-    display(st.plots.driven(tree))
+    display(st.plots.overview(tree))

@@ -55,7 +55,7 @@ if folder is not None:
     answer = tree[compared.attrs["answer"]].to_dataset()
     left = float(compared.residual_over_motion.sel(model=compared.attrs["answer"]))
     print(f"{compared.attrs['answer']}: {compared.attrs['verdict_on_record']}, {100 * left:.2g} % are left")
-    display(st.plots.driven(tree))
+    display(st.plots.overview(tree))
 
 # %% [markdown]
 # More than noise is left, so that the verdict is no "explained", and the coefficients are effective values.

@@ -159,15 +159,13 @@ def test_figures_are_written(folder, tmp_path):
     assert (ending.status, ending.err) == (0, "")
     names = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
     assert names == {
-        f"{name}.{ending}"
-        for name in ("overview", "story", "disagreement", "ranking")
-        for ending in ("pdf", "png")
+        f"{name}.{ending}" for name in ("overview", "story", "ranking") for ending in ("pdf", "png")
     }
 
 
 def test_story_in_one_picture(twin):
     tree = twin[0]
-    record, before, after, explained = plots.story(tree).axes
+    record, before, after, _, _, explained, _ = plots.story(tree).axes
     angle = tree["record"].to_dataset().angle.values
     for panel, model in ((before, "before"), (after, "after")):
         gap = 1e3 * (angle - tree["record"].simulated_angle.sel(model=model).values)

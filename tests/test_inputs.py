@@ -256,7 +256,7 @@ def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
         assert method["coefficients"]["gain"]["value"] == pytest.approx(0.02, rel=1e-3)
     assert said["per_input"]["mass"]["value"] == pytest.approx(1.0 / (0.02 * W**2), rel=1e-3)
     assert said["test"][0]["residual_over_motion"] < 1e-3
-    assert (tmp_path / "figures" / "driven.pdf").exists()
+    assert (tmp_path / "figures" / "overview.pdf").exists()
     kept, page = tmp_path / "driven.nc", tmp_path / "driven.html"
     text = run(*asked, "--warm-up", "1.5", "-o", kept).out
     assert "In the unit of the input u: mass" in text

@@ -113,16 +113,8 @@ def _parted(
 
 
 def _figures(tree: "xr.DataTree", plots: Any) -> list[Any]:
-    from sysid_trib.results.files import is_of_driven
-
-    # Its motion has no half periods.
-    over_time = (
-        [("driven", plots.driven), ("story", plots.story)]
-        if is_of_driven(tree)
-        else [("overview", plots.overview), ("story", plots.story)]
-    )
-    whole = {"disagreement": plots.disagreement, "ranking": plots.ranking}
+    over_time = {"overview": plots.overview, "story": plots.story}
     return [
-        *(figure for name, draw in over_time for figure in figures_of_runs(tree, name, draw)),
-        *((name, partial(draw, tree)) for name, draw in whole.items()),
+        *(figure for name, draw in over_time.items() for figure in figures_of_runs(tree, name, draw)),
+        ("ranking", partial(plots.ranking, tree)),
     ]

@@ -255,18 +255,18 @@ def _deliver(
         whole = driven_json(tree) if driven else identification_json(tree)
         return whole | prediction_json(predicted) | sureness_json(tree)
 
-    destination.deliver(tree, blocks, data, partial(_figures, tree, driven))
+    destination.deliver(tree, blocks, data, partial(_figures, tree))
 
 
-def _figures(tree: "xr.DataTree", driven: bool, plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
+def _figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Callable[[], Figure]]]":
     """The figures of each run, and of those groups that the result has."""
     from sysid_trib.results.variables import group_names, record_groups
 
     of_groups = {name: getattr(plots, name) for name in ("innovations", "profile", "contour", "sensitivity")}
     of_groups["prediction_bands"] = lambda data: plots.prediction_bands(data).figure
-    count, over_time = len(record_groups(tree)), "driven" if driven else "overview"
+    count = len(record_groups(tree))
     return [
-        *figures_of_runs(tree, over_time, getattr(plots, over_time)),
+        *figures_of_runs(tree, "overview", plots.overview),
         *(
             (name, partial(draw, tree[name].to_dataset()))
             for kind, draw in of_groups.items()

@@ -1,12 +1,8 @@
 # The figures and where each lives: the one list, read by type checkers and by the package itself.
 from sysid_trib.plots.compared import comparison as comparison
 from sysid_trib.plots.conditions import against_condition as against_condition, precision as precision
-from sysid_trib.plots.looked import backbone as backbone, driven as driven, look as look
-from sysid_trib.plots.named_effects import (
-    disagreement as disagreement,
-    ranking as ranking,
-    story as story,
-)
+from sysid_trib.plots.looked import backbone as backbone, look as look
+from sysid_trib.plots.named_effects import ranking as ranking, story as story
 from sysid_trib.plots.planned import plan as plan
 from sysid_trib.plots.samples import difference as difference
 from sysid_trib.plots.sureness import (
@@ -18,7 +14,6 @@ from sysid_trib.plots.sureness import (
 from .at_a_glance import overview as overview
 from .paper import (
     frequency_shift as frequency_shift,
-    half_sines as half_sines,
     motions as motions,
     signatures as signatures,
     weights as weights,

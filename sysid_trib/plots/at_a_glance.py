@@ -9,7 +9,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
+from sysid_trib.plots.discovery_data import DOT_BEYOND
+from sysid_trib.plots.looked import CURVE_LABELS, draw_curve, driven_overview
 from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.plots.named_effects import draw_cells
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
@@ -24,9 +25,10 @@ from sysid_trib.plots.style import (
     letter,
     line,
     new_figure,
-    unit_label,
+    short_unit,
 )
 from sysid_trib.printing.layout import value_with_error
+from sysid_trib.results.files import is_of_driven
 
 ROW_HEIGHT, RESIDUAL_HEIGHT, FONT_SIZE = 1.75, 1.2, 7.5
 # Panels of the residuals of one model or two, in the figure's mosaic.
@@ -34,8 +36,7 @@ RESIDUAL_PANELS = "BK"
 # A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
 # beside, where the axis goes on.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
-# Characters of a unit for which coefficients have room.
-LONG_UNIT = 4
+MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
 EFFECTIVE_TITLE = "The model does not explain the record."
 SMALL_LEGEND: dict[str, Any] = LEGEND | {
@@ -52,7 +53,8 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     Frequency and damping ratio against amplitude, the record's with their 95 % bands and the models', where
     there is a backbone. Record and models; the residual of each; each force's share of the decay and of the
     frequency shift against amplitude; coefficients with 95 % intervals; and the force that is still missing,
-    over angle and rate, with its uncertainty.
+    over angle and rate, with its uncertainty. Of a discovery `story` shows the residuals and what is missing.
+    Of driven records the inputs, the record with the motion of the answer, and the residuals of the models.
 
     Parameters
     ----------
@@ -63,6 +65,9 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     width : float, inch
         A narrow figure, as that of a column of 88 mm (3.46), has all panels below each other.
     """
+    if is_of_driven(tree):
+        # Its motion has no half periods.
+        return driven_overview(tree, run, width=width)
     return drawn_overview(overview_data(tree, run), width)
 
 
@@ -71,14 +76,16 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
     wide, rows = width >= TWO_COLUMNS, []
     if data.backbone is not None:
         rows += ["IJ"] if wide else ["I", "J"]
-    residuals = RESIDUAL_PANELS[: max(1, len(data.models))]
+    models = () if data.of_discovery else data.models or ("",)
+    residuals = RESIDUAL_PANELS[: len(models)]
     rows += [letters * 2 if wide else letters for letters in ("A", *residuals)]
-    rows += ["CD", "EF"] if wide else list("CDEF")
+    last = "E" if data.of_discovery else "EF"
+    rows += ["CD", last * (3 - len(last))] if wide else ["C", "D", *last]
     heights = [RESIDUAL_HEIGHT if row[0] in RESIDUAL_PANELS else ROW_HEIGHT for row in rows]
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
         figure = new_figure(width, sum(heights))
         panels = figure.subplot_mosaic(";".join(rows), height_ratios=heights)
-        draw_in_time([panels["A"], *(panels[name] for name in residuals)], data.motion, data.models or ("",))
+        draw_in_time([panels["A"], *(panels[name] for name in residuals)], data.motion, models)
         panels["A"].legend(ncols=3, **SMALL_LEGEND)
         if data.backbone is not None:
             for panel, name in zip("IJ", CURVE_LABELS, strict=True):
@@ -86,8 +93,10 @@ def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
         _shares(panels["C"], data, "decay_share", "share of the decay (%)")
         _shares(panels["D"], data, "frequency_share", "share of the shift (%)")
         _coefficients(panels["E"], data)
-        _surface(panels["F"], data)
-        titles = [*[""] * (len(panels) - 1), "missing force; dots: beyond 3 errors"]
+        titles = [""] * len(panels)
+        if "F" in panels:
+            _surface(panels["F"], data)
+            titles[-1] = MISSING_TITLE
         letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         footnote(figure, data.held_out)
         if not data.holds:
@@ -141,19 +150,17 @@ def _coefficients(ax: Axes, data: OverviewData) -> None:
                 error = INTERVAL * abs(of_force.standard_error.item() / scale)
                 _interval(ax, of_force.coefficient.item() / scale, error, row + shift, style["color"])
     note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
-    long = len(data.units) > LONG_UNIT
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
         text = value_with_error(of_force.coefficient.item(), of_force.standard_error.item())
-        unit = of_force.unit.item().replace(data.units, "u" if long else data.units)
-        unit = "" if unit == "1" else f" {unit_label(unit)}"
+        unit = short_unit(of_force.unit.item(), data.units)[0]
         written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
         written.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")
     ax.axvline(1.0, color="0.85", linewidth=0.6, zorder=0)
     ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
     ax.set(xlim=(COEFFICIENT_RANGE[0], END_OF_NUMBERS), xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
-    ax.set_xlabel(f"coefficient over its value, 95 % intervals{f'; u: {data.units}' if long else ''}")
+    ax.set_xlabel(f"coefficient over its value, 95 % intervals{short_unit('', data.units)[1]}")
     ax.legend(ncols=2, **SMALL_LEGEND)
 
 

@@ -168,7 +168,7 @@ COLOURS = (ORANGE, BLUE)
 INPUT_HEIGHT = 1.6
 
 
-def driven(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
+def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """Inputs, record and motion of the answer, and the residuals of the models, over time.
 
     Parameters

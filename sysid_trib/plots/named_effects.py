@@ -3,6 +3,7 @@
 from textwrap import fill
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -18,7 +19,7 @@ from sysid_trib.plots.discovery_data import (
     rankings_data,
 )
 from sysid_trib.plots.motion_panels import draw_in_time, motion_data
-from sysid_trib.plots.style import FULL_WIDTH, LEGEND, TWO_COLUMNS, footnote, letter, new_figure
+from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.discoveries import added_effects, credible_set, or_others, pairs_in_place
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
@@ -85,14 +86,17 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
 
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 2
-# Heights of the panels, inch: record, gap before, gap after, models without rows; and of a row.
-PANEL_HEIGHTS, MODEL_ROW = (1.75, 1.15, 1.55, 0.85), 0.34
+# Heights of the panels, inch: record, gap before, gap after, models without rows; of a row, and of a map.
+PANEL_HEIGHTS, MODEL_ROW, MAP_HEIGHT = (1.75, 1.15, 1.55, 0.85), 0.34, 2.3
+FONT_SIZE = 7.5
 # Of a text of 8 points, in an inch.
-CHARACTERS = 14
+CHARACTERS = 13
 
 
 def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """A discovery in one picture: record, gap before, gap after, and what each named effect explains.
+    """A discovery in one picture: record, gap and force map before and after, what each effect explains.
+
+    Force maps are of all runs; dots mark cells beyond three standard errors.
 
     Parameters
     ----------
@@ -106,22 +110,30 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     wide = width >= TWO_COLUMNS
     *heights, last = PANEL_HEIGHTS
     heights.append(last + MODEL_ROW * (1.0 if wide else 1.5) * (1 + len(added_effects(tree))))
-    figure = style.new_figure(width, sum(heights))
-    panels = figure.subplots(4, 1, height_ratios=heights)
-    drawn = motion_data(tree, run)
-    draw_in_time(panels[:3], drawn, ["before", "after"])
-    for panel in panels[1:3]:
-        panel.set_ylabel(f"gap ({drawn.small_units[1]})")
-    figure.align_ylabels(panels[:3])
-    _explained(panels[3], tree, int(CHARACTERS * (width - 1.0)))
-    titles = (
-        "record",
-        "gap before: record \N{MINUS SIGN} start model",
-        "gap after: record \N{MINUS SIGN} final model",
-        "effects named" if added_effects(tree) else "no effect named",
-    )
-    style.letter(panels, [title if wide else title.partition(":")[0] for title in titles])
-    style.footnote(figure, held_out_sentence(tree))
+    rows = ["AA", "BB", "CC", "DE", "FF"] if wide else list("ABCDEF")
+    heights[-1:-1] = [MAP_HEIGHT] * (len(rows) - 4)
+    with mpl.rc_context({"font.size": FONT_SIZE}):
+        figure = style.new_figure(width, sum(heights))
+        panels = list(figure.subplot_mosaic(";".join(rows), height_ratios=heights).values())
+        drawn = motion_data(tree, run)
+        draw_in_time(panels[:3], drawn, ["before", "after"])
+        for panel in panels[1:3]:
+            panel.set_ylabel(f"gap ({drawn.small_units[1]})")
+        figure.align_ylabels(panels[:3])
+        _maps(tree, panels[3:5])
+        _explained(panels[5], tree, int(CHARACTERS * (width - 1.3)))
+        titles = (
+            "record",
+            "gap before: record \N{MINUS SIGN} start model",
+            "gap after: record \N{MINUS SIGN} final model",
+            "missing force before",
+            f"missing force after: dots beyond {DOT_BEYOND:g} errors",
+            "effects named" if added_effects(tree) else "no effect named",
+        )
+        style.letter(
+            panels, [title if wide else title.partition(":")[0] for title in titles], FONT_SIZE + 0.5
+        )
+        style.footnote(figure, held_out_sentence(tree))
     return figure
 
 
@@ -131,7 +143,8 @@ def _explained(ax: Axes, tree: xr.DataTree, room: int) -> None:
     steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
     ratios = [residual / record_noise(tree) for residual in residuals]
-    texts = [_in_words(step) for step in steps]
+    units = signal_units(tree)
+    texts = [_in_words(step, units) for step in steps]
     note = style.BESIDE_POINT | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.CANDIDATE_MARKS["other candidates"]
@@ -139,15 +152,18 @@ def _explained(ax: Axes, tree: xr.DataTree, room: int) -> None:
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
         # Above its line: beside a mark a long name may not have room.
-        ax.annotate(fill(text, room), (1.0, row), (8, 5), **(note | {"va": "bottom"}))
+        words = ax.annotate(fill(text, room), (1.0, row), (8, 5), **(note | {"va": "bottom"}))
+        # A long one would squeeze all panels.
+        words.set_in_layout(False)
     ax.axvline(1.0, **style.THRESHOLD)
     style.name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
-    ax.set(xlabel="RMS of the gap over the noise", xscale="log", xlim=(low, high * (high / low) ** 0.2))
+    label = f"RMS of the gap over the noise{style.short_unit('', units)[1]}"
+    ax.set(xlabel=label, xscale="log", xlim=(low, high * (high / low) ** 0.2))
     style.logarithmic_ticks(ax.xaxis, low, high)
 
 
-def _in_words(step: xr.Dataset) -> str:
+def _in_words(step: xr.Dataset, units: str) -> str:
     """An effect with its coefficient, and the effects that it cannot be separated from."""
     symbol = step.symbol.item()
     pairs = pairs_in_place(step)
@@ -155,61 +171,20 @@ def _in_words(step: xr.Dataset) -> str:
     together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else pairs
     others = [*(other for other in credible_set(step) if other != symbol), *together]
     tied = f"; or {or_others(others, TIED_IN_A_ROW)}" if others else ""
-    return f"{step['name'].item()}, {symbol} = {_in_numbers(step)}{tied}"
+    number = quantity(step, "coefficient", style.short_unit(step.unit.item(), units)[0])
+    return f"{step['name'].item()}, {symbol} = {number}{tied}"
 
 
-def _in_numbers(step: xr.Dataset) -> str:
-    """The coefficient of an effect with its error and unit."""
-    unit = step.unit.item()
-    return quantity(step, "coefficient", "" if unit == "1" else f" {style.unit_label(unit)}")
-
-
-# Of a map beside another, inch.
-MAP_HEIGHT = 3.5
-
-
-def disagreement(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """The map of the missing force before and after, in the same colours.
-
-    Dots mark cells beyond three standard errors.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `discover`.
-    width : float, inch
-        A narrow figure, as that of a column of 88 mm (3.46), has the maps below each other.
-    """
-    beside = width >= TWO_COLUMNS
-    figure = new_figure(width, MAP_HEIGHT if beside else 2.0 * MAP_HEIGHT * width / TWO_COLUMNS)
-    first, second = figure.subplots(*((1, 2) if beside else (2, 1)), sharex=True, sharey=True)
-    _map(tree, first, after=False)
-    mesh = _map(tree, second, after=True)
-    letter((first, second), ("before", "after"))
-    if beside:
-        second.set_ylabel("")
-    else:
-        first.set_xlabel("")
-        handles, labels = first.get_legend_handles_labels()
-        for panel in (first, second):
-            panel.get_legend().remove()
-        figure.legend(handles, labels, loc="outside upper right", frameon=False, fontsize=LEGEND["fontsize"])
-    units = signal_units(tree)
-    bar = figure.colorbar(mesh, ax=[first, second], extend="both", shrink=0.9)
-    bar.set_label(f"missing force over $I\\omega^2$ ({small_units(units)[1]})")
-    footnote(figure, held_out_sentence(tree))
-    return figure
-
-
-def _map(tree: xr.DataTree, ax: Axes, after: bool) -> QuadMesh:
-    force, error, limit = missing_force(tree, after=after)
-    mesh = draw_cells(ax, force, error, limit)
-    ax.legend(**LEGEND)
+def _maps(tree: xr.DataTree, panels: list[Axes]) -> None:
+    """The force that the model lacks, before and after, in the same colours."""
     units = signal_units(tree)
     x = signal_symbol(units)
-    labels = f"{signal_label(units).split()[0]} ${x}$ ({units})", rf"$\dot{{{x}}}/\omega$ ({units})"
-    ax.set(xlabel=labels[0], ylabel=labels[1])
-    return mesh
+    for ax, after in zip(panels, (False, True), strict=True):
+        mesh = draw_cells(ax, *missing_force(tree, after=after))
+        ax.set(xlabel=f"{signal_label(units).split()[0]} ${x}$ ({units})")
+        ax.set(ylabel=rf"$\dot{{{x}}}/\omega$ ({units})")
+    bar = panels[0].figure.colorbar(mesh, ax=panels, extend="both", pad=0.02)
+    bar.set_label(f"missing force over $I\\omega^2$ ({small_units(units)[1]})")
 
 
 def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float) -> QuadMesh:
@@ -218,6 +193,5 @@ def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float)
     look: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit), "rasterized": True}
     mesh = ax.pcolormesh(x, v, values.T, shading="nearest", **look)
     at_x, at_v = np.nonzero(np.abs(values) > DOT_BEYOND * error.values)
-    label = f"beyond {DOT_BEYOND:g} standard errors"
-    ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5, label=label)
+    ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5)
     return mesh

@@ -49,6 +49,8 @@ class OverviewData:
         Those whose motions are drawn: of a discovery the last alone.
     held_out : str
         What of the record a discovery held out, as a sentence.
+    of_discovery : bool
+        Whether `story` shows the residuals and what is missing.
     backbone : pair of Dataset, or None
         `curves_of` the run: of the record, and of the models; none of few half periods, or without a check.
     """
@@ -60,6 +62,7 @@ class OverviewData:
     holds: bool
     models: tuple[str, ...]
     held_out: str
+    of_discovery: bool
     backbone: tuple[xr.Dataset, xr.Dataset | None] | None = None
 
     @property
@@ -126,7 +129,8 @@ def overview_data(tree: xr.DataTree, run: int = 0) -> OverviewData:
     if any(name.startswith("lack_of_fit") for name in tree.children):
         with suppress(KeyError):
             curves = curves_of(tree, run)
-    return OverviewData(drawn, results, weighed, missing, explained, models, held, curves)
+    of_discovery = kind_of(tree) == "discover"
+    return OverviewData(drawn, results, weighed, missing, explained, models, held, of_discovery, curves)
 
 
 def _best_motion(tree: xr.DataTree, run: int) -> MotionData:

@@ -65,42 +65,14 @@ def frequency_shift(
     return ax
 
 
-def half_sines(decay: xr.Dataset, half_periods: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Half-sines on a decay, and what three of them give at t_i (Fig. 6).
-
-    Parameters
-    ----------
-    decay : xr.Dataset
-        `angle(time)` in rad, a few half periods of it: `decay.sel(time=slice(0, 1.5))`.
-    half_periods : xr.Dataset
-        `envelope` of the whole decay.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    """
-    ax = axes(ax)
-    ax.plot(decay.time.values, decay.angle.values, ".", color="0.6", markersize=3.5, label="record")
-    t, b = half_periods.extremum_time.values, (half_periods.sign * half_periods.extremum).values
-    # The first and last half period have no neighbours; they take the frequency of the next.
-    w = np.pad(half_periods.frequency.values, 1, mode="edge")
-    low, high = _ends(decay)
-    whole = np.flatnonzero((t - 0.5 * np.pi / w > low) & (t + 0.5 * np.pi / w < high))
-    phase = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARC_POINTS)
-    arcs = t[whole, None] + phase / w[whole, None], b[whole, None] * np.cos(phase)
-    # Arcs do not join: each is a fit of its own.
-    broken = [np.pad(arc, ((0, 0), (0, 1)), constant_values=np.nan).ravel() for arc in arcs]
-    ax.plot(*broken, label="half-sines", **line(SERIES[1]))
-    points = mark(SERIES[0] | {"marker": "o"})
-    ax.plot(t[whole], b[whole], label=r"$\pm b_i$ at $t_i$", linestyle="", **points)
-    if len(whole) >= 3:
-        _construction(ax, t[whole[:3]], b[whole[:3]])
-    ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
-    ax.set(xlabel="time (s)", ylabel=_signal(decay), xlim=(low, high))
-    ax.legend(ncols=3, **LEGEND, **CLOSE_LEGEND)
-    return ax
-
-
-def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | None = None) -> Axes:
-    """A record, and the motions or the averaged envelopes of models (Figs. 2 and 7).
+def motions(
+    record: xr.Dataset,
+    models: Mapping[str, xr.Dataset] | None = None,
+    ax: Axes | None = None,
+    *,
+    half_periods: xr.Dataset | None = None,
+) -> Axes:
+    """A record, and the motions or the averaged envelopes of models, or its half-sines (Figs. 2, 6 and 7).
 
     Parameters
     ----------
@@ -110,10 +82,15 @@ def motions(record: xr.Dataset, models: Mapping[str, xr.Dataset], ax: Axes | Non
         By label, `angle(time)` of `simulate`, or `amplitude(time)` of `predict_envelope`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
+    half_periods : xr.Dataset, optional
+        `envelope` of the whole decay: half-sines are drawn on the record, a few half periods of it
+        (`decay.sel(time=slice(0, 1.5))`), and what three of them give at t_i.
     """
     ax = axes(ax)
     curve(ax, record.time.values, record.angle.values, RECORD_POINTS)
-    for (label, motion), series in zip(models.items(), cycle(SERIES)):
+    if half_periods is not None:
+        _half_sines(ax, record, half_periods)
+    for (label, motion), series in zip((models or {}).items(), cycle(SERIES)):
         look = line(series) | {"label": label, "linewidth": 0.9}
         if "angle" in motion:
             curve(ax, motion.time.values, motion.angle.values, look)
@@ -182,6 +159,25 @@ def weights(
     )
     ax.legend(ncols=6, **LEGEND, **CLOSE_LEGEND)
     return ax
+
+
+def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
+    """Half-sines on a decay, and what three of them give at t_i."""
+    t, b = half_periods.extremum_time.values, (half_periods.sign * half_periods.extremum).values
+    # The first and last half period have no neighbours; they take the frequency of the next.
+    w = np.pad(half_periods.frequency.values, 1, mode="edge")
+    low, high = _ends(decay)
+    whole = np.flatnonzero((t - 0.5 * np.pi / w > low) & (t + 0.5 * np.pi / w < high))
+    phase = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARC_POINTS)
+    arcs = t[whole, None] + phase / w[whole, None], b[whole, None] * np.cos(phase)
+    # Arcs do not join: each is a fit of its own.
+    broken = [np.pad(arc, ((0, 0), (0, 1)), constant_values=np.nan).ravel() for arc in arcs]
+    ax.plot(*broken, label="half-sines", **line(SERIES[1]))
+    points = mark(SERIES[0] | {"marker": "o"})
+    ax.plot(t[whole], b[whole], label=r"$\pm b_i$ at $t_i$", linestyle="", **points)
+    if len(whole) >= 3:
+        _construction(ax, t[whole[:3]], b[whole[:3]])
+    ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
 
 
 def _construction(ax: Axes, t: NDArray[np.float64], b: NDArray[np.float64]) -> None:

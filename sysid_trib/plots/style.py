@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
@@ -55,6 +54,8 @@ CROWDED = 100.0
 LONG_AXIS, SHORT_AXIS = 30.0, 8.0
 # Times that a figure is laid out anew, and points between a title and a legend.
 LAYOUTS, BETWEEN_TEXTS = 2, 6.0
+# Characters of a unit for which numbers in a panel have room.
+LONG_UNIT = 4
 LEGEND: dict[str, Any] = {
     "frameon": False,
     "fontsize": 8,
@@ -87,10 +88,10 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 class LiteralFigure(Figure):
-    """A figure that gives its texts room, and draws one of a file as it is where it only looks like mathematics.
+    """A figure that gives texts room, and draws one of a file as it is where it only looks like mathematics.
 
-    What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels longer
-    than their panel are broken, a legend above a panel has the columns that fit beside its title.
+    What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels
+    longer than their panel are broken, a legend above a panel has the columns that fit beside its title.
     """
 
     def draw(self, renderer: RendererBase) -> None:
@@ -114,7 +115,7 @@ class LiteralFigure(Figure):
         return *self.get_size_inches(), *(text.get_text() for text in self.findobj(Text))
 
     def _give_room(self, engine: LayoutEngine, renderer: RendererBase) -> None:
-        """Break labels and legends, first in panels whose labels are short: a long one would squeeze them all."""
+        """Break labels and legends, first in panels of short labels: a long one would squeeze them all."""
         labels = [label for ax in self.axes for label in _labels(ax)]
         texts = [_words(text.get_text()) for _, text, _ in labels]
         legends = [(ax, legend) for ax in self.axes if (legend := ax.get_legend()) is not None]
@@ -207,6 +208,13 @@ def _is_written(text: str) -> bool:
 def unit_label(unit: str) -> str:
     """A unit with its powers, as matplotlib writes it: it knows fewer escapes than LaTeX."""
     return unit_in_latex(unit).replace(r"\&", "&").replace(r"\#", "#")
+
+
+def short_unit(unit: str, of_record: str) -> tuple[str, str]:
+    """A coefficient's unit behind its value, and what its axis says of it: a record's long one is `u`."""
+    long = len(of_record) > LONG_UNIT
+    written = unit.replace(of_record, "u") if long else unit
+    return "" if unit == "1" else f" {unit_label(written)}", f"; u: {of_record}" if long else ""
 
 
 def axes(ax: Axes | None, width: float = TWO_COLUMNS) -> Axes:

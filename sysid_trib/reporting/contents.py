@@ -144,7 +144,8 @@ def _glance(tree: xr.DataTree) -> list[Figures]:
     figures = []
     for run in range(len(record_groups(tree))):
         data = overview_data(tree, run)
-        caption = CAPTIONS["glance_backbone"] * (data.backbone is not None) + CAPTIONS["glance"]
+        caption = CAPTIONS["glance_backbone"] * (data.backbone is not None)
+        caption += CAPTIONS["glance_discovery" if data.of_discovery else "glance"]
         figures.append(_over_time(tree, run, caption + held, drawn_overview(data)))
     return figures
 
@@ -167,12 +168,10 @@ def _pushed(tree: xr.DataTree) -> list[Figures]:
 def _motions(tree: xr.DataTree) -> list[Figures]:
     """Each record with the residuals of the models before and after, and the force map."""
     held = _held_out(tree)
-    over_time = [
+    return [
         _over_time(tree, run, CAPTIONS["motions_apart"] + held, plots.story(tree, run))
         for run in range(len(record_groups(tree)))
     ]
-    force_map = Figures(CAPTIONS["force_map"] + held, [plots.disagreement(tree)])
-    return [*over_time, force_map]
 
 
 def _over_time(tree: xr.DataTree, run: int, caption: str, figure: Figure) -> Figures:
@@ -206,7 +205,7 @@ def _of_group(tree: xr.DataTree, name: str, draw: Callable[[xr.Dataset], Figure]
 def _driven(tree: xr.DataTree) -> list[Figures]:
     """Inputs, motion and residuals of each run."""
     runs = range(len(record_groups(tree)))
-    return [_over_time(tree, run, CAPTIONS["driven"], plots.driven(tree, run)) for run in runs]
+    return [_over_time(tree, run, CAPTIONS["driven"], plots.overview(tree, run)) for run in runs]
 
 
 # By the names in blocks.

@@ -24,7 +24,7 @@ KINDS = ("identify", "cross_check", "runs", "compare", "discover")
 
 
 # Figures of each page.
-DRAWN = {"identify": 0, "cross_check": 1, "compare": 2, "discover": 4}
+DRAWN = {"identify": 0, "cross_check": 1, "compare": 2, "discover": 3}
 HEADINGS = {
     "identify": ["Coefficients"],
     "cross_check": ["At a glance", "Coefficients"],

@@ -39,7 +39,7 @@ def on_axes(draw):
 def of_a_result(tree):
     """The figures of a result, by their names."""
     if "steps" in tree.children:
-        names = ("overview", "story", "disagreement", "ranking")
+        names = ("overview", "story", "ranking")
     elif "best" in tree["comparison"].attrs:
         names = ("overview", "comparison")
     else:
@@ -86,7 +86,7 @@ def of_the_paper():
         "backbone": partial(plots.backbone, st.backbone(DECAY)),
         "signatures": partial(plots.signatures, averages),
         "motions": on_axes(partial(plots.motions, DECAY, {"averaged envelope": envelope})),
-        "half_sines": on_axes(partial(plots.half_sines, DECAY.sel(time=slice(0.0, 1.5)), halves)),
+        "half_sines": on_axes(partial(plots.motions, DECAY.sel(time=slice(0.0, 1.5)), half_periods=halves)),
         "frequency_shift": on_axes(partial(plots.frequency_shift, {"record": halves}, {"model": envelope})),
         "weights": on_axes(partial(plots.weights, weighed, "decay_share")),
         "precision": partial(plots.precision, study),
