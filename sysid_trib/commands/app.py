@@ -13,7 +13,7 @@ from sysid_trib.commands.compare import compare, difference
 from sysid_trib.commands.discover import discover
 from sysid_trib.commands.identify import identify
 from sysid_trib.commands.predicted import plan, response, simulate
-from sysid_trib.commands.shown import backbone, forces, look, report
+from sysid_trib.commands.shown import backbone, export, forces, look, report
 
 
 class GroupedCommand(TyperCommand):
@@ -65,6 +65,6 @@ def _options(
 
 
 COMMANDS = (look, backbone, identify, discover, compare, difference, plan, response, campaign, simulate)
-for command in (*COMMANDS, report, forces):
+for command in (*COMMANDS, report, export, forces):
     purpose = (inspect.getdoc(command) or "").partition("\n\n")[0]
     app.command(cls=GroupedCommand, help=purpose)(command)

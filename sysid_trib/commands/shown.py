@@ -1,4 +1,4 @@
-"""`sysid-trib look`, `backbone`, `report` and `forces`: what show something that is there, without a fit."""
+"""`sysid-trib look`, `backbone`, `report`, `export` and `forces`: what shows what is there, without a fit."""
 
 from pathlib import Path
 from typing import Annotated
@@ -112,6 +112,44 @@ def report(
         except (RecordError, UsageError) as error:
             raise RecordError(f"{result}: {error}") from None
         write_page(text, output)
+    print_written(output)
+
+
+def export(
+    result: RESULT_FILE,
+    language: Annotated[
+        str,
+        typer.Option("--as", metavar="python|sympy|simulink", help="Language.", rich_help_panel=OUTPUT),
+    ] = "python",
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help=WHERE_TO_WRITE, rich_help_panel=OUTPUT),
+    ] = None,
+) -> None:
+    """Write an identified equation as a Python function, for sympy, or as a function block of Simulink.
+
+    Examples
+    --------
+    sysid-trib export forces.nc
+    sysid-trib export missing.nc --as simulink -o missing.m
+    """
+    from sysid_trib.commands.terminal import print_written, progress
+
+    with progress():
+        from sysid_trib.commands.destination import check_output
+        from sysid_trib.printing.as_code import model_code
+        from sysid_trib.results.files import load, write_file
+        from sysid_trib.validation.findings import main_result
+
+        check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
+        answer = main_result(load(result))
+        if answer is None:
+            raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
+        text = model_code(answer, language)
+        if output is not None:
+            write_file(output, text.encode())
+    if output is None:
+        print(text, end="")
     print_written(output)
 
 

@@ -15,6 +15,7 @@ from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.plots.named_effects import draw_cells
 from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
+    FONT_SIZE,
     FULL_WIDTH,
     LEGEND,
     MODEL_LINES,
@@ -30,7 +31,7 @@ from sysid_trib.plots.style import (
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.files import is_of_driven
 
-ROW_HEIGHT, RESIDUAL_HEIGHT, FONT_SIZE = 1.75, 1.2, 7.5
+ROW_HEIGHT, RESIDUAL_HEIGHT = 1.75, 1.2
 # Panels of the residuals of one model or two, in the figure's mosaic.
 RESIDUAL_PANELS = "BK"
 # A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand

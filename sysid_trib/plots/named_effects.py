@@ -88,7 +88,6 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
 TIED_IN_A_ROW = 2
 # Heights of the panels, inch: record, gap before, gap after, models without rows; of a row, and of a map.
 PANEL_HEIGHTS, MODEL_ROW, MAP_HEIGHT = (1.75, 1.15, 1.55, 0.85), 0.34, 2.3
-FONT_SIZE = 7.5
 # Of a text of 8 points, in an inch.
 CHARACTERS = 13
 
@@ -112,7 +111,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     heights.append(last + MODEL_ROW * (1.0 if wide else 1.5) * (1 + len(added_effects(tree))))
     rows = ["AA", "BB", "CC", "DE", "FF"] if wide else list("ABCDEF")
     heights[-1:-1] = [MAP_HEIGHT] * (len(rows) - 4)
-    with mpl.rc_context({"font.size": FONT_SIZE}):
+    with mpl.rc_context({"font.size": style.FONT_SIZE}):
         figure = style.new_figure(width, sum(heights))
         panels = list(figure.subplot_mosaic(";".join(rows), height_ratios=heights).values())
         drawn = motion_data(tree, run)
@@ -131,7 +130,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
             "effects named" if added_effects(tree) else "no effect named",
         )
         style.letter(
-            panels, [title if wide else title.partition(":")[0] for title in titles], FONT_SIZE + 0.5
+            panels, [title if wide else title.partition(":")[0] for title in titles], style.FONT_SIZE + 0.5
         )
         style.footnote(figure, held_out_sentence(tree))
     return figure

@@ -43,6 +43,8 @@ CANDIDATE_MARKS: dict[str, dict[str, Any]] = {
 }
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
+# Of figures of many panels, points.
+FONT_SIZE = 7.5
 # Of a figure over the whole page, and the least at which two panels stand side by side, inch.
 FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
 # A text beside the point that it annotates.
@@ -173,25 +175,25 @@ def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> 
 def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
     """Give the legend above a panel the columns that fit beside the title, or put the title above it."""
     legend, box = ax.get_legend(), ax.get_window_extent(renderer)
-    extent, scale = legend.get_window_extent(renderer), renderer.points_to_pixels(1.0)
-    if extent.y0 < box.y0 + 0.9 * box.height:
+    scale = float(renderer.points_to_pixels(1.0))  # type: ignore[arg-type]
+    if legend is None or legend.get_window_extent(renderer).y0 < box.y0 + 0.9 * box.height:
         return
     titles = [title for title in _titles(ax) if title.get_text()]
     room = box.width - max((title.get_window_extent(renderer).width for title in titles), default=0.0)
     room -= BETWEEN_TEXTS * scale
-    size = legend.get_texts()[0].get_fontsize()
     labels = [text.get_text() for text in legend.get_texts()]
     spacing = ("columnspacing", "handlelength", "handletextpad")
-    look = LEGEND | {"fontsize": size} | {name: getattr(legend, name) for name in spacing}
-    for count in range(legend._ncols - 1, 0, -1):
+    look: dict[str, Any] = LEGEND | {name: getattr(legend, name) for name in spacing}
+    look["fontsize"] = legend.get_texts()[0].get_fontsize()
+    for count in range(legend._ncols - 1, 0, -1):  # type: ignore[attr-defined]
         if legend.get_window_extent(renderer).width <= room:
             return
-        legend = ax.legend(legend.legend_handles, labels, ncols=count, **look)
+        handles = [handle for handle in legend.legend_handles if handle is not None]
+        legend = ax.legend(handles, labels, ncols=count, **look)
     extent = legend.get_window_extent(renderer)
-    if extent.width > room:
-        for title in titles:
-            place = {"loc": "left", "fontsize": title.get_fontsize(), "pad": extent.height / scale}
-            ax.set_title(title.get_text(), **place)
+    for title in titles if extent.width > room else ():
+        pad, size = extent.height / scale, title.get_fontsize()
+        ax.set_title(title.get_text(), loc="left", fontsize=size, pad=pad)
 
 
 @lru_cache(maxsize=1000)

@@ -1,0 +1,172 @@
+"""An identified equation as text that other programs run: a Python function, sympy, a block of Simulink."""
+
+import re
+from collections.abc import Callable, Mapping
+
+import xarray as xr
+
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.formulas import SMOOTH, Formula
+from sysid_trib.printing.exported import equation_text
+from sysid_trib.results.schema import model_of
+from sysid_trib.results.variables import signal_units
+
+IN_NUMPY = {name: f"np.{name}" for name in ("sign", "abs", "pi", *SMOOTH)}
+IN_NUMPY |= {"min": "np.minimum", "max": "np.maximum"}
+IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
+IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
+PYTHON_TEXT = '''"""{equation}
+
+x in {unit}, t in s since the first sample. Dry friction does not hold it at rest: end a run there.
+"""
+
+import numpy as np
+
+W = {w!r}  # rad/s
+
+
+def f(t, y{inputs}):
+    """Rates of y = [{states}] by time, as scipy.integrate.solve_ivp takes them."""
+    x, v = y[0], y[1] / W
+{scaled}    force = (
+        {force}
+    )
+    return np.array([y[1], -W**2 * (x + force){rates}])
+
+
+def start(x, rate, t=0.0):
+    """The states y of a motion that begins at x with a rate (1/s)."""
+    v = rate / W
+    return np.array([x, rate{starts}])
+'''
+SYMPY_TEXT = """# {equation}
+# x in {unit}, v = x'/w, t in s since the first sample of the record.
+import sympy
+
+{names} = sympy.symbols("{names}", real=True)
+w = sympy.Float({w!r})  # rad/s
+{scaled}force = (
+    {force}
+)
+# Derivatives by time.
+rates = {{x: w * v, v: -w * (x + force){rates}}}
+"""
+SIMULINK_TEXT = """function dy = f(t, y{inputs})
+%#codegen
+% {equation}
+% y = [{states}], x in {unit}, t in s since the first sample of the record; dy goes to an integrator.
+% First values of the states beyond x and its rate: [{starts}].
+W = {w!r}; % rad/s
+x = y(1); v = y(2)/W;
+{scaled}force = {force};
+dy = [y(2); -W^2*(x + force){rates}];
+end
+"""
+
+
+def model_code(result: xr.Dataset, language: str) -> str:
+    """The equation of an identification as program text, with its numbers to all their digits.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    language : {"python", "sympy", "simulink"}
+        A function `f(t, y)` of NumPy; `rates` of sympy; the body of a MATLAB function block.
+
+    Raises
+    ------
+    UsageError
+        Another language, or a force whose memory changes at reversals: it is no equation in x, v, states.
+    """
+    if language not in LANGUAGES:
+        raise UsageError(f"'{language}' is no language of export; choose {', '.join(LANGUAGES)}.")
+    model = model_of(result)
+    if hysteretic := [force.symbol for force in model.forces if force.memory]:
+        raise UsageError(
+            f"{', '.join(hysteretic)} holds values between reversals and is no equation in x, v and states; "
+            "use sysid-trib simulate, or predict in Python."
+        )
+    heading = {
+        "equation": equation_text(result),
+        "unit": signal_units(result),
+        "w": float(model.reference_frequency),
+    }
+    return LANGUAGES[language](result, heading)
+
+
+def _written(formula: Formula, known: Mapping[str, str]) -> str:
+    """A formula with the names of another language."""
+    return re.sub(r"\b[^\W\d]\w*", lambda word: known.get(word[0], word[0]), formula.text)
+
+
+def _parts(result: xr.Dataset, functions: Mapping[str, str]) -> tuple[list[str], dict[str, tuple[str, str]]]:
+    """The terms of the force, and of each state its rate by w t and its first value."""
+    model, terms = model_of(result), list[str]()
+    states: dict[str, tuple[str, str]] = {}
+    for force in model.forces:
+        known = dict(functions)
+        for name, shape in force.shape.items():
+            known[name] = f"({float(model.shapes.get(f'{force.symbol}.{name}', shape.default))!r})"
+        known |= {name: f"{force.symbol}_{name}" for name in force.state}
+        terms.append(f"{float(model.coefficients[force.symbol])!r} * ({_written(force.formula, known)})")
+        for name, rate in force.state.items():
+            first = _written(force.start[name], known) if name in force.start else "0.0"
+            states[known[name]] = _written(rate, known), first
+    return terms or ["0.0"], states
+
+
+def _inputs(result: xr.Dataset, line: str) -> tuple[list[str], str]:
+    """Names of inputs and their derivatives by time, and the lines that scale them as formulas see them."""
+    channels = model_of(result).driven
+    scaled = [line.format(name=channel.name, power=channel.power) for channel in channels if channel.power]
+    return [channel.name for channel in channels], "".join(scaled)
+
+
+def _python(result: xr.Dataset, heading: Mapping[str, object]) -> str:
+    terms, states = _parts(result, IN_NUMPY)
+    inputs, scaled = _inputs(result, "    {name} = {name} / W**{power}\n")
+    scaled += "".join(f"    {name} = y[{at}]\n" for at, name in enumerate(states, 2))
+    return PYTHON_TEXT.format(
+        inputs="".join(f", {name}=0.0" for name in inputs),
+        states=", ".join(["x", "x'", *states]),
+        scaled=scaled,
+        force="\n        + ".join(terms),
+        rates="".join(f", W * ({rate})" for rate, _ in states.values()),
+        starts="".join(f", {first}" for _, first in states.values()),
+        **heading,
+    )
+
+
+def _sympy(result: xr.Dataset, heading: Mapping[str, object]) -> str:
+    terms, states = _parts(result, IN_SYMPY)
+    inputs, scaled = _inputs(result, "{name} = {name} / w**{power}\n")
+    return SYMPY_TEXT.format(
+        names=", ".join(["t", "x", "v", *states, *inputs]),
+        scaled=scaled,
+        force="\n    + ".join(terms),
+        rates="".join(f", {name}: w * ({rate})" for name, (rate, _) in states.items()),
+        **heading,
+    )
+
+
+def _simulink(result: xr.Dataset, heading: Mapping[str, object]) -> str:
+    terms, states = _parts(result, {})
+    inputs, scaled = _inputs(result, "{name} = {name}/W^{power};\n")
+    scaled += "".join(f"{name} = y({at});\n" for at, name in enumerate(states, 3))
+    return SIMULINK_TEXT.format(
+        inputs="".join(f", {name}" for name in inputs),
+        states="; ".join(["x", "x'", *states]),
+        scaled=scaled,
+        force=" ...\n    + ".join(terms),
+        rates="".join(f"; W*({rate})" for rate, _ in states.values()),
+        starts="; ".join(first for _, first in states.values()),
+        **heading,
+    ).replace("**", "^")
+
+
+LANGUAGES: dict[str, Callable[[xr.Dataset, Mapping[str, object]], str]] = {
+    "python": _python,
+    "sympy": _sympy,
+    "simulink": _simulink,
+}
