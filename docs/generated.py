@@ -1,8 +1,7 @@
 """The parts of the documentation that are made while it is built, so that they cannot go stale.
 
 A page asks for one by a line `<!-- generated: NAME ARGUMENTS -->`, NAME one of `PARTS`; what comes in its
-place is Markdown. Where the page itself holds what a command prints, in a block below a line
-`<!-- output: COMMAND -->`, or in a block ```console below `$ COMMAND`,
+place is Markdown. Where the page itself holds what a command prints, in a block ```console below `$ COMMAND`,
 
     python docs/generated.py [PAGE ...]
 
@@ -44,9 +43,6 @@ MEASURED = (
     "roll_decay/model_test_21337.csv",
 )
 PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
-OUTPUT = re.compile(
-    r"(?<=^<!-- output: )sysid-trib (.+?) -->\n\n```text\n(.*?)\n```$", re.MULTILINE | re.DOTALL
-)
 CONSOLE = re.compile(r"^```console\n\$ sysid-trib (.+?)\n(.*?)```$", re.MULTILINE | re.DOTALL)
 # What the page of files calls a result with inputs.
 DRIVEN = "identify of a driven record"
@@ -61,9 +57,6 @@ def expand(text: str) -> str:
 
 def refreshed(text: str) -> str:
     """The page with what each command prints today in the block below its line."""
-    text = OUTPUT.sub(
-        lambda place: f"sysid-trib {place[1]} -->\n\n```text\n{_today(place[1], place[2])}\n```", text
-    )
     return CONSOLE.sub(
         lambda place: f"```console\n$ sysid-trib {place[1]}\n{_today(place[1], place[2].rstrip())}\n```", text
     )

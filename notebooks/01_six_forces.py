@@ -49,7 +49,7 @@ pd.DataFrame(
 # %% [markdown]
 # ## Table 1
 #
-# `st.forces.signature` averages any formula over a cycle. Beside it stand the expressions that the paper
+# `st.forces.signature` averages any formula over a cycle. Next to it stand the expressions that the paper
 # prints.
 # The viscous formula is `2*v`, so that its coefficient is the damping ratio: its averages are twice those
 # printed for $\theta'$.

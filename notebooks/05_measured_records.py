@@ -237,7 +237,7 @@ if "ship" in decays:
 # ## A random force beside the sensor's noise
 #
 # The fits above know the sensor's noise alone, and their residuals are many times that. A random force in the
-# motion (a white acceleration) lets angle and rate wander. Its density is estimated beside the sensor's
+# motion (a white acceleration) makes angle and rate a random walk. Its density is estimated with the sensor's
 # noise, and the errors of the coefficients grow. It is no excuse: where the random force goes with the
 # motion, a force is missing, and the p-value of a force that does not is small.
 

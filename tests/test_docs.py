@@ -54,9 +54,7 @@ def generated():
 def _outputs():
     """Every page that holds what a command prints, with the command; those on measured records take long."""
     for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
-        for command in re.findall(
-            r"^(?:<!-- output: |\$ )(sysid-trib .+?)(?: -->)?$", page.read_text(encoding="utf-8"), re.M
-        ):
+        for command in re.findall(r"^\$ (sysid-trib .+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
             marks = [pytest.mark.slow] if page.name != "README.md" else []
             yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
 
@@ -67,13 +65,7 @@ def test_what_a_page_says_is_printed_is_printed(page, command, generated):
     text = page.read_text(encoding="utf-8")
     for made in re.findall(r"^\$ sysid-trib (simulate .*)$", text, re.MULTILINE):
         generated.printed(*shlex.split(made))
-    patterns = {generated.OUTPUT: "<!-- output: ", generated.CONSOLE: ""}
-    block = next(
-        f"{before}{m[0]}"
-        for pattern, before in patterns.items()
-        for m in pattern.finditer(text)
-        if f"sysid-trib {m[1]}" == command
-    )
+    block = next(m[0] for m in generated.CONSOLE.finditer(text) if f"sysid-trib {m[1]}" == command)
     number = re.compile(r"[+-]?(\d[\d.]*)")
     written, today = (number.split(shown.partition("\n")[2]) for shown in (block, generated.refreshed(block)))
     # Words alike but for blanks, and numbers but for what another processor makes of them.
@@ -81,6 +73,22 @@ def test_what_a_page_says_is_printed_is_printed(page, command, generated):
     numbers = [[float(digits.rstrip(".")) for digits in shown[1::2]] for shown in (written, today)]
     if not command.startswith("sysid-trib compare"):
         np.testing.assert_allclose(*numbers, rtol=0.03, atol=0.11)
+
+
+def _sentences(text):
+    """Sentences of a page, without code, tables' lines and addresses."""
+    text = re.sub(r"^```.*?^```$|<!--.*?-->|^    .*$|^#.*$", "\n\n", text, flags=re.MULTILINE | re.DOTALL)
+    for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.)\s)|\|", re.sub(r"\]\([^)]*\)", "]", text)):
+        yield from re.split(r"(?<=[.!?:])\s+|(?<=[.:?]\*\*)\s+", " ".join(block.split()))
+
+
+@pytest.mark.parametrize(
+    "name", ["README", *(f"docs/{page}" for page in ("start", "choosing", "discrepancy"))]
+)
+def test_sentences_of_the_first_pages_are_short_and_no_command_is_hidden(name):
+    text = (ROOT / f"{name}.md").read_text(encoding="utf-8")
+    assert [sentence for sentence in _sentences(text) if len(sentence.split()) > 30] == []
+    assert "<!-- output" not in text
 
 
 # Pages whose code takes seconds; that of the others is slow.

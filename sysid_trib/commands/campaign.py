@@ -60,7 +60,7 @@ class CampaignStore:
 
     output: Path | None = option(
         "STORE",
-        "Zarr store of the results; its page is beside it (.html), in the place of one that is there.",
+        "Zarr store of the results; its page has the same name (.html) and replaces one that is there.",
         flags=("-o", "--output"),
     )
     as_json: bool = switch("--json", "Print the result as JSON, and nothing else.")

@@ -43,17 +43,12 @@ class ScaleOptions:
     def measured(self) -> "dict[str, tuple[float, float]]":
         """What is given with its errors; refused where it is too little for what it is for."""
         from sysid_trib.commands import checks
+        from sysid_trib.physics.si_units import check_measured
 
         read = {k: checks.parse_value_with_error(v, f"--{k}") for k, v in vars(self).items()}
         given = {name: pair for name, pair in read.items() if pair is not None}
-        if not given:
-            return {}
-        if ("inertia" in given) == ("mass" in given):
-            raise UsageError("Give --inertia of an angle, or --mass of a displacement.")
-        if ("radius" in given) != ({"inertia", "load"} <= set(given)):
-            raise UsageError(
-                "The coefficient of friction takes --mass and --load, or --inertia, --load and --radius."
-            )
+        if given:
+            check_measured(given.keys())
         return given
 
 

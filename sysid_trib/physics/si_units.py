@@ -1,5 +1,7 @@
 """Coefficients in SI units: torques and forces of the contact, friction, and forces as a drive feels them."""
 
+from collections.abc import Set
+
 import numpy as np
 import xarray as xr
 
@@ -265,6 +267,21 @@ def si_of(tree: xr.DataTree) -> xr.Dataset | None:
     return tree[SI].to_dataset() if SI in tree.children else None
 
 
+def check_measured(names: Set[str]) -> None:
+    """Refuse quantities, by their names in `in_si_units`, that are too few or too many for SI units.
+
+    Raises
+    ------
+    UsageError
+        Not one of inertia and mass, or a radius without inertia and load, or these without it.
+    """
+    if ("inertia" in names) == ("mass" in names) or ("radius" in names) != ({"inertia", "load"} <= names):
+        raise UsageError(
+            "SI units take the inertia of an angle or the mass of a displacement; the coefficient of "
+            "friction takes the load too, and of an angle the radius at which the contact rubs."
+        )
+
+
 def in_si_units(
     result: xr.Dataset,
     *,
@@ -308,11 +325,8 @@ def in_si_units(
     power law goes to the coefficient, 2 zeta m w. The coefficient of friction is the force over the load, or
     the torque over load and radius. Errors hold those of w and of all that is given.
     """
-    if (inertia is None) == (mass is None) or bool(inertia and load) != bool(radius):
-        raise UsageError(
-            "SI units take the inertia of an angle or the mass of a displacement; the coefficient of "
-            "friction takes the load too, and of an angle the radius at which the contact rubs."
-        )
+    given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
+    check_measured({name for name, value in given.items() if value is not None})
     if mass is not None:
         values = _of_translation(result, mass)
     elif inertia is not None:

@@ -37,8 +37,8 @@ QUALITY = (
     "first two thirds, on these (train) and on the last third (held out)"
 )
 PUSHED_METHODS = (
-    "Beside the noise a random force was found, for which the errors of these methods allow: {}. Whether "
-    "it is one, or stands for a force that is missing, `sysid-trib identify` tests."
+    "In addition to the noise a random force was found, for which the errors of these methods allow: {}. "
+    "Whether it is one, or stands for a force that is missing, `sysid-trib identify` tests."
 )
 CAUSES = {
     "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",

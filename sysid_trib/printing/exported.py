@@ -204,7 +204,12 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     details["units"] = signal_units(tree)
     kind = kind_of(tree)
     if kind == "compare":
-        return {"predicts best": str(tree["comparison"].attrs["best"])} | details
+        best = str(tree["comparison"].attrs["best"])
+        rows = tree["comparison"].to_dataset().sel({"method": best})
+        noise = f"{record_noise(tree):.2g} {details['units']}"
+        parts = {"residual": rows.residual_over_noise, "residual held out": rows.holdout_over_noise}
+        written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
+        return {"predicts best": best} | details | {"noise": noise} | written
     if kind == "difference":
         return {"verdict": str(tree.attrs["verdict"])} | details
     if kind == "discover":

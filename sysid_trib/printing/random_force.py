@@ -16,7 +16,7 @@ USEFUL = 0.05
 NOT_FOUND = "No random force is found; the errors allow for {}."
 TOO_SHORT = (
     "The record is too short, or too coarsely sampled, to tell a random force from the sensor's noise, for "
-    "which all is taken: one by which the motion wanders by {:.2g} times that noise may hide in it."
+    "which all is taken: one that moves the motion by {:.2g} times that noise may hide in it."
 )
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 

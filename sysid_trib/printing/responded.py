@@ -53,7 +53,8 @@ def _sentences(response: xr.Dataset) -> list[str]:
     count, kept = len(off), int(np.sum(off <= response.left_open.item()))
     said = (
         f"{kept} of {count} simulated motions keep their amplitude, within "
-        f"{100.0 * response.left_open.item():.2g} %, which the bands hold beside errors of the coefficients."
+        f"{100.0 * response.left_open.item():.2g} %, which the bands hold in addition to "
+        "errors of the coefficients."
     )
     caution = "Beyond the amplitudes of the record the forces may have another form."
     return [said, caution]
