@@ -1,6 +1,6 @@
 """Write each notebook NAME.ipynb from its text NAME.py: python notebooks/pair.py.
 
-The first three are kept with their outputs: `python notebooks/run.py NAME` makes them anew, and this takes them.
+The first three are kept with the outputs of their last run, `python notebooks/run.py NAME`.
 """
 
 from pathlib import Path
