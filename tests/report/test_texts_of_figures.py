@@ -157,6 +157,13 @@ LONGER = (
         *(pytest.param(name, marks=pytest.mark.in_full) for name in LONGER),
     ],
 )
+MEASURED = (
+    "string_pendulum/run_1.txt",
+    "roll_decay/model_test_21337.csv",
+    "single_pendulum/free_swing.csv",
+    "sloshing/decay_0p953.csv",
+    "simulated/random_force_1.csv",
+)
 
 
 # Labels are those of units and names, whatever the length of a record: its first swings have them all.
