@@ -140,23 +140,6 @@ def test_texts_of_what_is_asked_besides_have_room(results):
     assert wrong(figures) == []
 
 
-# Searches of minutes.
-LONGER = (
-    "string_pendulum/run_1.txt",
-    "single_pendulum/free_swing.csv",
-    "simulated/random_force_1.csv",
-)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "roll_decay/model_test_21337.csv",
-        "sloshing/decay_0p953.csv",
-        *(pytest.param(name, marks=pytest.mark.in_full) for name in LONGER),
-    ],
-)
 MEASURED = (
     "string_pendulum/run_1.txt",
     "roll_decay/model_test_21337.csv",
