@@ -11,7 +11,6 @@ from multiprocessing import current_process, resource_tracker
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import xarray as xr
@@ -36,6 +35,8 @@ DEATHS = 10
 # How often each process looks whether its loop still turns, and at the load of the machine; as often as dask
 # does by itself (20 ms, 0.5 s), idle processes take a twentieth of a core.
 TICK, MONITOR = "500ms", "5s"
+# Variable by which Python leaves out the current folder.
+SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def campaign(
@@ -151,10 +152,7 @@ def _finished_blocks(
         for block in blocks:
             yield block, rows_of(task, [record_at(at) for at in block])
         return
-    # Processes that are begun here import nothing from the folder they are begun in, as they start: a file
-    # `signal.py` next to the records would be executed. What a script of the user imports they find by the
-    # path of this process, which they are given.
-    with patch.dict(os.environ, PYTHONSAFEPATH="1"), _client(workers, memory) as client:
+    with _without_current_folder(), _client(workers, memory) as client:
         # On this machine not all may have started yet.
         count = workers if isinstance(workers, int) else len(client.nthreads())
         # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
@@ -251,6 +249,24 @@ def _interrupts_held() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _without_current_folder() -> Iterator[None]:
+    """Processes that are begun here import nothing from the folder they are begun in, as they start.
+
+    A file `signal.py` next to the records would be executed. What a script of the user imports they find by
+    the path of this process, which they are given.
+    """
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before
 
 
 def _wait_for_one(client: Any) -> None:
