@@ -178,6 +178,8 @@ def _maps(tree: xr.DataTree, panels: list[Axes]) -> None:
     """The force that the model lacks, before and after, in the same colours."""
     units = signal_units(tree)
     x = signal_symbol(units)
+    panels[1].sharex(panels[0])
+    panels[1].sharey(panels[0])
     for ax, after in zip(panels, (False, True), strict=True):
         mesh = draw_cells(ax, *missing_force(tree, after=after))
         ax.set(xlabel=f"{signal_label(units).split()[0]} ${x}$ ({units})")
