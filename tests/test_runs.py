@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from command_line import run as command
 from helpers import FIVE, Run, paper_run, rms, rms_range, values
-from scipy.stats import kstest
+from scipy.stats import kstest, norm
 
 from sysid_trib import identify, load, save
 from sysid_trib.errors import UsageError
@@ -74,6 +74,14 @@ def test_runs_of_one_experiment_agree():
     assert kstest(p_values, "uniform").pvalue > 1e-3
     assert min(p_values) > 1e-3
     assert kstest(np.array(each)[:, 0], "uniform").pvalue > 1e-3
+
+
+def test_agreement_of_two_runs_is_that_of_normal_values():
+    runs = two_runs(0)
+    found = run_agreement(runs, identify(runs, LIBRARY, Direct()))
+    z = found.value.diff("run").squeeze("run") / np.sqrt((found.standard_error**2).sum("run"))
+    np.testing.assert_allclose(found.p_value, 2.0 * norm.sf(np.abs(z)), rtol=1e-6)
+    assert found.total_degrees_of_freedom.item() == found.sizes["quantity"]
 
 
 @pytest.mark.slow
