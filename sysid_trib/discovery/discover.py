@@ -177,8 +177,8 @@ def _discovery(
     parts = search_parts(whole, unseen, settings.samples_per_period)
     seen = [part.record for part in parts.learnt]
     tell("fit of the start model")
-    origins, befores = [part.origin for part in parts.learnt], [part.before for part in parts.learnt]
-    start = fit_start_model(seen, free, reference_frequency, settings, held, origins, befores)
+    pasts = [(part.origin, part.before) for part in parts.learnt]
+    start = fit_start_model(seen, free, reference_frequency, settings, held, pasts)
     growth = Growth(seen, _foresight(start, parts))
     look = partial(search, candidates=offered.forces, deadline=deadline, tell=tell)
     done, predictions = _best_by_holdout(_or_coloured_noise(start, look, growth, tell), look, growth, tell)

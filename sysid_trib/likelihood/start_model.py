@@ -78,8 +78,7 @@ def fit_start_model(
     frequency: float | None,
     settings: Settings = DEFAULTS,
     held: Sequence[tuple[TrialEffect, float]] = (),
-    origins: Sequence[float] | None = None,
-    befores: Sequence[xr.Dataset | None] = (),
+    pasts: Sequence[tuple[float, xr.Dataset | None]] = (),
 ) -> FittedModel:
     """Fit the start model beside both noises of each run.
 
@@ -93,10 +92,9 @@ def fit_start_model(
     settings : Settings
     held : sequence of (TrialEffect, float)
         Forces that are always there, with their coefficients.
-    origins : sequence of float, s, optional
-        From which the `t` of formulas counts in each run; by default its first sample.
-    befores : sequence of Dataset or None
-        The record of each up to the run's first sample, and with it; none where left out.
+    pasts : sequence of (float, Dataset or None)
+        Of each run the time (s) from which the `t` of formulas counts, and the record up to its first sample,
+        and with it, if there is one; where left out `t` counts from the first sample.
 
     Raises
     ------
@@ -105,11 +103,9 @@ def fit_start_model(
     """
     nominal = frequency or float(np.median([swing_frequency(run) for run in runs]))
     paths = [replace(_first_path(run, nominal, settings), held=tuple(held)) for run in runs]
-    if origins is not None:
-        paths = [replace(path, origin=origin) for path, origin in zip(paths, origins, strict=True)]
-    for at, before in enumerate(befores):
-        if before is not None:
-            paths[at] = replace(paths[at], before=paths[at].of_run(before, nominal, paths[at].origin))
+    for at, (origin, before) in enumerate(pasts):
+        earlier = None if before is None else paths[at].of_run(before, nominal, origin)
+        paths[at] = replace(paths[at], origin=origin, before=earlier)
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
     model = fit_model(paths, trials, frequency_free=frequency is None)
     if not (model.is_finite and np.isfinite(model.deviance)):
