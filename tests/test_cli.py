@@ -10,7 +10,7 @@ import pytest
 from command_line import run, write_csv
 
 from sysid_trib import load_library
-from sysid_trib.commands.app import EXAMPLES, app
+from sysid_trib.commands.app import app, examples_of
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
@@ -277,9 +277,10 @@ def test_options_stand_in_groups(command):
     assert [line[:-1] for line in lines if line.endswith(":") and not line.startswith(" ")] == GROUPS[command]
 
 
+EXAMPLES = {info.callback.__name__: examples_of(info.callback) for info in app.registered_commands}
+
+
 def test_every_command_has_two_examples():
-    names = {info.callback.__name__ for info in app.registered_commands}
-    assert names == set(EXAMPLES)
     for name, examples in EXAMPLES.items():
         assert len(examples) == 2
         said = run(name, "--help").out
@@ -288,7 +289,8 @@ def test_every_command_has_two_examples():
 
 def _works(names, folder):
     with contextlib.chdir(folder):
-        for name in names:
+        # The others read what the first writes, report and export what is found of it.
+        for name in sorted(names, key=lambda name: (name != "simulate", name in ("report", "export"))):
             for example in EXAMPLES[name]:
                 program, *words = shlex.split(example)
                 ending = run(*words)

@@ -100,7 +100,7 @@ def test_half_sines_go_through_their_extrema(begin):
     decay = paper_run(FIVE).decay(0)
     found = envelope(decay)
     part = decay.sel(time=slice(begin, begin + 1.5))
-    axes = plots.half_sines(part, found)
+    axes = plots.motions(part, half_periods=found)
     lines = labelled(axes)
     extrema = lines[r"$\pm b_i$ at $t_i$"]
     shown = np.isin(found.extremum_time, extrema.get_xdata())

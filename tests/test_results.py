@@ -9,11 +9,11 @@ import xarray as xr
 from command_line import TIME as WRITTEN_TIME, linear, run, write_csv
 from helpers import FIVE, SIX, W, paper_run
 from matplotlib.figure import Figure
-from sysid_trib.commands.simulated_record import write_record
 
 import sysid_trib
 import sysid_trib as st
 from sysid_trib import load_library
+from sysid_trib.commands.predicted import write_record
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page

@@ -173,10 +173,12 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
 
     Parameters
     ----------
-    decay, result, tell
+    decay, result
         See `profile`.
     names : sequence of str
         Two coefficients or shape parameters.
+    tell
+        See `profile`.
 
     Returns
     -------
