@@ -115,8 +115,8 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         return
     time = part.time.values
     if time[-1] - time[0] > 4.0 * duration:
-        # What forces remember of before is not known where a record begins.
-        part = part.sel(time=slice(time[0] + duration, None))
+        # Where a record begins it is not known what forces remember: a few periods tell.
+        part = part.sel(time=slice(time[0] + 0.1 * duration, None))
     yield from stretches(part, duration, 3.0 * duration)
 
 
