@@ -31,9 +31,9 @@ from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.linearisation import deviation_matrix, linearised
 from sysid_trib.likelihood.optimizers import constraint_map
 from sysid_trib.likelihood.problem import begin
-from sysid_trib.likelihood.pushed_columns import regress_pushed
 from sysid_trib.likelihood.rows import rows_about, weak_regression
 from sysid_trib.likelihood.solution import solve
+from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.likelihood.variance_ratio import WhiteRows
 from sysid_trib.likelihood.weak_form import coloured
 from sysid_trib.physics import model_of
@@ -165,7 +165,7 @@ def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
     rows = weak_regression(runs, [linearised(run) for run in runs])
     runs = solve(rows, runs[0], every, constraints).applied_to(runs)
-    run = regress_pushed(runs, every, constraints, "estimated").runs[0]
+    run = regress_stochastic(runs, every, constraints, "estimated").runs[0]
     matrix = deviation_matrix(run)
     acting, weak = coloured(matrix, run.noises.filter_), rows_about(run, matrix)
     form, path = run.problem.form, run.reference

@@ -210,7 +210,7 @@ def test_settings_are_few_documented_and_stored():
     for row in Settings.table():
         assert f"| `{row[0]}` | {' | '.join(row[1:])} |" in page
     assert len(Settings.table()) <= 25
-    given = Settings(slack=0.2)
+    given = Settings(tolerance=0.2)
     tree = discover(with_effect({}, seed=1), BASE, FEW, max_effects=0, settings=given)
     assert json.loads(tree.attrs["settings"]) == asdict(replace(given, max_effects=0))
 

@@ -25,9 +25,10 @@ LOOSE = 8
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(
     _split("""
-    blind carrying course disagreement forecast freedom gap hint labelled leaning leans leaves
-    misfit moved needless narrowness oscillations probe probes remembered sees seeing spread standing
-    steepness thinned thinning told twin twins unknowns visibility wild
+    astray beside blind carrying course disagreement forecast freedom gap hint hopeless kick kicks
+    kin labelled leaning leans leaves loud misfit moved narrowness needless oscillations probe
+    probes promised pushed pushes remembered seeing sees slack spread standing steepness
+    thinned thinning told twin twins unknowns visibility wander wild
 """)
 )
 # Common words, as a whole identifier: there they hide what the thing is.

@@ -12,7 +12,7 @@ from sysid_trib import discover, plots
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.printing.discovery_tables import effect_with_ties
 from sysid_trib.printing.json_results import discovery_json
-from sysid_trib.results.discoveries import credible_set, pairs_in_place, tied_name
+from sysid_trib.results.discoveries import credible_set, replacing_pairs, tied_name
 from sysid_trib.results.files import load, save
 
 FEW = replace(EFFECTS, forces=(*CONTACT.select(["lambda", "delta"]), *EFFECTS.select(["power_damping"])))
@@ -30,7 +30,7 @@ def tree() -> xr.DataTree:
 def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
     (step,) = (tree["steps"].to_dataset().isel(step=at) for at in range(tree["steps"].attrs["count"]))
     assert step.symbol.item() == "power_damping"
-    assert pairs_in_place(step) == ["lambda and delta"]
+    assert replacing_pairs(step) == ["lambda and delta"]
     assert effect_with_ties(step) == "power_damping (or lambda and delta)"
     assert tied_name(step, 1) == "power_damping or lambda and delta"
     (found,) = discovery_json(tree)["steps"]
@@ -38,9 +38,9 @@ def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
     assert found["pair_odds"] > 1.0 / 19.0
     save(tree, tmp_path / "found.nc")
     again = load(tmp_path / "found.nc")["steps"].to_dataset().isel(step=0)
-    assert pairs_in_place(again) == ["lambda and delta"]
+    assert replacing_pairs(again) == ["lambda and delta"]
     # As an older version has saved it.
-    assert pairs_in_place(step.drop_vars(["pairs", "pair_odds"])) == []
+    assert replacing_pairs(step.drop_vars(["pairs", "pair_odds"])) == []
 
 
 def test_many_pairs_leave_the_figure_its_width(tree):
@@ -60,7 +60,7 @@ def test_an_effect_of_no_shape_has_no_pairs():
     run = with_effect({"delta": 0.05}, seed=1, base={"zeta": 4e-3})
     steps = discover(run, library("zeta"), FEW)["steps"].to_dataset()
     assert steps.symbol.values.tolist() == ["delta"]
-    assert pairs_in_place(steps.isel(step=0)) == []
+    assert replacing_pairs(steps.isel(step=0)) == []
 
 
 FRICTIONS = {"zeta": 0.0105, "delta": 0.012, "epsilon": 0.427, "dahl": 0.0066}

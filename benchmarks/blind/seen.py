@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import free_decay, load_library
-from sysid_trib.discovery.columns_beside import each_beside, projected
 from sysid_trib.discovery.screen import screen
+from sysid_trib.discovery.single_columns import each_column, projected
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import library_of_text
@@ -122,12 +122,12 @@ def left_by_two(full: FittedModel, truth: str, others: Sequence[Force]) -> list[
     screening = screen(full, others)
     gone = {1 + column for column in full.columns_of(truth)}
     kept = [1 + column for column in range(full.columns) if 1 + column not in gone]
-    columns = [screening.first_trial + at for at in screening.in_place]
+    columns = [screening.first_trial + at for at in screening.replacing]
     bare = likelihood(screening.products, kept)
-    deviance = each_beside(screening.products, kept, columns, bare).deviance
+    deviance = each_column(screening.products, kept, columns, bare).deviance
     best: dict[str, int] = {}
     for i in np.argsort(deviance).tolist():
-        best.setdefault(screening.trials[screening.in_place[i]].force.symbol, i)
+        best.setdefault(screening.trials[screening.replacing[i]].force.symbol, i)
     chosen = [columns[i] for i in best.values()]
     one = float(deviance.min()) - full.deviance
     _, rest = projected(screening.products, full.likelihood, kept, [0, *chosen])

@@ -32,7 +32,7 @@ from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
-from sysid_trib.results.discoveries import others_in_place, tied_name
+from sysid_trib.results.discoveries import alternatives_of, tied_name
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.results.variables import signal_units
@@ -262,7 +262,7 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> Row:
     steps = [table.isel(step=at) for at in range(table.attrs["count"])]
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
     # Competing effects that a store has by name, the most probable of each effect.
-    tied = [tied_name(step, 10) for step in steps if others_in_place(step)]
+    tied = [tied_name(step, 10) for step in steps if alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
         TIED: "; ".join(tied),

@@ -9,7 +9,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.kick_response import half_period_responses
+from sysid_trib.cycles.impulse_response import half_period_responses
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, NoisyRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records.half_sines import envelope
@@ -64,7 +64,7 @@ def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) ->
     change = np.array(BOTH_SIDES if ends else ONE_SIDE)
     fall, middle, later = (
         _sliding(weights, len(b), ends)
-        # A kick before an extremum moves it and all later ones.
+        # An impulse before an extremum moves it and all later ones.
         for weights in (change, np.abs(change) / 2.0, np.append(0.0, np.cumsum(change[::-1])[-2::-1]))
     )
     damping, frequency = fall @ np.log(b) / WHOLE_TURN, -WHOLE_TURN / (fall @ t)
@@ -105,7 +105,7 @@ def _errors(measured: xr.Dataset, name: str, scatter: str) -> Array:
 
 CURVES = {"frequency": ("angular frequency", "rad/s"), "damping_ratio": ("damping ratio", "1")}
 CURVE_POINTS, FEWEST_HALF_PERIODS = 80, 5
-# Rounds beside the first: with the bends and the slopes of the one before.
+# Rounds with the first: with the bends and the slopes of the one before.
 ROUNDS = 2
 QUANTILES, FINE = 17, 801
 # Extrema of both sides together: leaves out what differs between them, and nothing of a parabola.

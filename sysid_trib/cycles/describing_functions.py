@@ -177,7 +177,7 @@ def picked(values: Array, numbers: Index) -> Array:
 
 
 def _at_rate(force: Force, ratio: float) -> Force:
-    """The force beside a time that runs faster: its v is `ratio` times that of the cycle."""
+    """The force with a time that runs faster: its v is `ratio` times that of the cycle."""
     faster = f"{ratio!r}*v"
     return replace(
         force,

@@ -98,7 +98,7 @@ def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) ->
     if _within({}, frequency, half, np.ones((len(a), 1))):
         return Pointed(friction)
     swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
-    # Beside the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
+    # With the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
     # leave open.
     half = half + 0.1 * shift
     if angle and a[-1] < np.pi and _within({}, frequency, half, swing[:, None]):
@@ -188,14 +188,14 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     unit = unit_of_signal(decay)
     frequency = float(np.median(curve.frequency))
     period = 2.0 * np.pi / frequency
-    amplitude, instants = _beside_a_drift(curve.amplitude.values), curve.instant_time.values
+    amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
     # What was resampled or integrated since has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
     step = sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
-    # A step beside the noise of sixth differences, of a motion that takes many samples to the next step at
+    # A step with the noise of sixth differences, of a motion that takes many samples to the next step at
     # most.
     step = step if step <= 30.0 * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
     scalars: Variables = {
@@ -235,7 +235,7 @@ def _pointers(decay: xr.Dataset) -> dict[str, str]:
     }
 
 
-def _beside_a_drift(amplitude: Array) -> Array:
+def _without_drift(amplitude: Array) -> Array:
     """Amplitudes as the mean over both sides: a middle that moves makes one side's larger, in turn."""
     if amplitude.size < FEWEST_INSTANTS:
         return amplitude

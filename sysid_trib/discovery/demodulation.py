@@ -183,7 +183,7 @@ def _with_rates(spans: xr.Dataset, frequency: float) -> tuple[xr.Dataset, dict[s
 
 
 def _parts(spans: xr.Dataset) -> list[str]:
-    """Parts of the residual that noise would not make, and that are not small beside the largest."""
+    """Parts of the residual that noise would not make, and that are not small compared with the largest."""
     size = {}
     for part in dict.fromkeys(part for *_, part in DEMODULATED.values()):
         names = [name for name, (*_, other) in DEMODULATED.items() if other == part]

@@ -26,12 +26,12 @@ from sysid_trib.forces.selection import forces_to_identify, further_forces, is_f
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.start_model import (
-    beside_noises,
     colour_penalty,
     default_shapes,
     fit_start_model,
     recoloured,
     refitted,
+    with_sensor_noises,
 )
 from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
@@ -234,11 +234,11 @@ def _best_by_holdout(
 
 
 def _or_coloured_noise(start: FittedModel, look: Callable[..., Search], growth: Growth, tell: Tell) -> Search:
-    """The search, or that beside noise of the likeliest colour, if that explains the record better.
+    """The search, or that with noise of the likeliest colour, if that explains the record better.
 
     What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
-    all of them; else the colour beside what was named is tried, of which that of the search is outside.
+    all of them; else the colour with what was named is tried, of which that of the search is outside.
     """
     done = look(start, growth=growth)
     if verdict_of(done) == "nothing missing":
@@ -247,15 +247,15 @@ def _or_coloured_noise(start: FittedModel, look: Callable[..., Search], growth: 
     last, settings = done.models[-1], start.settings
     # Else what is left of the record is no noise yet.
     settled = done.converged or not done.effects
-    beside_names = recoloured(last) if done.effects and settled else last
-    without_names = recoloured(start, beside_names)
-    known, named = _with_colour(last, done.effects), _with_colour(beside_names, done.effects)
+    with_names = recoloured(last) if done.effects and settled else last
+    without_names = recoloured(start, with_names)
+    known, named = _with_colour(last, done.effects), _with_colour(with_names, done.effects)
     nameless = _with_colour(without_names, ())
     if without_names is not start and nameless < min(known, named) + settings.outside_of_set:
         coloured, begin = without_names, None
     elif named < known - settings.outside_of_set:
-        coloured = beside_noises(start, [rows.path.sensor for rows in beside_names.rows])
-        begin = beside_names
+        coloured = with_sensor_noises(start, [rows.path.sensor for rows in with_names.rows])
+        begin = with_names
     else:
         return done
     again = look(coloured, begin=None if begin is None else Begin(begin), growth=growth.anew())
@@ -340,8 +340,8 @@ def verdict_of(
     # a model that does not move as the record does explains nothing; what was not compared is not known.
     last, settings = done.screenings[-1], done.models[0].settings
     refuted = np.any(improvements(predictions) < -settings.refuted)
-    astray = bool(done.effects) and not done.followed
-    if done.collinear or refuted or astray or not done.converged:
+    unphysical = bool(done.effects) and not done.followed
+    if done.collinear or refuted or unphysical or not done.converged:
         return "unknown effect"
     noisy = stability is None or stability.noise_p_value >= settings.level
     if closing or (noisy and not done.outstanding and last.omnibus.p_value >= settings.level):

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.columns_beside import correlation_of, each_beside, projected
 from sysid_trib.discovery.fits import Fits, evidence, least_penalty
 from sysid_trib.discovery.screen import Screening
+from sysid_trib.discovery.single_columns import correlation_of, each_column, projected
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood
 
 
-def in_place(
+def replacing(
     current: Screening, gone: Sequence[str], *, by_chance: bool = False
 ) -> list[tuple[float, list[int]]]:
     """Scores along the present path of nothing, and of each candidate, in the place of effects.
@@ -27,9 +27,9 @@ def in_place(
     here = current.whole.deviance
     without = bare.deviance - here
     scores = [(without - len(gone) * _of_effect(model), list[int]())]
-    trials = _testable_in_place(current, gone, kept, bare)
-    beside = each_beside(current.products, kept, [current.first_trial + at for at in trials], bare)
-    gains, coefficients, rows = bare.deviance - beside.deviance, beside.coefficients, beside.effective_rows
+    trials = _testable_replacing(current, gone, kept, bare)
+    single = each_column(current.products, kept, [current.first_trial + at for at in trials], bare)
+    gains, coefficients, rows = bare.deviance - single.deviance, single.coefficients, single.effective_rows
     for at, gain, coefficient, of_error in zip(trials, gains, coefficients, rows, strict=True):
         p_value = current.p_value_of(float(gain), current.trials[at].force, float(of_error))
         if (by_chance or p_value < model.settings.level) and current.allows(at, coefficient):
@@ -37,24 +37,24 @@ def in_place(
     in_model = [model.trials[model.columns_of(symbol)[0]].force for symbol in gone]
 
     def is_near(score: float, at: Sequence[int]) -> bool:
-        slack = current.slack(at[0], in_model) if at else model.settings.slack
-        return score < slack * max(0.0, without) + model.settings.far
+        tolerance = current.tolerance(at[0], in_model) if at else model.settings.tolerance
+        return score < tolerance * max(0.0, without) + model.settings.far
 
     near = [scored for scored in sorted(scores, key=lambda scored: scored[0]) if is_near(*scored)]
     best = current.first_fine([at[0] for _, at in near if at])
     return [scored for scored in near if not scored[1] or scored[1][0] in best]
 
 
-def pairs_in_place(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
+def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
     """Pairs of candidates in the place of effects; which, by the noise of the present model.
 
-    Of any two shapes of theirs: beside another one a candidate may have a shape that gains nothing alone.
+    Of any two shapes of theirs: with another one a candidate may have a shape that gains nothing alone.
     """
     model, kept = current.model, current.model.columns_without(gone)
     part, rest = projected(current.products, model.likelihood, kept, [0, *_columns(current)])
     trials = _testable(current, part[1:])
     # Of the target, and of these among all that may stand in the place of effects.
-    place = {at: 1 + number for number, at in enumerate(current.in_place)}
+    place = {at: 1 + number for number, at in enumerate(current.replacing)}
     inside = [0, *(place[at] for at in trials)]
     gains = _gains_of_pairs(current, trials, rest[np.ix_(inside, inside)])
     symbols = [current.trials[at].force.symbol for at in trials]
@@ -84,27 +84,27 @@ def _of_effect(model: FittedModel) -> float:
 
 def _columns(current: Screening) -> list[int]:
     """Columns of the trials that may stand in the place of effects."""
-    return [current.first_trial + at for at in current.in_place]
+    return [current.first_trial + at for at in current.replacing]
 
 
 def _testable(current: Screening, part: Array) -> list[int]:
     """Trials of whose columns such parts are outside of the columns that stay."""
     least = current.model.settings.testable
-    return [at for at, outside in zip(current.in_place, part, strict=True) if outside >= least]
+    return [at for at, outside in zip(current.replacing, part, strict=True) if outside >= least]
 
 
-def _testable_in_place(
+def _testable_replacing(
     current: Screening, gone: Sequence[str], kept: Sequence[int], bare: Likelihood
 ) -> list[int]:
     """Trials that can be tested in the place of effects, or whose column is that of one of these.
 
-    Of a magnet beside a cubic force there is hardly more than a quintic one: a part that is too small to be
+    Of a magnet with a cubic force there is hardly more than a quintic one: a part that is too small to be
     tested, but no error of the path, which would not be like an effect that is seen.
     """
     effects = [1 + current.model.columns_of(symbol)[0] for symbol in gone]
     part, rest = projected(current.products, bare, kept, [*effects, *_columns(current)])
     alike = np.max(np.abs(correlation_of(rest)[: len(gone), len(gone) :]), axis=0)
-    part = np.where(alike >= np.sqrt(1.0 - current.model.settings.slack), np.inf, part[len(gone) :])
+    part = np.where(alike >= np.sqrt(1.0 - current.model.settings.tolerance), np.inf, part[len(gone) :])
     return _testable(current, part)
 
 
@@ -118,7 +118,7 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
     outside = np.outer(size, size) - inner**2
     distinct = outside > current.model.settings.testable**2 * np.outer(size, size)
     outside = np.where(distinct, outside, 1.0)
-    # Coefficient of the first beside the second.
+    # Coefficient of the first with the second.
     first = (along[:, None] * size - inner * along) / outside
     gains = first * along[:, None] + first.T * along
     symbols = np.array([current.trials[at].force.symbol for at in trials])
@@ -129,7 +129,7 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
 
 
 class Move(NamedTuple):
-    """A step of a search: a model, its effects beside the start model's, and its evidence."""
+    """A step of a search: a model, its effects with the start model's, and its evidence."""
 
     evidence: float
     effects: tuple[str, ...]
@@ -144,7 +144,7 @@ def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -
     current : Screening
         Of the present model.
     effects : tuple of str
-        Its effects beside the start model's.
+        Its effects with the start model's.
     fits : Fits
 
     Returns
@@ -157,8 +157,8 @@ def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -
     aim = here - settings.least_gain
     proposed = list[tuple[float, list[int], tuple[str, ...]]]()
     for gone in (*((symbol,) for symbol in effects), *combinations(effects, 2)):
-        pairs = pairs_in_place(current, gone) if len(gone) == 2 else []
-        proposed += [(*place, gone) for place in in_place(current, gone) + pairs]
+        pairs = replacing_pairs(current, gone) if len(gone) == 2 else []
+        proposed += [(*place, gone) for place in replacing(current, gone) + pairs]
     best: Move | None = None
     for score, at, gone in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
         if score > aim - here + settings.far:
@@ -205,9 +205,9 @@ def chance_in_set(
     effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
 ) -> tuple[FittedModel, tuple[str, ...]] | None:
     """The model without the effect whose credible set chance is in; None if there is none."""
-    beside = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
-    symbol = min(beside, key=beside.__getitem__, default="")
-    if not symbol or beside[symbol] >= fits.start.settings.outside_of_set:
+    single = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
+    symbol = min(single, key=single.__getitem__, default="")
+    if not symbol or single[symbol] >= fits.start.settings.outside_of_set:
         return None
     after = tuple(other for other in effects if other != symbol)
     fitted = fits.kept.get(frozenset(after))
@@ -218,7 +218,7 @@ def chance_in_set(
 
 
 def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) -> list[float]:
-    """P-value of each effect beside the others, by the deviance without it: those that keep it in the model.
+    """P-value of each effect with the others, by the deviance without it: those that keep it in the model.
 
     Along the model's path; where chance would do as well along that, by the fit without the effect, if any.
     """
@@ -231,7 +231,7 @@ def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) ->
 
 
 def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
-    """Probability that chance explains as much as each effect beside the others, along the model's path."""
+    """Probability that chance explains as much as each effect with the others, along the model's path."""
     return [_p_value(current, symbol) for symbol in effects]
 
 
@@ -243,9 +243,9 @@ def _p_value(current: Screening, symbol: str, gain: float | None = None) -> floa
     model = current.model
     column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
     bare = _without(current, symbol)
-    beside = each_beside(current.products, kept, [1 + column], bare)
+    single = each_column(current.products, kept, [1 + column], bare)
     gain = bare.deviance - current.whole.deviance if gain is None else gain
-    return current.p_value_of(gain, model.trials[column].force, float(beside.effective_rows[0]))
+    return current.p_value_of(gain, model.trials[column].force, float(single.effective_rows[0]))
 
 
 def _without(current: Screening, symbol: str) -> Likelihood:
@@ -270,7 +270,7 @@ def better_rival(
     for excess, symbol, name in sorted(every):
         if excess > -equal:
             return None
-        likely = {current.trials[at[0]].force.symbol if at else "" for _, at in in_place(current, (symbol,))}
+        likely = {current.trials[at[0]].force.symbol if at else "" for _, at in replacing(current, (symbol,))}
         if name in likely:
             after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
             return fits.kept[frozenset(after)], after
@@ -285,7 +285,7 @@ def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: F
     model, settings = current.model, current.model.settings
     here = evidence(model, effects)
     likelier = {symbol: 0.0}
-    for place, (score, at) in enumerate(in_place(current, (symbol,), by_chance=True)):
+    for place, (score, at) in enumerate(replacing(current, (symbol,), by_chance=True)):
         if place >= settings.fitted and score > settings.outside_of_set:
             break
         move = move_of(current, effects, (symbol,), at, fits, here + settings.far)

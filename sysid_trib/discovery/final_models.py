@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discovery.columns_beside import each_beside
-from sysid_trib.discovery.exchange import move_of, pairs_in_place
+from sysid_trib.discovery.exchange import move_of, replacing_pairs
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions, model_identification
 from sysid_trib.discovery.omnibus_test import FAMILIES
 from sysid_trib.discovery.screen import Screening
+from sysid_trib.discovery.single_columns import each_column
 from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.library import load_library
@@ -38,14 +38,14 @@ def pairs_of(
     current : Screening
         Of the final model.
     effects : tuple of str
-        Its effects beside the start model's.
+        Its effects with the start model's.
     symbol : str
         One of these: of no shape it has no pairs.
     fits : Fits
 
     Notes
     -----
-    A force whose shape is fitted may follow the sum of two that have none: a damping of the power 2.25 beside
+    A force whose shape is fitted may follow the sum of two that have none: a damping of the power 2.25 with
     a viscous one that of dry and quadratic friction. Pairs have no more parameters than the effect, and what
     either adds to the other is beyond chance.
     """
@@ -56,7 +56,7 @@ def pairs_of(
         return {}
     scored = [
         (score, pair)
-        for score, pair in sorted(pairs_in_place(current, (symbol,)))
+        for score, pair in sorted(replacing_pairs(current, (symbol,)))
         if sum(1 + len(current.trials[at].force.shape) for at in pair) <= 1 + shapes
     ]
     for _, pair in scored[: settings.fitted]:
@@ -88,16 +88,16 @@ def likelier_pair(
 
 
 def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:
-    """True if each of two trials in the place of an effect explains more beside the other than chance."""
+    """True if each of two trials in the place of an effect explains more with the other than chance."""
     kept = current.model.columns_without((symbol,))
     columns = [current.first_trial + at for at in pair]
     for at, other in zip(pair, reversed(columns), strict=True):
         base = [*kept, other]
         bare = likelihood(current.products, base)
-        beside = each_beside(current.products, base, [current.first_trial + at], bare)
-        gain = float(bare.deviance - beside.deviance[0])
+        single = each_column(current.products, base, [current.first_trial + at], bare)
+        gain = float(bare.deviance - single.deviance[0])
         force = current.trials[at].force
-        if current.p_value_of(gain, force, float(beside.effective_rows[0])) >= current.model.settings.level:
+        if current.p_value_of(gain, force, float(single.effective_rows[0])) >= current.model.settings.level:
             return False
     return True
 
@@ -165,7 +165,7 @@ class Growth:
         """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
 
         1 where the free motion follows them and what was held out to the noise, 0 where it does not follow
-        them and nothing pushes it. Beside a random force a free motion wanders off and predicts what is far
+        them and nothing pushes it. With a random force a free motion wanders off and predicts what is far
         by chance, and noise of a colour of its own may hide a force: there the record must leave nothing
         that goes with angle, speed or time (`dependence_on_motion`; Bonferroni). A driven motion may have
         what no spline follows, so that no noise is known without a model: what is left is white then.
@@ -179,8 +179,8 @@ class Growth:
         motions, most = free_motions(model), model.settings.free_residual
         if any(map(inputs_of, self.runs)):
             return min(1.0, len(motions) * min(white_p_value(motion.residual) for motion in motions))
-        pushed = model.likelihood.ratios > 0.0
-        if any(not motion.over_noise < most and not pushed[at] for at, motion in enumerate(motions)):
+        stochastic = model.likelihood.ratios > 0.0
+        if any(not motion.over_noise < most and not stochastic[at] for at, motion in enumerate(motions)):
             return 0.0
         noises = [sensor_noise(run) for run in self.runs]
         sizes = zip([root_mean_square(motion.residual) for motion in motions], noises, strict=True)

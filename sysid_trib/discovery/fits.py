@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discovery.columns_beside import are_physical, strengths
+from sysid_trib.discovery.single_columns import are_physical, strengths
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
@@ -16,13 +16,13 @@ from sysid_trib.likelihood.trials import TrialEffect, reference_power
 
 
 def evidence(model: FittedModel, effects: Sequence[str]) -> float:
-    """Minus twice the logarithm of the evidence of a model, for its effects beside those of the start.
+    """Minus twice the logarithm of the evidence of a model, for its effects with those of the start.
 
     Parameters
     ----------
     model : FittedModel
     effects : sequence of str
-        Symbols beside the start model's.
+        Symbols with the start model's.
 
     Notes
     -----
@@ -171,10 +171,10 @@ class Fits:
 
         limits = Limits(worst, possible)
         model = self._fitted(near, trials, limits)
-        if self._is_astray(model, key):
+        if self._is_local_optimum(model, key):
             # Whole steps may lead there, where the first ones are far.
             model = self._fitted(near, trials, limits, part=0.5)
-            model = None if self._is_astray(model, key) else model
+            model = None if self._is_local_optimum(model, key) else model
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
         settled = model is not None and model.settled and physical
@@ -182,13 +182,13 @@ class Fits:
         self.tried[place] = worst if given_up else np.inf
         if physical and not settled and not given_up:
             self.failed += [trial.force.symbol for trial in added]
-        return model.light() if model is not None and settled else None
+        return model.without_caches() if model is not None and settled else None
 
     def _key(self, trials: Sequence[TrialEffect]) -> frozenset[str]:
-        """Symbols of the effects of a model, those beside the start model's."""
+        """Symbols of the effects of a model, those with the start model's."""
         return frozenset(t.force.symbol for t in trials) - {t.force.symbol for t in self.start.trials}
 
-    def _is_astray(self, model: FittedModel | None, key: frozenset[str]) -> bool:
+    def _is_local_optimum(self, model: FittedModel | None, key: frozenset[str]) -> bool:
         """True if a fit has settled where it is less likely than a model that it contains."""
         deviances = [kept.deviance for symbols, kept in self.kept.items() if symbols <= key]
         contained = min(deviances, default=np.inf)
@@ -218,7 +218,7 @@ def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect
 
 
 def _is_physical(model: FittedModel, base: int) -> bool:
-    """True if the forces beside the first ones, those of the start model, may have their coefficients."""
+    """True if the forces with the first ones, those of the start model, may have their coefficients."""
     relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
     physical = are_physical(model.trials, model.coefficients, relative_force, model.settings.strongest)
     return bool(np.all(physical[base:]))

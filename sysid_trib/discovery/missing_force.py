@@ -8,9 +8,9 @@ import xarray as xr
 from scipy.stats import binned_statistic_2d
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.columns_beside import projected
 from sysid_trib.discovery.free_motion import FreeMotion
 from sysid_trib.discovery.screen import Screening
+from sysid_trib.discovery.single_columns import projected
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.run_products import RunProducts
@@ -103,7 +103,7 @@ def collinear_effects(
     products : sequence of RunProducts
         The model's columns come first.
     effects : sequence of str
-        Symbols beside the start model's.
+        Symbols with the start model's.
 
     Notes
     -----
@@ -135,7 +135,7 @@ def detectability(screening: Screening) -> xr.Dataset:
     Parameters
     ----------
     screening : Screening
-        The candidates beside a model.
+        The candidates with a model.
 
     Returns
     -------

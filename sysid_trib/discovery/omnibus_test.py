@@ -8,8 +8,8 @@ import scipy.linalg
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discovery.columns_beside import each_beside, strengths
 from sysid_trib.discovery.simulated_gains import TestedRun, p_value_by_simulation
+from sysid_trib.discovery.single_columns import each_column, strengths
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.likelihood.paths import RecordPath
@@ -57,7 +57,7 @@ class OmnibusTest:
 
 
 def corrected(p_value: float) -> float:
-    """The p-value of the smallest of the omnibus tests, beside that of the candidates (Bonferroni)."""
+    """The p-value of the smallest of the omnibus tests, with that of the candidates (Bonferroni)."""
     return min(1.0, FAMILIES * OMNIBUS_TESTS * p_value)
 
 
@@ -110,7 +110,7 @@ def omnibus(
     """
     base, count = range(1, 1 + model.columns), products[0].products.shape[1]
     trials = range(count - len(tested), count)
-    single = each_beside(products, base, trials, whole)
+    single = each_column(products, base, trials, whole)
     gains = np.maximum(0.0, whole.deviance - single.deviance)
     scores = np.sqrt(gains * of_many_rows(single.effective_rows, 1 + model.columns))
     z = np.where(tested, scores * np.sign(single.coefficients), 0.0)

@@ -11,17 +11,17 @@ from scipy.signal import find_peaks
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discovery.columns_beside import (
+from sysid_trib.discovery.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
+from sysid_trib.discovery.shapes import climbed, refined
+from sysid_trib.discovery.simulated_gains import are_known_finely, known_directions, known_finely
+from sysid_trib.discovery.single_columns import (
     are_physical,
     correlation_of,
-    each_beside,
+    each_column,
     is_physical,
     projected,
     strengths,
 )
-from sysid_trib.discovery.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
-from sysid_trib.discovery.shapes import climbed, refined
-from sysid_trib.discovery.simulated_gains import are_known_finely, known_directions, known_finely
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
@@ -37,7 +37,7 @@ TOO_FINE = "not testable on this record: it acts more finely than the motion is 
 
 @dataclass(frozen=True)
 class Screening:
-    """What each candidate would gain beside a model.
+    """What each candidate would gain with a model.
 
     Attributes
     ----------
@@ -130,18 +130,20 @@ class Screening:
         return [at for at in order if at in firsts]
 
     @property
-    def in_place(self) -> list[int]:
+    def replacing(self) -> list[int]:
         """Trials that can be tested, or that might in the place of an effect which has the same column."""
         return [at for at, reason in enumerate(self.reasons) if reason in ("", SAME_EFFECT)]
 
-    def slack(self, at: int, fitted: Sequence[Force]) -> float:
-        """Part of its gain by which a trial's column may be off, beside the fits of other forces."""
+    def tolerance(self, at: int, fitted: Sequence[Force]) -> float:
+        """Part of its gain by which a trial's column may be off, with the fits of other forces."""
         settings, force = self.model.settings, self.trials[at].force
-        # Beside a random force stronger than the noise a path follows the record, the sensor's errors too.
+        # With a random force stronger than the noise a path follows the record, the sensor's errors too.
         if force.kind == "sensor" and np.max(self.model.likelihood.ratios) > 1.0:
             return 1.0
         family = force.family
-        return settings.kin if family in {force.family for force in fitted} else settings.slack
+        return (
+            settings.family_tolerance if family in {force.family for force in fitted} else settings.tolerance
+        )
 
     def allows(self, at: int, coefficient: ArrayLike) -> Mask:
         """True if physics allows a trial this coefficient, or these."""
@@ -188,9 +190,9 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         reasons[at] = SAME_EFFECT
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
-    beside = each_beside(products, base, offered, whole)
-    fitted = able & are_physical(trials, beside.coefficients, relative_force, model.settings.strongest)
-    gains = np.where(fitted, whole.deviance - beside.deviance, 0.0)
+    single = each_column(products, base, offered, whole)
+    fitted = able & are_physical(trials, single.coefficients, relative_force, model.settings.strongest)
+    gains = np.where(fitted, whole.deviance - single.deviance, 0.0)
     gains = np.maximum(0.0, gains)
     correlation = correlation_of(rest[: len(trials), : len(trials)])
     tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
@@ -203,9 +205,9 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         trials=trials,
         reasons=reasons,
         gains=gains,
-        coefficients=np.where(able, beside.coefficients, 0.0),
-        errors=np.where(able, beside.errors, np.nan),
-        effective_rows=beside.effective_rows,
+        coefficients=np.where(able, single.coefficients, 0.0),
+        errors=np.where(able, single.errors, np.nan),
+        effective_rows=single.effective_rows,
         outside=part[: len(trials)],
         correlation=correlation,
         relative_force=relative_force,
@@ -220,7 +222,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
     for too_fine in (at for at, fine in screening.fine.items() if not fine):
         reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0
-    gained = zip(gains, trials, beside.effective_rows, strict=True)
+    gained = zip(gains, trials, single.effective_rows, strict=True)
     p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
     return replace(screening, p_values=p_values)
 
@@ -233,8 +235,8 @@ def _tried(
     trials, columns, scores = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
     drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
     gains = np.where(drives, 0.0, scores**2)
-    # Of a few of its values, and beside one that may be as far off.
-    likely = gains >= (1.0 - model.settings.kin) ** 2 * np.max(gains, initial=0.0)
+    # Of a few of its values, and with one that may be as far off.
+    likely = gains >= (1.0 - model.settings.family_tolerance) ** 2 * np.max(gains, initial=0.0)
     promising = {trials[at].force.symbol for at in np.flatnonzero(likely)}
     families = {trial.force.family for trial in model.trials if trial.force.symbol in effects}
     several = [force for force in candidates if force.symbol in promising or force.family in families]

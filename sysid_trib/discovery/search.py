@@ -40,14 +40,14 @@ class Search:
     Attributes
     ----------
     screenings : list of Screening
-        Beside each of the models.
+        With each of the models.
     models : list of FittedModel
         The final one, referring to its frequency; of `with_steps` the start model before it, and those with
         one, two, ... of the effects.
     effects : tuple of str
         Added, in the order of what each explains.
     p_values : list of float
-        Of each of them, of a larger gain by chance beside the others, corrected: these keep it in the model.
+        Of each of them, of a larger gain by chance with the others, corrected: these keep it in the model.
     rivals : dict of str to dict of str to float
         Of each effect: minus twice the logarithm of the evidence with each candidate in its place, over its
         own; of nothing in its place under "".
@@ -196,7 +196,7 @@ def _ended(
 
 
 def with_steps(search: Search, candidates: Sequence[Force], tell: Tell = silent) -> Search:
-    """A search with the models of none, one, two, ... of its effects, and the candidates beside each."""
+    """A search with the models of none, one, two, ... of its effects, and the candidates with each."""
     effects, last = search.effects, search.screenings[-1]
     models = nested_models(search.models[-1], effects)
     tell("candidates beside each model")
@@ -218,7 +218,7 @@ def _screened(
 
 
 def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
-    """The effects in the order in which each lowers the deviance most beside those before it."""
+    """The effects in the order in which each lowers the deviance most with those before it."""
     model, ordered = last.model, list[str]()
     while len(ordered) < len(effects):
         rest = [symbol for symbol in effects if symbol not in ordered]
@@ -232,7 +232,7 @@ def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
 
 
 def _outstanding(last: Screening, further: Sequence[Move], fits: Fits) -> tuple[str, ...]:
-    """Candidates that are missing from the final model, or whose fits beside it failed or were not made."""
+    """Candidates that are missing from the final model, or whose fits with it failed or were not made."""
     failed = [
         last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
     ]
@@ -266,9 +266,9 @@ def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> 
     # As many again as are fitted, since those that gain most may be what no sample can be; and those of
     # which a column says little.
     few = 2 * settings.fitted
-    for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.slack(at, ()) >= 1.0)):
-        slack = max(off, current.slack(at, [move.model.trials[-1].force for move in tried]))
-        if current.gains[at] <= (1.0 - slack) * gain_of_column:
+    for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.tolerance(at, ()) >= 1.0)):
+        tolerance = max(off, current.tolerance(at, [move.model.trials[-1].force for move in tried]))
+        if current.gains[at] <= (1.0 - tolerance) * gain_of_column:
             continue
         trial = current.trials[at]
         if frozenset((*effects, trial.force.symbol)) in fits.by_chance:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.columns_beside import are_physical, each_beside, strengths
 from sysid_trib.discovery.simulated_gains import base_of, outside_of
+from sysid_trib.discovery.single_columns import are_physical, each_column, strengths
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import likelihood
@@ -42,12 +42,12 @@ def refined(
 
     Notes
     -----
-    A column halfway between two of correlation c, beside the model and in its noise, has the correlation
+    A column halfway between two of correlation c, with the model and in its noise, has the correlation
     ((1 + c) / 2)^(1/2) with either: what it gains is seen but for a part of (1 - c) / 2. That part is the
-    setting `slack`. Several shapes of a candidate are climbed instead (`shape_climb`).
+    setting `tolerance`. Several shapes of a candidate are climbed instead (`shape_climb`).
     """
     every, tables = list(trials), list(columns)
-    alike, most = 1.0 - 2.0 * model.settings.slack, 2 * model.settings.shape_values
+    alike, most = 1.0 - 2.0 * model.settings.tolerance, 2 * model.settings.shape_values
     added: dict[str, int] = {}
     base = base_of(model)
     outside, part = _directions(model, base, tables)
@@ -152,12 +152,12 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     Nor where all are far worse than the effects in whose place they are.
     """
     gains, settings = _gains(model, grid, gone), model.settings
-    if gone and np.max(gains) < (1.0 - settings.kin) * _gain_of(model, gone):
+    if gone and np.max(gains) < (1.0 - settings.family_tolerance) * _gain_of(model, gone):
         return []
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
     # Of two that are alike either may lead further: where a shape hardly matters yet.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
-    least = max(settings.outside_of_set, (1.0 - settings.kin) * float(np.max(gains)))
+    least = max(settings.outside_of_set, (1.0 - settings.family_tolerance) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
     # First step, over the last.
     climbs = [Climb(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
@@ -210,7 +210,7 @@ def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str
     ]
     base, first = model.columns_without(gone), 1 + model.columns
     whole = likelihood(products, base)
-    beside = each_beside(products, base, range(first, first + len(trials)), whole)
+    single = each_column(products, base, range(first, first + len(trials)), whole)
     strongest = model.settings.strongest
-    physical = are_physical(trials, beside.coefficients, strengths(model, columns), strongest)
-    return np.where(good & physical, whole.deviance - beside.deviance, 0.0)
+    physical = are_physical(trials, single.coefficients, strengths(model, columns), strongest)
+    return np.where(good & physical, whole.deviance - single.deviance, 0.0)

@@ -64,16 +64,16 @@ def known_finely(
     columns, aside : sequence of (row, column) array of float
         Of each run, along its path and along one of `model.possible_rows`.
     effects : sequence of str
-        Of the model, which these may replace: beside them they need not be told apart.
+        Of the model, which these may replace: with them they need not be told apart.
 
     Notes
     -----
-    Beside a random force a motion is known as well as the sensor tells it. What a column gains along the path
-    is its square correlation with the one along the motion: all but a part that the setting `slack` allows.
+    With a random force a motion is known as well as the sensor tells it. What a column gains along the path
+    is its square correlation with the one along the motion: but for a part that `tolerance` allows.
     """
     base = base_of(model, effects)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
-    return _alike(here, there, model.settings.slack) | (part < model.settings.testable)
+    return _alike(here, there, model.settings.tolerance) | (part < model.settings.testable)
 
 
 def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect], effects: Sequence[str]) -> Mask:
@@ -97,13 +97,13 @@ def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequen
     length = np.where(part < model.settings.testable, np.inf, np.linalg.norm(here, axis=0))
     _, size, mixtures = np.linalg.svd(here / length, full_matrices=False)
     mixtures = mixtures[size > model.settings.testable * size[0]].T / length[:, None]
-    return mixtures[:, _alike(here @ mixtures, there @ mixtures, model.settings.slack)]
+    return mixtures[:, _alike(here @ mixtures, there @ mixtures, model.settings.tolerance)]
 
 
-def _alike(here: Array, there: Array, slack: float) -> Mask:
+def _alike(here: Array, there: Array, tolerance: float) -> Mask:
     """True if columns correlate but for such a part of their squares, (column,)."""
     along = np.einsum("ij,ij->j", here, there)
-    return along >= np.sqrt(1.0 - slack) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)
+    return along >= np.sqrt(1.0 - tolerance) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)
 
 
 # Draws from which mean and variance of the gain are known to a sixth.

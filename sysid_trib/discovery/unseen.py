@@ -99,7 +99,7 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, slopes, ratio)
         followed = path.follow(motion, model.trials, model.coefficients)
         if not np.all(np.isfinite(followed.points.x)):
-            # A model that runs away is judged beside the last motion it follows.
+            # A model that runs away is judged with the last motion it follows.
             break
         path = followed
     parameters, covariance = model.without_zeros(rows)
@@ -111,7 +111,7 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
 
 
 def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> Array:
-    """Mean logarithm of the density of white rows in each period, beside parameters that are not quite known.
+    """Mean logarithm of the density of white rows in each period, with parameters that are not quite known.
 
     Parameters
     ----------

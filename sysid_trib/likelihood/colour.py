@@ -1,4 +1,4 @@
-"""Colour of the sensor's noise beside a random force, by the spectrum of what a free motion leaves.
+"""Colour of the sensor's noise with a random force, by the spectrum of what a free motion leaves.
 
 The sensor's noise is an autoregression; the random force moves an oscillator, whose response falls off on
 both sides of its resonance. Lines near harmonics of the motion, where forces act, say nothing of either.
@@ -24,9 +24,9 @@ FEWEST_LINES = 50
 # Half of the width of what is left out about each harmonic, in units of the frequency of the motion; where a
 # random force is fitted too, in lines. Of the motion itself it is what its start and frequency take: beyond,
 # a random force is most of what is there.
-BESIDE_HARMONIC = 0.25
-LINES_BESIDE_HARMONIC = 3.0
-LINES_BESIDE_MOTION = 1.5
+ABOUT_HARMONIC = 0.25
+LINES_ABOUT_HARMONIC = 3.0
+LINES_ABOUT_MOTION = 1.5
 # Segments of a record, half of each in the next, over which lines above the motion are averaged.
 SEGMENTS = 8
 # Averages of neighbouring lines suffice, of which a spectrum of few bends has no more than this to tell.
@@ -56,13 +56,13 @@ class NoisePair:
         Growth of the variance of v a unit of tau, over the variance of the innovations of the sensor's noise.
     sensor : NoiseModel
         Colour of the sensor's noise; its level as the lines of the spectrum have it.
-    unpushed : NoiseModel
+    sensor_alone : NoiseModel
         The same where there is no random force: of a colour of its own.
     """
 
     ratio: VarianceRatio
     sensor: NoiseModel
-    unpushed: NoiseModel
+    sensor_alone: NoiseModel
 
     @property
     def filter_(self) -> Array:
@@ -188,7 +188,7 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
     tau : (sample,) array of float
         Time in units of 1/w.
     random_force : bool
-        Whether one is fitted beside the noise. Lines of low frequency can be explained by either: which it
+        Whether one is fitted with the noise. Lines of low frequency can be explained by either: which it
         is, the likelihood of the rows tells.
 
     Returns
@@ -206,8 +206,8 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
     step = float(np.median(np.diff(tau)))
     harmonic = np.round(k)
     spacing = 2.0 * np.pi / (step * len(deviation))
-    width_in_lines = np.where(harmonic == 1.0, LINES_BESIDE_MOTION, LINES_BESIDE_HARMONIC)
-    width = spacing * width_in_lines if random_force else BESIDE_HARMONIC
+    width_in_lines = np.where(harmonic == 1.0, LINES_ABOUT_MOTION, LINES_ABOUT_HARMONIC)
+    width = spacing * width_in_lines if random_force else ABOUT_HARMONIC
     kept = (np.abs(k - harmonic) > width) | (harmonic > NOISE_HARMONICS)
     lines = _averaged(line[kept], power[kept])
     white = lines.noise(np.ones(1))
@@ -241,7 +241,7 @@ def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
 
 
 def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
-    """Noise of the order beyond which lines are no more likely, beside a response to a random force."""
+    """Noise of the order beyond which lines are no more likely, with a response to a random force."""
     best = _whittle(lines, response, 0)
     for order in range(1, MAX_COLOUR + 1):
         fit = _whittle(lines, response, order)
@@ -292,12 +292,12 @@ def _whittle(lines: Lines, response: Array, order: int) -> tuple[float, NoiseMod
         slopes = _filter_slopes(partial) * (1.0 - partial**2)
         transfer = turns @ filter_
         size = np.abs(transfer) ** 2
-        sensor, pushed = np.exp(parameters[0]) / size, np.exp(parameters[1]) * response
-        model = sensor + pushed
+        sensor, stochastic = np.exp(parameters[0]) / size, np.exp(parameters[1]) * response
+        model = sensor + stochastic
         by_model = 2.0 * weight * (model - power) / model**2
         by_filter = -2.0 * np.real((np.conj(transfer) * by_model * sensor / size) @ turns)
         by_partial = by_filter @ slopes
-        gradient = np.concatenate([[by_model @ sensor, by_model @ pushed], by_partial])
+        gradient = np.concatenate([[by_model @ sensor, by_model @ stochastic], by_partial])
         return float(2.0 * np.sum(weight * (np.log(model) + power / model))), gradient
 
     begin = np.array([np.log(floor), np.log(0.01 * level), *np.zeros(order)])
@@ -327,7 +327,7 @@ def of_order(filter_: Array, order: int) -> Array:
     return _filter(partial)
 
 
-def colours_beside(filter_: Array, step: float) -> list[tuple[Array, Array]]:
+def neighbouring_colours(filter_: Array, step: float) -> list[tuple[Array, Array]]:
     """Whitening filters of which one partial autocorrelation, each in turn, is a step less and more."""
     partial = _partial(of_order(filter_, MAX_COLOUR))
     aside = np.minimum(step, 0.5 * (1.0 - np.abs(partial))) * np.eye(MAX_COLOUR)

@@ -44,7 +44,7 @@ class FittedModel:
         steps of the shapes in parts of their ranges.
     frequency_free : bool
     likelihood : Likelihood
-        Of the shapes as they stand; its covariance is that beside their steps.
+        Of the shapes as they stand; its covariance is that with their steps.
     stepped : Likelihood
         Of all columns. A step of a shape goes along its tangent: what it promises is not reached yet.
     at_ends : dict of int to (float, float)
@@ -122,7 +122,7 @@ class FittedModel:
             level / NoiseModel(1.0, path.sensor.filter_).standard_deviation, path.sensor.filter_
         )
 
-    def light(self) -> "FittedModel":
+    def without_caches(self) -> "FittedModel":
         """The model without what its runs can compute again: many are kept."""
         return replace(self, rows=tuple(replace(run, path=replace(run.path)) for run in self.rows))
 
@@ -209,7 +209,7 @@ class FittedModel:
         ]
 
     @property
-    def promised(self) -> float:
+    def predicted_fall(self) -> float:
         """By how much a step of the shapes would lower the deviance, if tangents held so far."""
         return self.likelihood.deviance - self.stepped.deviance
 
@@ -245,7 +245,7 @@ class FittedModel:
             deviation, ratio = np.sqrt(self.likelihood.variances[at]), float(self.likelihood.ratios[at])
             slopes = rows.path.sensor_slopes(self.trials, self.coefficients)
             aside = rows.possible_deviation(float(deviation), slopes, ratio, random)
-            rows_of_runs.append(replace(rows, path=rows.path.beside(aside)))
+            rows_of_runs.append(replace(rows, path=rows.path.deviated(aside)))
         return rows_of_runs
 
     def next_steps(self, reach: float) -> Array:
@@ -275,18 +275,20 @@ def table_of(
     rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect], frequency_free: bool
 ) -> Array:
     """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
-    beside = [(at, *_beside(trial, name)) for at, trial in enumerate(trials) for name in trial.force.shape]
+    deviated = [
+        (at, *_stepped_aside(trial, name)) for at, trial in enumerate(trials) for name in trial.force.shape
+    ]
     # All at once: forces with a history follow the motion together.
-    whole = rows.columns([*trials, *(trial for _, trial, _ in beside)])
+    whole = rows.columns([*trials, *(trial for _, trial, _ in deviated)])
     columns, aside = np.split(whole, [len(trials)], axis=1)
     slopes = [
         (column - columns[:, at]) / difference
-        for column, (at, _, difference) in zip(aside.T, beside, strict=True)
+        for column, (at, _, difference) in zip(aside.T, deviated, strict=True)
     ]
     return np.column_stack([columns, nuisances(rows, run, runs, frequency_free), *slopes])
 
 
-def _beside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:
+def _stepped_aside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:
     """The trial with a shape a little aside, and by how much of its range."""
     shape, key = trial.force.shape[name], f"{trial.force.symbol}.{name}"
     part = to_unit(shape, trial.shapes[key])

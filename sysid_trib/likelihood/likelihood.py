@@ -17,7 +17,7 @@ from sysid_trib.likelihood.run_products import RunProducts, spline_over_ratios
 
 # Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
 BETWEEN_STEP = 0.03
-# Rounds in which the variances of several runs settle beside each other, and the fall of the deviance at
+# Rounds in which the variances of several runs settle together, and the fall of the deviance at
 # which they have.
 RATIO_ROUNDS, DEVIANCE_SETTLED = 20, 0.01
 # Part of the information that is added, so that columns which nothing tells apart have a solution.
@@ -159,7 +159,7 @@ def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike
 
 
 def _variance(run: RunProducts, products: Array, b: Array) -> float:
-    """The most likely variance of a run beside coefficients."""
+    """The most likely variance of a run with coefficients."""
     squares = products[0, 0] - 2.0 * b @ products[1:, 0] + b @ products[1:, 1:] @ b
     return float(most_likely_variance(run, squares, products[0, 0]))
 
@@ -207,7 +207,7 @@ def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, flo
 
 # Of a likely ratio, 0 where none is known; see `products_of`.
 ProductsNear: TypeAlias = Callable[[float], RunProducts]
-# Rounds in which the likeliest ratios of several runs are looked for beside each other.
+# Rounds in which the likeliest ratios of several runs are looked for together.
 TURNS = 6
 
 
@@ -229,7 +229,7 @@ def likeliest_near(
     -----
     Between ratios that are far from each other a spline may be off by several units of the deviance, in which
     models are compared. Ratios all over the span are tried where none is known to be likely, and where the
-    random force vanishes beside one that is.
+    random force vanishes with one that is.
     """
     everywhere = [not ratio for ratio in near]
     products = [run(ratio) for run, ratio in zip(runs, near, strict=True)]

@@ -25,7 +25,7 @@ ROUNDS_AGREE = 1.0
 LAST_ROUNDS = 4
 # Parts of the random force by which paths are smoothed at first where an error of the sensor is new: beside
 # all of it a path follows the record, errors and all, and a strong one is taken for forces.
-LED_BY = (1e-2, 1e-4, 1e-6, 1e-8)
+CONTINUATION = (1e-2, 1e-4, 1e-6, 1e-8)
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
@@ -40,7 +40,7 @@ class Limits(NamedTuple):
     worst: float = np.inf
     possible: Callable[[FittedModel], bool] = lambda model: True
 
-    def is_hopeless(self, model: FittedModel, fall: float) -> bool:
+    def cannot_reach(self, model: FittedModel, fall: float) -> bool:
         """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
         return model.stepped.deviance - 2.0 * abs(fall) > self.worst
 
@@ -48,14 +48,14 @@ class Limits(NamedTuple):
 NO_LIMITS = Limits()
 
 
-class Stride(NamedTuple):
+class RoundStep(NamedTuple):
     """The step of a round: a shape by `reach` of its range, and by `longest` at most, the path by `part`."""
 
     longest: float
     reach: float
     part: float
 
-    def after(self, turn: int, fall: float, before: float) -> "Stride":
+    def after(self, turn: int, fall: float, before: float) -> "RoundStep":
         """The length of the next round, after round `turn` whose deviance fell by `fall`.
 
         Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
@@ -65,7 +65,7 @@ class Stride(NamedTuple):
         uphill, swings = turn > 0 and fall < 0.0, turn > 1 and fall * before < 0.0
         part = min(self.part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else self.part
         reach = 0.5 * self.reach if uphill else min(2.0 * self.reach, self.longest)
-        return Stride(self.longest, reach, 0.5 * part if swings else part)
+        return RoundStep(self.longest, reach, 0.5 * part if swings else part)
 
 
 def fit_model(
@@ -100,15 +100,15 @@ def fit_model(
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
     longest = part * settings.shape_step
-    rounds, stride, before, astray = list[FittedModel](), Stride(longest, longest, part), 0.0, 0
+    rounds, round_step, before, unphysical = list[FittedModel](), RoundStep(longest, longest, part), 0.0, 0
     if _has_new_sensor(trials, guess):
-        model = _led(model, stride, limits)
+        model = _continued(model, round_step, limits)
         if not model.settled:
             return model
     for turn in range(settings.rounds):
         latest = np.append(model.coefficients, model.stiffness)
-        guess = guess + stride.part * (latest - guess) if turn else latest
-        nearer, steps = model.next_paths(guess[:-1], stride.part), model.next_steps(stride.reach)
+        guess = guess + round_step.part * (latest - guess) if turn else latest
+        nearer, steps = model.next_paths(guess[:-1], round_step.part), model.next_steps(round_step.reach)
         if turn + 1 < WHOLE_STEPS:
             nearer = _of_any_ratio(nearer)
         try:
@@ -122,16 +122,16 @@ def fit_model(
         # part of the way has a small part of the fall.
         next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
-        on_its_way = model.promised > ROUNDS_AGREE
-        if next_fall < min(1.0, 2.0 * stride.part) * settings.least_gain and not on_its_way:
+        on_its_way = model.predicted_fall > ROUNDS_AGREE
+        if next_fall < min(1.0, 2.0 * round_step.part) * settings.least_gain and not on_its_way:
             return model
-        astray = 0 if limits.possible(model) else astray + 1
-        if astray > 1 and turn > 1:
+        unphysical = 0 if limits.possible(model) else unphysical + 1
+        if unphysical > 1 and turn > 1:
             return replace(model, settled=False)
-        if turn > 1 and not on_its_way and limits.is_hopeless(model, fall):
+        if turn > 1 and not on_its_way and limits.cannot_reach(model, fall):
             return replace(model, settled=False)
-        stride, before = stride.after(turn, fall, before), fall
-        rounds.append(model.light())
+        round_step, before = round_step.after(turn, fall, before), fall
+        rounds.append(model.without_caches())
     return _ended(rounds, on_its_way)
 
 
@@ -145,16 +145,16 @@ def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
     return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
 
 
-def _led(model: FittedModel, stride: Stride, limits: Limits) -> FittedModel:
+def _continued(model: FittedModel, round_step: RoundStep, limits: Limits) -> FittedModel:
     """The model after rounds whose paths are led more and more by what it says; not settled if given up.
 
     A continuation in the random force, whose likelihood has a maximum about each path that follows the record
     (graduated non-convexity: Blake, Zisserman 1987).
     """
-    for turn, random_force in enumerate(LED_BY):
+    for turn, random_force in enumerate(CONTINUATION):
         latest = np.append(model.coefficients, model.stiffness)
-        nearer = _of_any_ratio(model.next_paths(latest[:-1], stride.part, random_force))
-        steps = model.next_steps(stride.reach)
+        nearer = _of_any_ratio(model.next_paths(latest[:-1], round_step.part, random_force))
+        steps = model.next_steps(round_step.reach)
         ahead = latest + model.ahead(steps)
         try:
             after = fitted_along(nearer, model.next_trials(steps), ahead, model.frequency_free)
@@ -163,7 +163,7 @@ def _led(model: FittedModel, stride: Stride, limits: Limits) -> FittedModel:
         if not after.is_finite:
             return model
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
-        if turn and limits.is_hopeless(model, fall):
+        if turn and limits.cannot_reach(model, fall):
             return replace(model, settled=False)
     return model
 
@@ -197,7 +197,7 @@ def _agree(rounds: Sequence[FittedModel]) -> bool:
 def fitted_along(
     paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
 ) -> FittedModel:
-    """The most likely coefficients along paths that are held, and steps of the shapes beside them.
+    """The most likely coefficients along paths that are held, and steps of the shapes with them.
 
     Tangents are those at these coefficients (variable projection: Golub, Pereyra 1973).
     """

@@ -6,7 +6,7 @@ deviations,
     A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
 
 All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline,
-beside the motion that the forces themselves give it, which may switch or turn within a sample: no simulation
+with the motion that the forces themselves give it, which may switch or turn within a sample: no simulation
 is needed; what the path differs from the motion counts in second order alone.
 """
 
@@ -155,7 +155,7 @@ class RecordPath:
         return values @ np.array([coefficient for _, coefficient in self.held])
 
     @cached_property
-    def _push(self) -> Array | float:
+    def _forcing(self) -> Array | float:
         """An input that is an acceleration, (point,), rad."""
         known = self.inputs.get(INPUT)
         return 0.0 if known is None else known.of(self.points.tau / self.frequency) / self.frequency**2
@@ -163,8 +163,8 @@ class RecordPath:
     @cached_property
     def known_part(self) -> Array:
         """Integrals of x'', of x and of what is always there, (row,)."""
-        unpushed = self.points.acceleration - self._push
-        return np.asarray(self.points.integrals @ unpushed) + self.stiffness_column
+        sensor_alone = self.points.acceleration - self._forcing
+        return np.asarray(self.points.integrals @ sensor_alone) + self.stiffness_column
 
     @cached_property
     def stiffness_column(self) -> Array:
@@ -295,11 +295,11 @@ class RecordPath:
         """The path through a motion at the samples, (sample,), with what forces along this path give it."""
         dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
-        fine = fine_motion(self.points.tau, self._push - force - self._held_force)
+        fine = fine_motion(self.points.tau, self._forcing - force - self._held_force)
         spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
         return replace(self, spline=spline, fine=fine)
 
-    def beside(self, deviation: Array) -> "RecordPath":
+    def deviated(self, deviation: Array) -> "RecordPath":
         """The path with a deviation at the samples, (sample,), rad, added."""
         motion = self.at_samples[0] - self.fine.value(self.form.tau) + deviation
         return replace(self, spline=_spline(self.form.tau, motion, self.intervals))

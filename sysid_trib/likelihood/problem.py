@@ -71,7 +71,7 @@ class WeakFormProblem:
         return features.driven_by(self.inputs)
 
     @cached_property
-    def pushes(self) -> Array | float:
+    def forcing(self) -> Array | float:
         """What pushes by itself over nominal^2 at the samples, (sample,), rad; zero without any."""
         known = self.inputs.get(INPUT)
         return 0.0 if known is None else known.of(self.elapsed) / self.nominal_frequency**2

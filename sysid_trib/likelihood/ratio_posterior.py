@@ -110,7 +110,7 @@ def average_over_ratios(
 def probability_of_none(gain: float, samples: int) -> float:
     """Probability of a ratio of zero, where one above it lowers the deviance by `gain`; both equal before.
 
-    By the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to kicks that
+    By the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to impulses that
     each sample shows, also grows with the root of the number of samples.
     """
     return float(expit(0.5 * (np.log(samples) - gain)))
@@ -172,7 +172,7 @@ def _outward(
 
 
 class Prior(NamedTuple):
-    """As of further samples of the sensor's noise, beside the rows.
+    """As of further samples of the sensor's noise, with the rows.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix) -> Rows:
             target - form.curvature @ (path.x - path.near.x) - form.value @ (k * path.x - path.near.force)
         )
     else:
-        target = target - form.curvature @ path.x - form.value @ (k * path.x - problem.pushes)
+        target = target - form.curvature @ path.x - form.value @ (k * path.x - problem.forcing)
     nuisances = [-(matrix @ np.ones_like(path.x))] + [stiffness] * problem.frequency_free
     scale = path.rms_forces
     return Rows(target, columns / scale, np.column_stack(nuisances), scale)

@@ -120,7 +120,7 @@ class RunRows:
         return whiten(factor, table) / np.sqrt(likelihood.variances[run])
 
     def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
-        """By how much the deviance beside a random force is too low, where rows do not resolve a stiffness.
+        """By how much the deviance with a random force is too low, where rows do not resolve a stiffness.
 
         By all that the determinant of the noise alone is too large where the random force shows in far more,
         by nothing without one.
@@ -155,7 +155,7 @@ class RunRows:
 
         Notes
         -----
-        Of all splines beside the path the one with the least squares of the sensor's innovations and of the
+        Of all splines with the path the one with the least squares of the sensor's innovations and of the
         random force together; without a random force its rows vanish, and it is a free motion of the model.
         The multipliers of the rows in this saddle point are the random force over its covariance.
         """
@@ -218,7 +218,7 @@ def _banded(diagonals: Array, count: int) -> sp.dia_array:
 
 
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
-    """The rows of a run beside a model of coefficients and stiffness `guess`, (trial + 1,)."""
+    """The rows of a run with a model of coefficients and stiffness `guess`, (trial + 1,)."""
     tangent = path.tangent(trials, guess[:-1], guess[-1])
     operator, gain = path.operator(tangent), path.sensor_gain(trials, guess[:-1])
     # A motion deviates by less than the record where errors of the sensor grow with the angle.

@@ -37,13 +37,13 @@ class Settings:
     least_gain: float = setting(
         0.1, "deviance below which fits are equal: rounds have settled, no move is made", "odds of 1.05"
     )
-    slack: float = setting(
+    tolerance: float = setting(
         0.1,
         "part of its gain by which a column may be off: before its exact fit, between values of a shape, and "
         "along another motion that is as likely",
         "curvature along one path",
     )
-    kin: float = setting(
+    family_tolerance: float = setting(
         0.5, "the same of one of the family of an effect that is fitted", "its shape may be far from its grid"
     )
     fitted: int = setting(

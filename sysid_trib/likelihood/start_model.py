@@ -1,4 +1,4 @@
-"""The start of a search: the model that is given, fitted beside both noises, at its own frequency."""
+"""The start of a search: the model that is given, fitted with both noises, at its own frequency."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,8 +13,8 @@ from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.colour import (
     MAX_COLOUR,
     colour_above,
-    colours_beside,
     most_likely_colour,
+    neighbouring_colours,
     of_order,
 )
 from sysid_trib.likelihood.fitted_model import FittedModel
@@ -80,7 +80,7 @@ def fit_start_model(
     held: Sequence[tuple[TrialEffect, float]] = (),
     pasts: Sequence[tuple[float, xr.Dataset | None]] = (),
 ) -> FittedModel:
-    """Fit the start model beside both noises of each run.
+    """Fit the start model with both noises of each run.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def fit_start_model(
 
 
 def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedModel:
-    """The model beside noise of the sensor of the colour that makes its rows likeliest.
+    """The model with noise of the sensor of the colour that makes its rows likeliest.
 
     Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
     tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
@@ -127,11 +127,11 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
     sensors = [_likeliest_sensor(model, run, other) for run in range(len(model.rows))]
     known = [rows.path.sensor for rows in model.rows]
     same = all(np.array_equal(a.filter_, b.filter_) for a, b in zip(sensors, known, strict=True))
-    return model if same else beside_noises(model, sensors)
+    return model if same else with_sensor_noises(model, sensors)
 
 
-def beside_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
-    """The model fitted beside other noises of the sensor, one of each run."""
+def with_sensor_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
+    """The model fitted with other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
     first = np.append(model.coefficients, model.stiffness)
     return refitted(fit_model(paths, model.trials, frequency_free=model.frequency_free, first=first))
@@ -141,12 +141,14 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
     """Noise of a run of the likeliest colour, of the order that its rows ask for."""
     path = model.rows[run].path
     known, samples = path.sensor.filter_, len(path.time)
-    beside_colour = _beside_colours(model, run)
+    by_colour = _likelihood_by_colour(model, run)
 
     def deviance_of(filter_: Array) -> float:
-        return beside_colour(filter_).deviance
+        return by_colour(filter_).deviance
 
-    least = _beside_colours(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
+    least = (
+        _likelihood_by_colour(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
+    )
     best, filter_ = deviance_of(known) + _parameters_of(path.sensor) * float(np.log(samples)), known
     # The spectrum mostly shows the colour: a little more of it is tried before a search.
     if gain_of_little_colour(deviance_of, known) > np.log(samples):
@@ -164,18 +166,18 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
     # An autoregression may be the likeliest of its kind where noise is as 1/f.
     if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
-    return NoiseModel(float(np.sqrt(beside_colour(filter_).variances[0])), filter_)
+    return NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
 
 
-def _beside_colours(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
-    """Maximum likelihood of a run's rows beside noise of a whitening filter (tap,)."""
+def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
+    """Maximum likelihood of a run's rows with noise of a whitening filter (tap,)."""
     rows, table = model.rows[run], np.column_stack([model.rows[run].target, model.tables[run]])
     # Of a level that another colour gave nothing is known.
     form, settings = rows.path.form, replace(model.settings, level_rows=0.0)
     columns, level = range(1, table.shape[1]), rows.path.sensor.innovation
     near = model.likelihood.ratios[[run]]
 
-    def beside(filter_: Array) -> Likelihood:
+    def by_filter(filter_: Array) -> Likelihood:
         band = covariance_of_local_rows(coloured(rows.operator, filter_))
         noise = RowNoise(band, rows.white_band, form, level)
         likeliest = likeliest_near([partial(products_of, noise, table, settings)], near.tolist(), columns)[1]
@@ -183,7 +185,7 @@ def _beside_colours(model: FittedModel, run: int) -> Callable[[Array], Likelihoo
         near[:] = likeliest.ratios
         return likeliest
 
-    return beside
+    return by_filter
 
 
 def _flicker_filter(path: RecordPath) -> Array:
@@ -193,13 +195,13 @@ def _flicker_filter(path: RecordPath) -> Array:
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
-    """By how much the deviance would fall by the partial autocorrelation that shows most beside a colour.
+    """By how much the deviance would fall by the partial autocorrelation that shows most with a colour.
 
     By its slope and its bend there (Rao's score test).
     `deviance` : of a whitening filter, (tap,).
     """
     here, gains = deviance(of_order(filter_, MAX_COLOUR)), []
-    for less, more in colours_beside(filter_, LITTLE_COLOUR):
+    for less, more in neighbouring_colours(filter_, LITTLE_COLOUR):
         below, above = deviance(less), deviance(more)
         slope, bend = above - below, above - 2.0 * here + below
         gains.append(slope**2 / (8.0 * bend) if bend > 0.0 else np.inf)
@@ -207,7 +209,7 @@ def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) ->
 
 
 def colour_penalty(model: FittedModel) -> float:
-    """What the colours of a model's noise cost beside its deviance (Bayesian information criterion)."""
+    """What the colours of a model's noise cost with its deviance (Bayesian information criterion)."""
     return float(sum(_parameters_of(rows.path.sensor) * np.log(len(rows.path.time)) for rows in model.rows))
 
 

@@ -89,7 +89,7 @@ SurfaceKey: TypeAlias = tuple[str, tuple[float, ...]]
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
 # Detunings at which a resonance is looked for where it makes no line of its own, in the swing's.
-BESIDE_SWING = (0.03, 0.08, 0.2)
+OFF_RESONANCE = (0.03, 0.08, 0.2)
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
         # It may be so broad that it makes no line, or in the swing's own.
         broad = np.geomspace(shape.low, shape.high, settings.lines)
-        beside = [1.0 + side * off for off in BESIDE_SWING for side in (-1.0, 1.0)]
-        return np.sort([*inside, *broad, *(k for k in beside if shape.low <= k <= shape.high)])
+        nearby = [1.0 + side * off for off in OFF_RESONANCE for side in (-1.0, 1.0)]
+        return np.sort([*inside, *broad, *(k for k in nearby if shape.low <= k <= shape.high)])
     if is_phase(force, name):
         # Neither end: from there the way is as long as it can be.
         return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + _middle(shape)

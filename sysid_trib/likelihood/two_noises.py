@@ -85,8 +85,8 @@ class RowsLikelihood:
         white = len(sensor.filter_) == 1
         return self.band_of_white if white else covariance_of_local_rows(self.acting(sensor))
 
-    def beside(self, sensor: NoiseModel) -> RatioLikelihood:
-        """The likelihood by the ratio of the two variances, beside a sensor's noise of one colour."""
+    def with_sensor(self, sensor: NoiseModel) -> RatioLikelihood:
+        """The likelihood by the ratio of the two variances, with a sensor's noise of one colour."""
         prior = Prior(DEGREES_OF_PRIOR, DEGREES_OF_PRIOR * sensor.innovation**2)
         if self.shared_level:
             lines, filter_ = self.lines, sensor.filter_
@@ -95,20 +95,20 @@ class RowsLikelihood:
         return RatioLikelihood(self.band(sensor), gram, self.table, prior)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
-        """Ratio of most likelihood beside a sensor's noise; near `start` if that is given."""
+        """Ratio of most likelihood with a sensor's noise; near `start` if that is given."""
         tau = self.run.problem.form.tau
         low, high = ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau))))
-        return variance_ratio(self.beside(sensor).rows, low, high, start)
+        return variance_ratio(self.with_sensor(sensor).rows, low, high, start)
 
     def held_ratio(self, sensor: NoiseModel, density: float) -> VarianceRatio:
-        """The ratio beside a density of the random force that is given, (rad/s^2)^2/Hz."""
+        """The ratio with a density of the random force that is given, (rad/s^2)^2/Hz."""
         last = None if self.run.noises is None else self.run.noises.ratio.variance
         per_tau = RandomForce(density).per_tau(self.run.problem.nominal_frequency)
-        return held_ratio(self.beside(sensor).rows, per_tau, last)
+        return held_ratio(self.with_sensor(sensor).rows, per_tau, last)
 
-    def unpushed(self, sensor: NoiseModel) -> VarianceRatio:
+    def sensor_alone(self, sensor: NoiseModel) -> VarianceRatio:
         """A ratio of zero: the sensor's noise without a random force."""
-        return held_ratio(self.beside(sensor).rows, 0.0, None)
+        return held_ratio(self.with_sensor(sensor).rows, 0.0, None)
 
 
 def with_noises(
@@ -144,7 +144,7 @@ def with_noises(
         noises = NoisePair(likelihood.held_ratio(sensor, float(option)), sensor, sensor)
     else:
         likelihood, noises = _estimated(likelihood, colour)
-    by_ratio = likelihood.beside(noises.sensor)
+    by_ratio = likelihood.with_sensor(noises.sensor)
     factor = by_ratio.factor(noises.ratio.ratio)
     operator = DeviationOperator(matrix, likelihood.acting(noises.sensor), factor)
     return WeighedRun(replace(run, noises=noises), replace(weak, factor=factor), operator, by_ratio)
@@ -157,25 +157,25 @@ def _white(run: RunRegression) -> NoiseModel:
 def _estimated(likelihood: RowsLikelihood, colour: bool) -> tuple[RowsLikelihood, NoisePair]:
     """Both noises of most likelihood, and that; the sensor's where it is as likely without a force."""
     last = likelihood.run.noises
-    sensor = unpushed = _white(likelihood.run)
+    sensor = sensor_alone = _white(likelihood.run)
     start = None
     if last is not None:
-        unpushed, start = last.unpushed, last.ratio.ratio
+        sensor_alone, start = last.sensor_alone, last.ratio.ratio
     if colour:
-        sensor, unpushed, start = _colours(likelihood)
-    if len(sensor.filter_) == len(unpushed.filter_) == 1:
-        return likelihood, NoisePair(likelihood.ratio(sensor, start), sensor, unpushed)
+        sensor, sensor_alone, start = _colours(likelihood)
+    if len(sensor.filter_) == len(sensor_alone.filter_) == 1:
+        return likelihood, NoisePair(likelihood.ratio(sensor, start), sensor, sensor_alone)
     likelihood = replace(likelihood, shared_level=likelihood.deviation is not None)
-    ratio, without = likelihood.ratio(sensor, start), likelihood.unpushed(unpushed)
+    ratio, without = likelihood.ratio(sensor, start), likelihood.sensor_alone(sensor_alone)
     gain = without.deviance - ratio.deviance
     if gain > 0.0 and ratio.ratio > 0.0:
-        return likelihood, NoisePair(replace(ratio, gain=gain), sensor, unpushed)
-    without = replace(without, upper=likelihood.ratio(unpushed, None).upper)
-    return likelihood, NoisePair(without, unpushed, unpushed)
+        return likelihood, NoisePair(replace(ratio, gain=gain), sensor, sensor_alone)
+    without = replace(without, upper=likelihood.ratio(sensor_alone, None).upper)
+    return likelihood, NoisePair(without, sensor_alone, sensor_alone)
 
 
 def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float | None]:
-    """Most likely noises of the sensor beside a random force and without, and a ratio near that of the first.
+    """Most likely noises of the sensor with a random force and without, and a ratio near that of the first.
 
     The orders are those that the spectrum asks for with a random force, and without one; of the two that of
     the lower Bayesian information criterion. A random force is tested beside colours of one order: a higher
@@ -188,7 +188,8 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
         white = NoiseModel(float(np.std(unexplained)), np.ones(1))
         return white, white, None
     guesses = [
-        sensor_colour(likelihood.deviation, likelihood.tau, random_force=pushed) for pushed in (True, False)
+        sensor_colour(likelihood.deviation, likelihood.tau, random_force=stochastic)
+        for stochastic in (True, False)
     ]
     if all(len(guess.filter_) == 1 for guess in guesses):
         return guesses[0], guesses[0], None
@@ -196,11 +197,11 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
     lines = likelihood.lines
     penalty = np.log(len(likelihood.table) + lines.independent)
 
-    def beside(filter_: Array) -> float:
+    def with_sensor(filter_: Array) -> float:
         return likelihood.ratio(lines.noise(filter_), first.ratio).deviance
 
-    def unpushed(filter_: Array) -> float:
-        return likelihood.unpushed(lines.noise(filter_)).deviance
+    def sensor_alone(filter_: Array) -> float:
+        return likelihood.sensor_alone(lines.noise(filter_)).deviance
 
     def criterion(fit: tuple[Array, float]) -> float:
         return fit[1] + penalty * (len(fit[0]) - 1)
@@ -214,12 +215,12 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
     def searched(deviance: Callable[[Array], float], least: float) -> list[tuple[Array, float]]:
         return [most_likely_colour(deviance, of, samples=samples, least=least) for of in starts]
 
-    still = searched(unpushed, first.deviance)
-    pushed = searched(beside, np.inf)
-    best, without = min(pushed, key=criterion), min(still, key=criterion)
+    still = searched(sensor_alone, first.deviance)
+    stochastic = searched(with_sensor, np.inf)
+    best, without = min(stochastic, key=criterion), min(still, key=criterion)
     taps = len(best[0])
     if len(without[0]) != taps and criterion(without) < criterion(best) + penalty:
-        # Another colour is the better explanation, and a random force has to be likely beside that.
+        # Another colour is the better explanation, and a random force has to be likely with that.
         return lines.noise(without[0]), lines.noise(without[0]), None
     same_order = next(filter_ for filter_, _ in still if len(filter_) == taps)
     return lines.noise(best[0]), lines.noise(same_order), first.ratio

@@ -15,10 +15,10 @@ from scipy.stats import chi2
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 
-# Ratios tried: a wander far below a noise level at the end, and kicks far above it at each sample.
-SMALLEST_WANDER = 0.03
-LARGEST_KICK = 10.0
-# Rounds for the sensor's variance beside a random force that is given.
+# Ratios tried: a random walk far below a noise level at the end, and impulses far above it at each sample.
+SMALLEST_WALK = 0.03
+LARGEST_IMPULSE = 10.0
+# Rounds for the sensor's variance with a random force that is given.
 VARIANCE_ROUNDS = 6
 # A change of it, in parts, that moves nothing.
 SETTLED_VARIANCE = 1e-4
@@ -144,8 +144,8 @@ def variance_ratio(
             known[log_ratio] = rows(float(np.exp(log_ratio))).restricted_deviance()
         return known[log_ratio][0]
 
-    unpushed = rows(0.0)
-    none = unpushed.restricted_deviance()
+    sensor_alone = rows(0.0)
+    none = sensor_alone.restricted_deviance()
     first, last = np.log(low), np.log(high)
     grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
     if start == 0.0:
@@ -162,7 +162,7 @@ def variance_ratio(
         too_large = [at for at in sorted(known) if known[at][0] > none[0] + RISEN]
         upper = float(np.exp(too_large[0])) if too_large else float("nan")
         return VarianceRatio(0.0, none[1], float("nan"), upper, 0.0, none[0])
-    error = _relative_error(deviance, known, best, unpushed.degrees_of_freedom)
+    error = _relative_error(deviance, known, best, sensor_alone.degrees_of_freedom)
     return VarianceRatio(float(np.exp(best)), known[best][1], error, float("nan"), gain, deviance(best))
 
 
@@ -190,7 +190,7 @@ def ratio_span(duration: float, step: float) -> tuple[float, float]:
     step : float
         Between two samples, in tau.
     """
-    return SMALLEST_WANDER**2 / (0.5 * duration), 3.0 * LARGEST_KICK**2 / step**3
+    return SMALLEST_WALK**2 / (0.5 * duration), 3.0 * LARGEST_IMPULSE**2 / step**3
 
 
 def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: float | None) -> VarianceRatio:

@@ -59,7 +59,7 @@ class Averaging(Constrained):
     curve : {"half-sines", "analytic-signal"}
         What gives the extrema (see `envelope`).
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
+        `estimated` finds a white random acceleration in each run with the sensor's noise, by the restricted
         likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to `identify`.
         Not for the paper's rule.
     constraints : mapping of str to float, (float, float) or str

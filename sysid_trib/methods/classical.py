@@ -24,7 +24,7 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 @dataclass(frozen=True)
 class ClassicalMethod:
-    """A decrement: equations between the extrema of half periods, beside a steady frequency.
+    """A decrement: equations between the extrema of half periods, with a steady frequency.
 
     A method of this kind states its `scope`, the formulas of the forces that it needs, its equations and what
     coefficients follow from their parameters.
@@ -34,7 +34,7 @@ class ClassicalMethod:
     correct : bool
         Whether the bias of the half-sines is removed (see `indirect_estimate`).
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the errors are those of a motion that is pushed at random: `estimated` finds the force from
+        Whether the errors are those of a motion with a random force: `estimated` finds the force from
         the extrema; a number is its one-sided density, held; `auto` leaves it to `identify`.
     """
 

@@ -19,7 +19,7 @@ class EnergyDecay(ClassicalMethod):
     correct : bool
         Whether the bias of half-sines and averaging is removed by indirect inference.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the motion is pushed at random (see `ClassicalMethod`).
+        Whether the motion has a random force (see `ClassicalMethod`).
 
     Notes
     -----
@@ -54,7 +54,7 @@ class FeenyLiang(ClassicalMethod):
     correct : bool
         Whether the bias of the half-sines is removed by indirect inference.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the motion is pushed at random (see `ClassicalMethod`).
+        Whether the motion has a random force (see `ClassicalMethod`).
 
     Notes
     -----
@@ -117,7 +117,7 @@ class LinearDecrement(ClassicalMethod):
     correct : bool
         Whether the bias of the half-sines is removed by indirect inference.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the motion is pushed at random (see `ClassicalMethod`).
+        Whether the motion has a random force (see `ClassicalMethod`).
     """
 
     FORMULAS = ("sign(v)",)
@@ -140,7 +140,7 @@ class LogarithmicDecrement(ClassicalMethod):
     correct : bool
         Whether the bias of the half-sines is removed by indirect inference.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the motion is pushed at random (see `ClassicalMethod`).
+        Whether the motion has a random force (see `ClassicalMethod`).
     """
 
     FORMULAS = ("2*v",)
@@ -164,7 +164,7 @@ class QuadraticDecay(ClassicalMethod):
     correct : bool
         Whether the bias of half-sines and averaging is removed by indirect inference.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the motion is pushed at random (see `ClassicalMethod`).
+        Whether the motion has a random force (see `ClassicalMethod`).
 
     Notes
     -----
@@ -192,7 +192,7 @@ class WuDecrement(ClassicalMethod):
     correct : bool
         Whether the bias of half-sines and energy balance is removed by indirect inference.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the motion is pushed at random (see `ClassicalMethod`).
+        Whether the motion has a random force (see `ClassicalMethod`).
 
     Notes
     -----

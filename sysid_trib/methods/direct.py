@@ -16,7 +16,6 @@ from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.linearisation import linearised
 from sysid_trib.likelihood.optimizers import ConstraintMap, constraint_map
 from sysid_trib.likelihood.problem import Runs, along_own_path, begin
-from sysid_trib.likelihood.pushed_columns import PushedRegression, regress_pushed
 from sysid_trib.likelihood.random_force import (
     RandomForceOption,
     check_random_force,
@@ -29,6 +28,7 @@ from sysid_trib.likelihood.refined_columns import common_values, refine_columns,
 from sysid_trib.likelihood.rows import Rows, stack_rows, strong_rows, weak_regression
 from sysid_trib.likelihood.sensor_noise import colour_variables
 from sysid_trib.likelihood.solution import Solution, select, solve, with_errors_of_dropped
+from sysid_trib.likelihood.stochastic_columns import StochasticRegression, regress_stochastic
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.smoothing import swing_frequency
@@ -68,11 +68,11 @@ class Direct(Constrained):
     shapes : mapping of str to float
         Values of shape parameters, which are held.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        `estimated` finds a white random acceleration in each run beside the sensor's noise, by the restricted
+        `estimated` finds a white random acceleration in each run with the sensor's noise, by the restricted
         likelihood of the rows, and the colour of that noise; a number is its one-sided density, held, and the
         sensor's noise is white then. `auto` leaves it to `identify`. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
-        `regress_pushed`). The strong form, and the weak form that is not refined, have none.
+        `regress_stochastic`). The strong form, and the weak form that is not refined, have none.
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
     constraints : mapping of str to float, (float, float) or str
@@ -171,8 +171,13 @@ class Direct(Constrained):
             after = solve(rows, runs[0], every, constraints).applied_to(runs)
             runs = tuple(along_own_path(run) for run in after)
         if is_fitted(self.random_force) and self._takes_random_force:
-            pushed, active = _pushed(self, runs, constraints)
-            runs, rows, refined, further = pushed.runs, pushed.rows, pushed.settled, pushed.further
+            stochastic, active = _stochastic(self, runs, constraints)
+            runs, rows, refined, further = (
+                stochastic.runs,
+                stochastic.rows,
+                stochastic.settled,
+                stochastic.further,
+            )
         elif self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
             active = _selected(self, rows, constraints)
@@ -203,7 +208,7 @@ class Direct(Constrained):
 
 
 def _estimate(runs: Runs, solution: Solution) -> Estimate:
-    """The estimate of the last regression as results take it; the noise is that beside a random force."""
+    """The estimate of the last regression as results take it; the noise is that with a random force."""
     noises = [run.problem.noise if run.noises is None else run.noises.noise for run in runs]
     if any(run.problem.inputs for run in runs):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
@@ -227,16 +232,16 @@ def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
     return {**random_force_variables(forces), **colour_variables([pair.filter_ for pair in pairs])}
 
 
-def _pushed(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[PushedRegression, Mask]:
-    """Choose forces beside a random force, until the choice stands."""
+def _stochastic(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[StochasticRegression, Mask]:
+    """Choose forces with a random force, until the choice stands."""
     chosen = np.ones(len(runs[0].problem.library), bool)
     for _ in range(MAX_SELECTIONS):
         active = chosen
-        pushed = regress_pushed(runs, active, constraints, method.random_force)
-        chosen = _selected(method, pushed.rows, constraints)
+        stochastic = regress_stochastic(runs, active, constraints, method.random_force)
+        chosen = _selected(method, stochastic.rows, constraints)
         if np.array_equal(chosen, active):
             break
-    return pushed, active
+    return stochastic, active
 
 
 def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:

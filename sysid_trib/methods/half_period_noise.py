@@ -1,4 +1,4 @@
-"""Noise of equations between half periods: the sensor's, and that of a motion that is pushed at random.
+"""Noise of equations between half periods: the sensor's, and that of a motion with a random force.
 
 A random force makes amplitude and phase do a random walk. The measured ones obey the equations all the same,
 from any half period on: what an equation is off by is what came between its own half periods alone.
@@ -12,7 +12,7 @@ import scipy.sparse as sp
 import xarray as xr
 
 from sysid_trib.arrays import Array, Index
-from sysid_trib.cycles.kick_response import half_period_responses
+from sysid_trib.cycles.impulse_response import half_period_responses
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.row_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import (
@@ -54,7 +54,7 @@ class HalfPeriodEquations:
         return HalfPeriodEquations(self.design[:count], residual, self.slopes[:count], self.first[:count])
 
     def noise(self, measured: xr.Dataset) -> sp.csr_matrix:
-        """How unit errors move each equation: of extrema, of their times and, if it is pushed, unit kicks.
+        """How unit errors move each equation: of extrema, of their times and, if it is pushed, unit impulses.
 
         Parameters
         ----------
@@ -66,11 +66,11 @@ class HalfPeriodEquations:
         sensor = sp.csr_matrix(self.slopes.multiply(errors))
         if DENSITY not in measured:
             return sensor
-        kicks = np.sqrt(measured[DENSITY].item()) * self.kicks(measured)
-        return sp.csr_matrix(sp.hstack([sensor, kicks], format="csr"))
+        impulses = np.sqrt(measured[DENSITY].item()) * self.impulses(measured)
+        return sp.csr_matrix(sp.hstack([sensor, impulses], format="csr"))
 
-    def kicks(self, measured: xr.Dataset) -> sp.csr_matrix:
-        """How unit kicks of white acceleration of density 1 (rad/s^2)^2/Hz move each equation.
+    def impulses(self, measured: xr.Dataset) -> sp.csr_matrix:
+        """How unit impulses of white acceleration of density 1 (rad/s^2)^2/Hz move each equation.
 
         Parameters
         ----------
@@ -79,8 +79,8 @@ class HalfPeriodEquations:
 
         Returns
         -------
-        (equation, kick) sparse array of float
-            `KICKS` kicks between neighbouring extrema, before the first and after the last.
+        (equation, impulse) sparse array of float
+            `IMPULSES` impulses between neighbouring extrema, before the first and after the last.
         """
         lasting, passing = half_period_responses(measured)
         return sp.csr_matrix(self.by_later_steps() @ lasting + self.slopes @ passing)
@@ -177,8 +177,8 @@ def random_force_ratio(
     w, white = swing_frequency(measured), _at_noise(measured, 1.0).assign_attrs(curve=curve)
     order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
     sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
-    kicks = sp.vstack([group.kicks(white) for group in groups]).tocsr()[order]
-    noise, gram = (covariance_band(part @ part.T) for part in (sensor, kicks))
+    impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
+    noise, gram = (covariance_band(part @ part.T) for part in (sensor, impulses))
     gram = RandomForce.density_of(1.0, w) * gram
     design = sp.block_diag([group.design for group in groups]).toarray()
     table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
@@ -190,5 +190,5 @@ def random_force_ratio(
     if not isinstance(option, str):
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
     times = measured.extremum_time.values
-    # Of tau: largest kicks tried are those that hide the sensor's noise within so short a time.
+    # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
     return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), 0.1))

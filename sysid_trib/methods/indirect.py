@@ -38,7 +38,7 @@ from sysid_trib.simulation.simulate import trajectory
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
 # Rounds in which values and random force follow each other. A smaller step of the density, of its standard
 # error, ends them.
-WANDER_ROUNDS, SETTLED_DENSITY = 3, 0.1
+DENSITY_ROUNDS, SETTLED_DENSITY = 3, 0.1
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def indirect_estimate(
         return estimate
     plain = estimate
     forces: list[RandomForce] = []
-    for _ in range(1 if held else WANDER_ROUNDS):
+    for _ in range(1 if held else DENSITY_ROUNDS):
         ratios = [
             _ratio(auxiliary, last, run, envelope, random_force) for run, envelope in enumerate(measured)
         ]
@@ -118,8 +118,8 @@ def indirect_estimate(
         forces = [random_force_of_ratio(ratio, swing_frequency(run), random_force) for run, ratio in pairs]
         if before and all(map(_settled, before, forces)):
             break
-        pushed = [with_random_force(envelope, ratio, auxiliary.curve) for envelope, ratio in pairs]
-        estimate, last = _estimate(auxiliary, decays, pushed, correct=correct)
+        stochastic = [with_random_force(envelope, ratio, auxiliary.curve) for envelope, ratio in pairs]
+        estimate, last = _estimate(auxiliary, decays, stochastic, correct=correct)
     return replace(estimate, random_forces=forces)
 
 

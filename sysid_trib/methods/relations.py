@@ -34,7 +34,7 @@ class EquationSolution:
     ----------
     parameters : (parameter,) array of float
     influence : (parameter, error) array of float
-        Of unit errors of the extrema, of their times and, if the motion is pushed, of unit kicks.
+        Of unit errors of the extrema, of their times and, if the motion is pushed, of unit impulses.
     equations : HalfPeriodEquations
         With their residual.
     factor : (band, equation) array of float

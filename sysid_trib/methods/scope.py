@@ -43,11 +43,11 @@ class MethodScope:
     white_noise : bool
         Whether its standard errors are right in white noise only.
     driven : bool
-        Whether it identifies the forces beside a known input of the record, too.
+        Whether it identifies the forces with a known input of the record, too.
     family : str
         Colour and mark in figures.
     variants : Mapping
-        Options of variants by their name, which `compare` runs beside the method.
+        Options of variants by their name, which `compare` runs with the method.
     """
 
     label: str

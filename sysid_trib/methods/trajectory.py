@@ -27,8 +27,8 @@ from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
 from sysid_trib.motion_fit.least_squares import Fit, FitEstimate, fitted, grown, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
-from sysid_trib.motion_fit.pushed_step import penalised_deviance
-from sysid_trib.motion_fit.random_motion import RandomMotionFit, fit_random_motion, pushed_identification
+from sysid_trib.motion_fit.random_motion import RandomMotionFit, fit_random_motion, stochastic_identification
+from sysid_trib.motion_fit.stochastic_step import penalised_deviance
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.records.smoothing import sensor_noise
@@ -59,7 +59,7 @@ class Trajectory(Constrained):
     shapes : mapping of str to float
         Values of shape parameters, held or first guesses.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        `estimated` finds a white random acceleration in each run beside the sensor's noise; a number is its
+        `estimated` finds a white random acceleration in each run with the sensor's noise; a number is its
         one-sided density, held; `auto` leaves it to `identify`. The fit is then that of the innovations (see
         `random_motion`).
     own : tuple of str
@@ -76,7 +76,7 @@ class Trajectory(Constrained):
     Notes
     -----
     With a random force the result has `random_force_density` with its error and p-value, `innovation_rms`
-    (rad) and `autocorrelation(lag)` of the innovations; `noise` is the sensor's beside it, its colour that of
+    (rad) and `autocorrelation(lag)` of the innovations; `noise` is the sensor's with it, its colour that of
     `Direct`.
 
     Where a rate or an acceleration was measured, that is what is compared, by the free motion alone: attrs
@@ -120,7 +120,7 @@ class Trajectory(Constrained):
 
     @property
     def _random_force(self) -> RandomForceOption:
-        """The random force that is fitted: none beside noise that is whitened as it is."""
+        """The random force that is fitted: none with noise that is whitened as it is."""
         return self.random_force if self.noise == "white" else "off"
 
     @in_units_of_the_motion
@@ -138,13 +138,13 @@ class Trajectory(Constrained):
         library = library.with_own(self.own, len(runs))
         problem = self._problem(runs, library)
         # In its own quantity the record is fitted by the free motion alone.
-        pushed_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
-        pushed_too = pushed_too and not self.warm_up
-        quick = _quick(self, problem, runs) if self.start is None or pushed_too else None
+        stochastic_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
+        stochastic_too = stochastic_too and not self.warm_up
+        quick = _quick(self, problem, runs) if self.start is None or stochastic_too else None
         first = _first_values(self, problem, quick)
-        if pushed_too:
-            pushed = _with_random_force(self, problem, first, quick)
-            return pushed_identification(self, problem, runs, library, pushed)
+        if stochastic_too:
+            stochastic = _with_random_force(self, problem, first, quick)
+            return stochastic_identification(self, problem, runs, library, stochastic)
         problem, fit = self._fitted_freely(problem, first)
         while stopped := stopped_by_bounds(problem.parameters, fit, problem.parameters.constraints.bounds):
             problem = replace(problem, parameters=problem.parameters.fix(stopped))
@@ -271,13 +271,13 @@ def _with_random_force(
     white = np.ones(1)
     filters = [white if quick is None else sensor_noise_of(quick, at).filter_ for at in range(len(records))]
     while True:
-        pushed = _likelier_of(parameters, records, values, method, filters, inputs)
-        fit = Fit(pushed.values, pushed.residual, pushed.sensitivity)
+        stochastic = _likelier_of(parameters, records, values, method, filters, inputs)
+        fit = Fit(stochastic.values, stochastic.residual, stochastic.sensitivity)
         stopped = stopped_by_bounds(parameters, fit, parameters.constraints.bounds)
         if not stopped:
-            return pushed
+            return stochastic
         parameters = parameters.fix(stopped)
-        values = parameters.expand(pushed.values[parameters.free])
+        values = parameters.expand(stochastic.values[parameters.free])
 
 
 def _likelier_of(
@@ -319,11 +319,11 @@ def _residuals(problem: FitProblem, fit: Fit) -> list[Array]:
     """What the motion leaves of each run; refused where it does not follow them."""
     pairs = zip(problem.records, problem.residuals(fit.values), strict=True)
     counted = [residual[record.uncounted :] for record, residual in pairs]
-    astray = any(
+    unphysical = any(
         np.max(np.abs(residual)) > np.max(np.abs(record.angle))
         for residual, record in zip(counted, problem.records, strict=True)
     )
-    if astray or not np.all(np.isfinite(fit.sensitivity)):
+    if unphysical or not np.all(np.isfinite(fit.sensitivity)):
         raise DecayError(
             "No motion of these forces follows the record; offer other forces or a shorter window."
         )

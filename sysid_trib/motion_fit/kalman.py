@@ -71,7 +71,9 @@ class LinearModel:
     def with_sensor_states(self) -> tuple[Array, Array]:
         """`observed` and the transitions, with those of the states of coloured noise."""
         noise = SensorNoise(self.sensor_filter)
-        return noise.behind(self.observed, noise.shown), noise.beside(self.steps.transition, noise.transition)
+        return noise.behind(self.observed, noise.shown), noise.block_diagonal(
+            self.steps.transition, noise.transition
+        )
 
     def gains(self, ratio: float) -> tuple[Array, Array]:
         """Gain of the prediction (sample, state) and variance of the innovations (sample,).
@@ -229,14 +231,14 @@ def statsmodels_model(
     model.bind(np.zeros((1, samples)))
     model["design"] = noise.behind(observed, noise.shown).T[None]
     model["transition"] = _padded(
-        np.moveaxis(noise.beside(transition, noise.transition), 0, -1), np.eye(size)
+        np.moveaxis(noise.block_diagonal(transition, noise.transition), 0, -1), np.eye(size)
     )
     model["selection"] = np.eye(size)
-    driven = np.moveaxis(noise.beside(covariance, noise.driven), 0, -1)
+    driven = np.moveaxis(noise.block_diagonal(covariance, noise.driven), 0, -1)
     model["state_cov"] = _padded(driven, np.zeros((size, size)))
     model["obs_cov"] = np.full((1, 1), float(not noise.order))
     known = np.zeros(2 * observed.shape[1:]) if first is None else first
-    model.initialize_known(np.zeros(size), noise.beside(known, noise.first))
+    model.initialize_known(np.zeros(size), noise.block_diagonal(known, noise.first))
     return model
 
 
@@ -275,10 +277,10 @@ def likely_ratio(
     DecayError
         Friction holds the body all the time.
     """
-    kicks = linear.steps.diffusion[:, 1, 1]
+    impulses = linear.steps.diffusion[:, 1, 1]
     # A body that friction holds is not pushed.
-    kicks = kicks[kicks > 0.0]
-    if not len(kicks):
+    impulses = impulses[impulses > 0.0]
+    if not len(impulses):
         raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
-    low, high = ratio_span(float(np.sum(kicks)), float(np.median(kicks)))
+    low, high = ratio_span(float(np.sum(impulses)), float(np.median(impulses)))
     return variance_ratio(linear.rows if rows is None else rows, low, high, start)

@@ -192,7 +192,7 @@ def trial_forces(linear: LinearModel, tau: Array) -> TrialForces:
     # The motion from each sample without the push of the step: with it, columns would hold what they explain.
     first, last = _polar(linear.path[:-1]), _polar(linear.steps.end)
     last[0] = first[0] + (last[0] - first[0] + np.pi) % (2.0 * np.pi) - np.pi
-    # A slow trend stands for the amplitude: its wander is what the random force has made.
+    # A slow trend stands for the amplitude: its random walk is what the random force has made.
     # Of the amplitude over time.
     trend = Legendre.fit(tau[:-1], first[1], 5)
     span = trend(tau).min(), trend(tau).max()

@@ -1,4 +1,4 @@
-"""Maximum likelihood of the innovations: a motion that is pushed at random, as an identification.
+"""Maximum likelihood of the innovations: a motion with a random force, as an identification.
 
 The record is linearised about a path (first a spline, then the filtered motion); the Kalman filter makes the
 record and all columns white; generalised least squares gives the step of the parameters, and the filter the
@@ -6,7 +6,7 @@ next path. At rest that is the extended Kalman filter, of whose innovations the 
 (Ljung 1979; Kristensen, Madsen and Jorgensen 2004).
 
 About the smoothed motion the columns would know the innovations to come, and their product would have a mean
-that is not zero: of a wander of twenty noise levels a bias of 1.3 standard errors in the elastic forces.
+that is not zero: of a random walk of twenty noise levels a bias of 1.3 standard errors in the elastic forces.
 
 Where friction holds the body or nearly so, the linear model jumps with the path, and a whole step may lead
 back and forth between branches. Then path and parameters go only a part of the step (relaxation).
@@ -34,7 +34,7 @@ from sysid_trib.motion_fit.least_squares import FitEstimate
 from sysid_trib.motion_fit.linearised import Derivatives, linearised_about, spline_path
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
-from sysid_trib.motion_fit.pushed_step import (
+from sysid_trib.motion_fit.stochastic_step import (
     Iterate,
     PushedRun,
     average_by_ratio,
@@ -82,7 +82,7 @@ def fit_random_motion(
     filters: Sequence[Array] | None = None,
     inputs: Sequence[Mapping[str, KnownInput]] | None = None,
 ) -> RandomMotionFit:
-    """Fit a motion that is pushed at random.
+    """Fit a motion with a random force.
 
     Parameters
     ----------
@@ -204,12 +204,12 @@ def _stepped(parameters: Parameters, values: Array, step: Array) -> Array:
 INNOVATION_LAGS = 20
 
 
-def pushed_identification(
+def stochastic_identification(
     method: Any,
     problem: FitProblem,
     runs: Sequence[xr.Dataset],
     library: ForceLibrary,
-    pushed: RandomMotionFit,
+    stochastic: RandomMotionFit,
 ) -> xr.Dataset:
     """A fit with a random force as every method returns it.
 
@@ -223,30 +223,30 @@ def pushed_identification(
         The decays.
     library : ForceLibrary
         All forces to choose from.
-    pushed : RandomMotionFit
+    stochastic : RandomMotionFit
     """
-    frequency = problem.parameters.model(pushed.values).reference_frequency
-    filters = [run.linear.sensor_filter for run in pushed.runs]
+    frequency = problem.parameters.model(stochastic.values).reference_frequency
+    filters = [run.linear.sensor_filter for run in stochastic.runs]
     noises = [
         NoiseModel(float(np.sqrt(run.ratio.variance)), filter_).standard_deviation
-        for run, filter_ in zip(pushed.runs, filters, strict=True)
+        for run, filter_ in zip(stochastic.runs, filters, strict=True)
     ]
-    estimate = FitEstimate(problem, pushed.values, pushed.covariance, noises)
-    freedoms = len(pushed.residual) - pushed.sensitivity.shape[1]
-    chi_square = float(pushed.residual @ pushed.residual)
+    estimate = FitEstimate(problem, stochastic.values, stochastic.covariance, noises)
+    freedoms = len(stochastic.residual) - stochastic.sensitivity.shape[1]
+    chi_square = float(stochastic.residual @ stochastic.residual)
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (birge_ratio(chi_square, freedoms), "1", "Birge ratio of the innovations"),
         "innovation_rms": (
-            [root_mean_square(run.innovations()) for run in pushed.runs],
+            [root_mean_square(run.innovations()) for run in stochastic.runs],
             "rad",
             "RMS of what one step ahead is predicted wrongly",
         ),
     }
     result = estimate.identification(method, runs, library, extra)
-    forces = [random_force_of_ratio(run.ratio, frequency, method.random_force) for run in pushed.runs]
+    forces = [random_force_of_ratio(run.ratio, frequency, method.random_force) for run in stochastic.runs]
     result = result.assign({**random_force_variables(forces), **colour_variables(filters)})
-    lags = np.arange(1, 1 + min(INNOVATION_LAGS, len(pushed.residual) - 1))
-    e = pushed.residual
+    lags = np.arange(1, 1 + min(INNOVATION_LAGS, len(stochastic.residual) - 1))
+    e = stochastic.residual
     correlation = [float(e[lag:] @ e[:-lag]) / chi_square for lag in lags]
     name = "autocorrelation of the innovations"
     result = result.assign(autocorrelation=variable("lag", correlation, name, "1")).assign_coords(lag=lags)

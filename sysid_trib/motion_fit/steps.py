@@ -92,8 +92,8 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
 def _followed(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...]) -> Steps:
     """Steps of short intervals, one after the other."""
     ends = ends_of(model, (tau, length), states, by, (GAUSS_POINTS, np.sqrt(GAUSS_WEIGHTS)))
-    pushed = ends.impulses * np.sqrt(length)[:, None, None]
-    return Steps(ends.end, ends.transition, ends.sensitivity, pushed @ pushed.swapaxes(1, 2))
+    stochastic = ends.impulses * np.sqrt(length)[:, None, None]
+    return Steps(ends.end, ends.transition, ends.sensitivity, stochastic @ stochastic.swapaxes(1, 2))
 
 
 # Speeds of equal probability that stand for the normal law.
@@ -207,7 +207,7 @@ class SensorNoise:
         """Vectors of states (..., state), with entries of these states behind them."""
         return np.concatenate([vectors, np.broadcast_to(further, (*vectors.shape[:-1], self.order))], axis=-1)
 
-    def beside(self, matrices: Array, further: Array) -> Array:
+    def block_diagonal(self, matrices: Array, further: Array) -> Array:
         """Matrices of states (..., state, state), with a block of these states."""
         if not self.order:
             return matrices

@@ -11,9 +11,9 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.plots.style import (
-    BESIDE_POINT,
     FULL_WIDTH,
     INK,
+    LABEL_OFFSET,
     ORANGE,
     SERIES,
     grid,
@@ -78,7 +78,7 @@ def _name_runs(ax: Axes, named: xr.Dataset, at: np.ndarray) -> None:
     middle = np.mean(ax.get_xlim())
     for x, value, name in zip(at, named.value.values, named.run.values, strict=True):
         side, end = (5, "left") if x < middle else (-5, "right")
-        ax.annotate(str(name), (x, value), (side, 0), ha=end, fontsize=6, **BESIDE_POINT)
+        ax.annotate(str(name), (x, value), (side, 0), ha=end, fontsize=6, **LABEL_OFFSET)
 
 
 def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:

@@ -21,7 +21,7 @@ from sysid_trib.plots.discovery_data import (
 from sysid_trib.plots.motion_panels import draw_in_time, motion_data
 from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
 from sysid_trib.printing.layout import quantity
-from sysid_trib.results.discoveries import added_effects, credible_set, or_others, pairs_in_place
+from sysid_trib.results.discoveries import added_effects, credible_set, or_others, replacing_pairs
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
 from sysid_trib.validation.findings import residual_of
 from sysid_trib.validation.verdict import record_noise
@@ -67,7 +67,7 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
         ax.plot([size], [row], linestyle="", **look)
         # Three digits, and no power of ten as long as there is room without.
         digits = f"{float(f'{size:.3g}'):g}"
-        text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.BESIDE_POINT)
+        text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.LABEL_OFFSET)
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
     threshold = data.threshold.item()
     if data.low < threshold:
@@ -144,7 +144,7 @@ def _explained(ax: Axes, tree: xr.DataTree, room: int) -> None:
     ratios = [residual / record_noise(tree) for residual in residuals]
     units = signal_units(tree)
     texts = [_in_words(step, units) for step in steps]
-    note = style.BESIDE_POINT | {"fontsize": 8, "annotation_clip": False}
+    note = style.LABEL_OFFSET | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.CANDIDATE_MARKS["other candidates"]
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
@@ -165,7 +165,7 @@ def _explained(ax: Axes, tree: xr.DataTree, room: int) -> None:
 def _in_words(step: xr.Dataset, units: str) -> str:
     """An effect with its coefficient, and the effects that it cannot be separated from."""
     symbol = step.symbol.item()
-    pairs = pairs_in_place(step)
+    pairs = replacing_pairs(step)
     # Their names would be wider than the figure.
     together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else pairs
     others = [*(other for other in credible_set(step) if other != symbol), *together]

@@ -1,4 +1,4 @@
-"""Figures of a motion that is pushed at random: innovations, the random force over time, predictions."""
+"""Figures of a motion with a random force: innovations, the random force over time, predictions."""
 
 import numpy as np
 import xarray as xr

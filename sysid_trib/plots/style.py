@@ -48,7 +48,7 @@ FONT_SIZE = 7.5
 # Of a figure over the whole page, and the least at which two panels stand side by side, inch.
 FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
 # A text beside the point that it annotates.
-BESIDE_POINT: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Over so many times the smallest number there is room for powers of ten alone.
 CROWDED = 100.0

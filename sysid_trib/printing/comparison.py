@@ -36,7 +36,7 @@ QUALITY = (
     "RMS residual (record minus simulated model) of the whole record (all); of a model identified from the "
     "first two thirds, on these (train) and on the last third (held out)"
 )
-PUSHED_METHODS = (
+STOCHASTIC_METHODS = (
     "In addition to the noise a random force was found, for which the errors of these methods allow: {}. "
     "Whether it is one, or stands for a force that is missing, `sysid-trib identify` tests."
 )
@@ -103,8 +103,8 @@ def _effective(tree: xr.DataTree) -> list[str]:
     """What coefficients are where no method explains the record."""
     if _ratio_of_best(tree["comparison"].to_dataset()) <= LARGE:
         return []
-    if pushed := _with_random_force(tree):
-        return [PUSHED_METHODS.format(", ".join(pushed))]
+    if stochastic := _with_random_force(tree):
+        return [STOCHASTIC_METHODS.format(", ".join(stochastic))]
     return [f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."]
 
 
@@ -118,12 +118,12 @@ def _ratio_of_best(table: xr.Dataset) -> float:
 def _with_random_force(tree: xr.DataTree) -> list[str]:
     """Methods of all forces that found a random force, if the one that predicts best is among them."""
     neglects = tree["comparison"].to_dataset().neglects
-    pushed = [
+    stochastic = [
         label
         for label, result in given_results(tree).items()
         if not neglects.sel({"method": label}).item() and is_found(random_force_of(result))
     ]
-    return pushed if tree["comparison"].attrs["best"] in pushed else []
+    return stochastic if tree["comparison"].attrs["best"] in stochastic else []
 
 
 def _explanation(table: xr.Dataset, causes: Sequence[str]) -> list[str]:

@@ -23,7 +23,7 @@ from sysid_trib.results.discoveries import (
     candidates_of,
     credible_set,
     failed_competitors,
-    pairs_in_place,
+    replacing_pairs,
 )
 from sysid_trib.results.variables import signal_units
 from sysid_trib.validation.findings import given_results, residual_of
@@ -140,7 +140,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
 
 def _competing_pairs(step: xr.Dataset) -> list[str]:
     """Pairs of candidates that explain together what an effect does, and how probable the likeliest is."""
-    pairs = pairs_in_place(step)
+    pairs = replacing_pairs(step)
     if not pairs:
         return []
     more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""

@@ -8,9 +8,9 @@ from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table, value_with_error, with_unit
 from sysid_trib.results.discoveries import (
     added_effects,
+    alternatives_of,
     named_effect,
     or_others,
-    others_in_place,
     shapes_of,
     strongest,
 )
@@ -80,7 +80,7 @@ def effect_name(step: xr.Dataset) -> str:
 
 def effect_with_ties(step: xr.Dataset) -> str:
     """An effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
-    others = [symbol for symbol in others_in_place(step) if symbol != step.symbol.item()]
+    others = [symbol for symbol in alternatives_of(step) if symbol != step.symbol.item()]
     return f"{effect_name(step)}{f' (or {or_others(others, TIES_NAMED)})' if others else ''}"
 
 
@@ -99,7 +99,7 @@ def _shape_text(value: float, error: float) -> str:
 
 def ranking_table(tree: xr.DataTree) -> Table:
     """|z| of named and best candidates before each step and after the last; those in the model have none."""
-    ranking, beside = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
+    ranking, detectable = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
     named = [symbol for symbol in added_effects(tree) if symbol in ranking.candidate]
     last = strongest(ranking.isel(selection_step=[-1]), LAST)
     count = ranking.sizes["selection_step"]
@@ -108,15 +108,15 @@ def ranking_table(tree: xr.DataTree) -> Table:
     for symbol in dict.fromkeys([*named, *strongest(ranking, ROWS), *last]):
         candidate = ranking.sel(candidate=symbol)
         cells = [f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values]
-        rows.append([symbol, candidate["name"].item(), *cells, _detectable(beside, symbol)])
+        rows.append([symbol, candidate["name"].item(), *cells, _detectable(detectable, symbol)])
     rows.append(["threshold", "", *(f"{z:.3g}" for z in ranking.threshold.values), ""])
     return text_table(heads, rows, whole=(0,), numbers=tuple(range(2, len(heads))))
 
 
-def _detectable(beside: xr.Dataset, symbol: str) -> str:
+def _detectable(detectable: xr.Dataset, symbol: str) -> str:
     """The coefficient at which a candidate would stand out beside the final model."""
-    if symbol not in beside.candidate:
+    if symbol not in detectable.candidate:
         return "-"
-    candidate = beside.sel(candidate=symbol)
+    candidate = detectable.sel(candidate=symbol)
     value = candidate.detectable.item()
     return with_unit(f"{value:.2g}", candidate.unit.item()) if np.isfinite(value) else "-"

@@ -59,13 +59,13 @@ def _closed(tree: xr.DataTree) -> list[str]:
             f"it would close, but no more than {asked}."
         ]
     level = tree["ranking"].significance_level.item()
-    pushed = ", as a random force leaves it" if float(np.min(after.random_force_p_value)) < level else ""
+    stochastic = ", as a random force leaves it" if float(np.min(after.random_force_p_value)) < level else ""
     headline = f"Explained: with {effects}" if effects else "No missing effect was found:"
     tests = "the omnibus test"
     if not _last(tree, "ranking").significant.any():
         tests = f"the {'other ' if effects else ''}candidates or by {tests}"
     absent = f"No further departure was found by {tests} (significance level {level:.2g})."
-    return [f"{headline} {residual}{pushed}. {absent}", UNSEEN, *_high_but_not_significant(tree)]
+    return [f"{headline} {residual}{stochastic}. {absent}", UNSEEN, *_high_but_not_significant(tree)]
 
 
 def _unknown_effect(tree: xr.DataTree) -> list[str]:

@@ -58,7 +58,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
     -------
     list of Block
     """
-    agree, remarks, pushed, details = (
+    agree, remarks, stochastic, details = (
         _agreement_sentences(tree),
         _remarks(tree),
         _random_force(tree),
@@ -80,7 +80,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
         ]
     blocks += [
         Block([*verdict.separation_sentences(tree), *verdict.calibration_sentences(tree)], ALWAYS),
-        Block([*agree[:1], *pushed, *remarks, *_weight(tree)], Layer.DEFAULT),
+        Block([*agree[:1], *stochastic, *remarks, *_weight(tree)], Layer.DEFAULT),
         *sureness_blocks(tree),
         Block([*verdict.test_sentences(tree), *agree, *remarks, *_stiffness(tree)], details),
     ]
@@ -90,7 +90,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
         blocks.append(Block(verdict.runs_sentences(data), title=BETWEEN_RUNS))
     return [
         *blocks,
-        Block(pushed, details, "Random force", figures="random_force"),
+        Block(stochastic, details, "Random force", figures="random_force"),
         Block(consequences(tree), details, CONSEQUENCES),
     ]
 
@@ -124,10 +124,10 @@ def identification_table(tree: xr.DataTree) -> Table:
     ratios = [f"{residual_over_noise(tree, name):.3g} x noise" for name in results]
     noise = f"noise: {record_noise(tree):.2g} {signal_units(tree)}"
     rows["residual"] = ["residual (RMS)", noise, *ratios, ""]
-    pushed = [bool(random_force_of(result)) for result in results.values()]
+    stochastic = [bool(random_force_of(result)) for result in results.values()]
     further = {
-        ("beyond the noise", "from (s)"): np.where(pushed, np.nan, kept.departure_time.values),
-        ("one sample ahead", "x stated error"): np.where(pushed, kept.residual_over_noise.values, np.nan),
+        ("beyond the noise", "from (s)"): np.where(stochastic, np.nan, kept.departure_time.values),
+        ("one sample ahead", "x stated error"): np.where(stochastic, kept.residual_over_noise.values, np.nan),
     }
     for (what, unit), values in further.items():
         if np.isfinite(values).any():

@@ -29,7 +29,7 @@ from sysid_trib.results.discoveries import (
     candidates_of,
     credible_set,
     error_widening,
-    pairs_in_place,
+    replacing_pairs,
     shapes_of,
 )
 from sysid_trib.validation.findings import (
@@ -64,8 +64,8 @@ STEP: dict[str, Source] = {
     **same("p_value", "residual_before", "residual_after"),
     "shapes": lambda step: shapes_of(step, step.symbol.item()),
     "shape_errors": lambda step: shapes_of(step, step.symbol.item(), "shape_standard_error"),
-    "indistinguishable_pairs": lambda step: [pair.split(PAIR) for pair in pairs_in_place(step)],
-    "pair_odds": lambda step: number(step.pair_odds.item()) if pairs_in_place(step) else None,
+    "indistinguishable_pairs": lambda step: [pair.split(PAIR) for pair in replacing_pairs(step)],
+    "pair_odds": lambda step: number(step.pair_odds.item()) if replacing_pairs(step) else None,
     **same(
         "worsens_holdout", "collinear", "gain", "prediction_z", "random_force_before", "random_force_after"
     ),
@@ -105,7 +105,7 @@ DISCOVERY: dict[str, Source] = {
     "generic_p_value": lambda tree: number(tree["omnibus"].p_value.values[-1].item()),
     "error_widening": lambda tree: number(error_widening(tree)),
     "detectable": ("detectability_after", ("candidate", "detectable")),
-    "not_testable": ("detectability_after", lambda beside: _reasons(beside)),
+    "not_testable": ("detectability_after", lambda candidates: _reasons(candidates)),
     "left_out": lambda tree: list(tree.attrs["left_out"]),
     "failed_fits": lambda tree: list(tree.attrs["failed_fits"]),
     "options": lambda tree: json.loads(tree.attrs["options"]),
@@ -181,6 +181,6 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     return data
 
 
-def _reasons(beside: xr.Dataset) -> dict[str, str]:
+def _reasons(candidates: xr.Dataset) -> dict[str, str]:
     """Why candidates cannot be tested, of those that cannot."""
-    return {s: reason for s, reason in per_label(beside, "candidate", "reason").items() if reason}
+    return {s: reason for s, reason in per_label(candidates, "candidate", "reason").items() if reason}

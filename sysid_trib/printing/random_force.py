@@ -82,9 +82,9 @@ def _not_found(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
     allowed = RandomForce(force.density + float(np.nan_to_num(force.standard_error)))
     frequency, noise = float(result.reference_frequency), float(result.noise)
     periods = _periods_of_record(tree, frequency)
-    # The wander grows with the root of the time.
-    wander = float(np.sqrt(periods / allowed.periods_to(noise, frequency)))
-    return [*sentences, TOO_SHORT.format(wander)] if wander > 1.0 else sentences
+    # The random walk grows with the root of the time.
+    random_walk = float(np.sqrt(periods / allowed.periods_to(noise, frequency)))
+    return [*sentences, TOO_SHORT.format(random_walk)] if random_walk > 1.0 else sentences
 
 
 def allowed_for(force: RandomForce, units: str) -> str:

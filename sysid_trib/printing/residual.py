@@ -9,7 +9,7 @@ from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.findings import residual_of, residual_over_noise
-from sysid_trib.validation.verdict import LOUD, record_noise
+from sysid_trib.validation.verdict import MARKED, record_noise
 
 UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
 # Places that a sentence names; a gap that is everywhere needs none.
@@ -57,7 +57,7 @@ def times_noise(ratio: float) -> str:
 def slow_noise_sentences(tree: xr.DataTree) -> list[str]:
     """That a part of the gap is slow noise of the sensor, where its noise is coloured."""
     noise, whole = record_noise(tree), float(tree["holdout"].residual_noise)
-    if whole <= LOUD * noise:
+    if whole <= MARKED * noise:
         return []
     size = in_small_units(whole, signal_units(tree))
     return [

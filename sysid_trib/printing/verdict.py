@@ -130,13 +130,13 @@ def _sentence(test: dict[str, Any], most: str) -> str:
 
 def runs_json(runs: xr.Dataset) -> dict[str, Any]:
     """True if the runs of one experiment differ, as plain data."""
-    pushed = {"random_force": DENSITIES} if "density_verdict" in runs.attrs else {}
-    return mapped(runs, RUNS_JSON | pushed)
+    stochastic = {"random_force": DENSITIES} if "density_verdict" in runs.attrs else {}
+    return mapped(runs, RUNS_JSON | stochastic)
 
 
 EXPLAINED = "The record is explained: its residual is nothing but noise."
 EXPLAINED_BUT_LINE = "The record is explained: its residual is noise and a line."
-PUSHED = (
+WITH_RANDOM_FORCE = (
     "The record is explained with a random force: what is left depends on neither angle, speed, amplitude "
     "nor time."
 )
@@ -159,7 +159,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
     if verdict == "explained":
         return EXPLAINED_BUT_LINE if line_sentences(tree) else EXPLAINED
     if verdict == "explained with a random force":
-        return PUSHED
+        return WITH_RANDOM_FORCE
     if "random_force" in tree.children and (reasons := not_followed(tree)):
         return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"

@@ -85,7 +85,7 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
         )
     swing = replace(swing, run=slice(run.start + first, run.stop))
     swing = _before_shaking(peak[first:], swing)
-    _refuse_pushes(peak[first : first + swing.run.stop - swing.run.start], swing, source)
+    _refuse_rises(peak[first : first + swing.run.stop - swing.run.start], swing, source)
     _refuse_beats(swing, source)
     return swing
 
@@ -154,7 +154,7 @@ def _before_shaking(peak: Array, swing: Swing) -> Swing:
     return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
 
 
-def _refuse_pushes(peak: Array, swing: Swing, source: str) -> None:
+def _refuse_rises(peak: Array, swing: Swing, source: str) -> None:
     """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
     rise = _first_rise(peak, swing)
     if rise is not None:

@@ -16,7 +16,7 @@ from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_si
 
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
-PUSH = Channel(INPUT, 0, "acceleration")
+FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # What follows the signal's unit in that of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
 # attrs["role"] of a variable of a record that is an input.

@@ -150,7 +150,7 @@ def _glance(tree: xr.DataTree) -> list[Figures]:
     return figures
 
 
-def _pushed(tree: xr.DataTree) -> list[Figures]:
+def _stochastic(tree: xr.DataTree) -> list[Figures]:
     """Innovations, random force and predictions of each run whose motion settles."""
     count = len(record_groups(tree))
     names = zip(*(group_names(name, count) for name in ("innovations", "prediction_bands")), strict=True)
@@ -212,7 +212,7 @@ def _driven(tree: xr.DataTree) -> list[Figures]:
 FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "glance": _glance,
     "driven": _driven,
-    "random_force": _pushed,
+    "random_force": _stochastic,
     "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
     "difference": lambda tree: [Figures(CAPTIONS["difference"], [plots.difference(tree)])],
     "profile": lambda tree: [_of_group(tree, "profile", plots.profile)],

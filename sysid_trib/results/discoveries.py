@@ -65,17 +65,17 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
-def pairs_in_place(step: xr.Dataset) -> list[str]:
+def replacing_pairs(step: xr.Dataset) -> list[str]:
     """Pairs of candidates that cannot be separated from a step's effect, such as "lambda and delta"."""
     # A result that an older version saved has none.
     text = str(step.pairs.item()) if "pairs" in step else ""
     return text.split(PAIRS) if text else []
 
 
-def others_in_place(step: xr.Dataset) -> list[str]:
+def alternatives_of(step: xr.Dataset) -> list[str]:
     """Candidates, then pairs of them, that cannot be separated from the effect that has the name."""
     named = named_effect(step)
-    return [*(symbol for symbol in credible_set(step) if symbol != named), *pairs_in_place(step)]
+    return [*(symbol for symbol in credible_set(step) if symbol != named), *replacing_pairs(step)]
 
 
 def likeliest_effect(step: xr.Dataset) -> str:
@@ -95,7 +95,7 @@ def named_effect(step: xr.Dataset) -> str:
 
 def tied_name(step: xr.Dataset, most: int) -> str:
     """An effect or those that it cannot be separated from, `most` of them by name: "epsilon or 2 more"."""
-    return or_others([named_effect(step), *others_in_place(step)], most)
+    return or_others([named_effect(step), *alternatives_of(step)], most)
 
 
 def or_others(symbols: Sequence[str], most: int) -> str:

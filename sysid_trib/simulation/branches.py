@@ -20,7 +20,7 @@ from sysid_trib.simulation.compiled import (
     inner,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live, order
-from sysid_trib.simulation.program import PUSH_NUMBERS
+from sysid_trib.simulation.program import FORCING_NUMBERS
 from sysid_trib.simulation.roots import LOOKAHEAD, NEAR_SURFACE
 
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
@@ -44,7 +44,7 @@ def state_at(program, c, J, y, ahead):
         J[i, 0] = y[i]
     J[program.states, 0] = c.v[ROW_CLOCK, 0] + ahead
     for m in range(program.channels):
-        here, slope = c.drive[m, PUSH_NUMBERS], c.drive[m, PUSH_NUMBERS + 1]
+        here, slope = c.drive[m, FORCING_NUMBERS], c.drive[m, FORCING_NUMBERS + 1]
         J[program.states + 1 + m, 0], J[program.states + 1 + m, 1] = here + ahead * slope, slope
 
 
@@ -190,8 +190,8 @@ def held_by(program, c):
     """
     for m in range(1, len(program.signs)):
         near = abs(c.v[ROW_VALUES, m]) < NEAR_SURFACE
-        pushes = near and _rise_on(program, c, m, 1.0) < 0.0 and _rise_on(program, c, m, -1.0) > 0.0
-        if pushes and grip_of(program, c.aside[TRIAL], program.surfaces[m]) != 0.0:
+        forcing = near and _rise_on(program, c, m, 1.0) < 0.0 and _rise_on(program, c, m, -1.0) > 0.0
+        if forcing and grip_of(program, c.aside[TRIAL], program.surfaces[m]) != 0.0:
             return np.int64(m)
     return np.int64(FREE)
 

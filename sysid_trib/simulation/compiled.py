@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from sysid_trib.simulation.program import PUSH_NUMBERS, Instructions
+from sysid_trib.simulation.program import FORCING_NUMBERS, Instructions
 
 # Numba's own types know half of its options.
 njit: Any = numba.njit
@@ -121,7 +121,7 @@ class Given(NamedTuple):
     ----------
     grid : (grid,) array of float
         tau, increasing; the motion starts at the first.
-    knots, drives, kicks : (knot,), (knot, channel, degree + 1) and (knot, 2) array of float
+    knots, drives, increments : (knot,), (knot, channel, degree + 1) and (knot, 2) array of float
         From each knot on, polynomials in tau since it; what is added to x and v there.
     impulses : (knot, parameter) array of float
         What is added there to the derivatives of v.
@@ -138,7 +138,7 @@ class Given(NamedTuple):
     grid: Any
     knots: Any
     drives: Any
-    kicks: Any
+    increments: Any
     impulses: Any
     marks: Any
     starts: Any
@@ -156,7 +156,7 @@ def new_state(program: Instructions, parameters: int) -> EngineState:
         np.zeros((3, slots, ORDER + 1)),
         np.zeros((ROW_GRIP + 1, width)),
         np.zeros((size, parameters)),
-        np.zeros((program.channels, PUSH_NUMBERS + 2)),
+        np.zeros((program.channels, FORCING_NUMBERS + 2)),
         np.zeros((program.channels, parameters)),
         np.zeros((5, 64)),
     )

@@ -120,7 +120,7 @@ def begun_anew(program, given, c, start):
 
 @inner
 def at_knot(program, given, c, piece, done, held):
-    """What happens at a knot: the end of an interval, a start, kicks, impulses to the derivatives.
+    """What happens at a knot: the end of an interval, a start, impulses, impulses to the derivatives.
 
     Returns the knot from which it goes on, how many intervals are done, and whether it begins anew.
     """
@@ -137,10 +137,10 @@ def at_knot(program, given, c, piece, done, held):
     if held == FREE:
         for q in range(given.impulses.shape[1]):
             c.dy[1, q] += given.impulses[piece, q]
-    c.v[ROW_STATE, 0] += given.kicks[piece, 0]
-    c.v[ROW_STATE, 1] += given.kicks[piece, 1]
-    kicked = given.kicks[piece, 0] != 0.0 or given.kicks[piece, 1] != 0.0
-    return piece, done, kicked or given.marks[piece] == INPUT_JUMPS
+    c.v[ROW_STATE, 0] += given.increments[piece, 0]
+    c.v[ROW_STATE, 1] += given.increments[piece, 1]
+    incremented = given.increments[piece, 0] != 0.0 or given.increments[piece, 1] != 0.0
+    return piece, done, incremented or given.marks[piece] == INPUT_JUMPS
 
 
 @inner

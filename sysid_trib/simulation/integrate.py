@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.errors import SimulationError
-from sysid_trib.records.inputs import PUSH
+from sysid_trib.records.inputs import FORCING_CHANNEL
 from sysid_trib.simulation.compiled import (
     INPUT_JUMPS,
     ROW_CLOCK,
@@ -19,9 +19,9 @@ from sysid_trib.simulation.compiled import (
     new_state,
 )
 from sysid_trib.simulation.equations import Motion, Vector
+from sysid_trib.simulation.forcing import UNFORCED, Forcing, jumps_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.program import Instructions, program_of
-from sysid_trib.simulation.pushes import UNPUSHED, Pushes, jumps_of
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
 FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
@@ -70,7 +70,7 @@ def integrate(
     at: tuple[float, float],
     *,
     by: Sequence[str] = (),
-    pushes: Pushes = UNPUSHED,
+    forcing: Forcing = UNFORCED,
     most_steps: int = STEPS_A_PERIOD,
 ) -> NormalisedMotion:
     """Integrate the motion of a model along a grid.
@@ -84,7 +84,7 @@ def integrate(
         x and v there.
     by : sequence of str
         Parameters of the derivatives: symbols, `dahl.s`, `FREQUENCY`, `BY_ANGLE`, `BY_RATE`.
-    pushes : Pushes
+    forcing : Pushes
     most_steps : int
         A period.
 
@@ -93,18 +93,18 @@ def integrate(
     SimulationError
         It diverges, switches without end, takes too many steps, or is not finite.
     """
-    motion, program = program_of(model.forces, pushed=pushes.pushed, paced=FREQUENCY in by)
+    motion, program = program_of(model.forces, forced=forcing.forced, paced=FREQUENCY in by)
     state = begun((motion, program), model, at, by)
     state.v[ROW_CLOCK, 0] = grid[0]
-    size, knots = program.states, pushes.knots
+    size, knots = program.states, forcing.knots
     columns = size + 1 + program.memory
     given = Given(
         grid,
         knots,
-        pushes.polynomials,
-        pushes.kicks,
+        forcing.polynomials,
+        forcing.increments,
         np.zeros((len(knots), len(by))),
-        np.where(jumps_of(pushes), INPUT_JUMPS, -1),
+        np.where(jumps_of(forcing), INPUT_JUMPS, -1),
         np.empty((0, 0)),
         np.empty((len(grid), columns)),
         np.empty((len(grid), columns, len(by))),
@@ -144,8 +144,8 @@ def begun(
     state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p[: motion.signs_at.start])
     state.T[slots, 0, columns] = dp
     # What is seen over w^p is less by p/w of itself where w is larger.
-    pushes = (PUSH,) * (program.channels - len(motion.channels))
-    powers = np.array([channel.power for channel in (*pushes, *motion.channels)])
+    forcing = (FORCING_CHANNEL,) * (program.channels - len(motion.channels))
+    powers = np.array([channel.power for channel in (*forcing, *motion.channels)])
     of_frequency = np.array([name == FREQUENCY for name in by])
     state.of_drive[:, columns] = np.outer(-powers / model.reference_frequency, of_frequency)
     return state

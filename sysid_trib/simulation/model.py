@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
-from sysid_trib.records.inputs import INPUT, PUSH, KnownInput
+from sysid_trib.records.inputs import FORCING_CHANNEL, INPUT, KnownInput
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class Model:
     @property
     def driven(self) -> tuple[Channel, ...]:
         """What the equation of motion holds of inputs: first one that pushes by itself, if there is one."""
-        pushes = (PUSH,) if INPUT in self.inputs else ()
-        return (*pushes, *channels_of(self.forces))
+        forcing = (FORCING_CHANNEL,) if INPUT in self.inputs else ()
+        return (*forcing, *channels_of(self.forces))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
         """The model with other coefficients."""

@@ -10,10 +10,10 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.compiled import INTERVAL_ENDS, Given
 from sysid_trib.simulation.equations import Vector
+from sysid_trib.simulation.forcing import bends_of, polynomials_of
 from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, NormalisedMotion, begun, run
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.program import program_of
-from sysid_trib.simulation.pushes import bends_of, polynomials_of
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class SimulatedMotion:
 
 
 def simulated_motion(
-    model: Model, elapsed: Vector, start: float, path: NormalisedMotion, by: Sequence[str], *, pushed: bool
+    model: Model, elapsed: Vector, start: float, path: NormalisedMotion, by: Sequence[str], *, forced: bool
 ) -> SimulatedMotion:
     """A motion in tau as one in time, as the sensor shows it.
 
@@ -60,7 +60,7 @@ def simulated_motion(
     path : NormalisedMotion
     by : sequence of str
         Parameters of its derivatives.
-    pushed : bool
+    forced : bool
         Whether it may go on at any time.
     """
     w, x, v = model.reference_frequency, path.y[:, 0], path.y[:, 1]
@@ -80,7 +80,7 @@ def simulated_motion(
         x,
         w * v,
         w**2 * path.acceleration,
-        float("nan") if pushed else start + path.stop / w,
+        float("nan") if forced else start + path.stop / w,
         start + path.reversals / w,
         path.hidden,
         derivatives if by else {},
@@ -167,7 +167,7 @@ def ends_of(
     """
     (tau, length), (places, strengths) = spans, impulses
     w = model.reference_frequency
-    motion, program = program_of(model.forces, pushed=INPUT in model.inputs, paced=FREQUENCY in by)
+    motion, program = program_of(model.forces, forced=INPUT in model.inputs, paced=FREQUENCY in by)
     size, count = program.states + program.memory, len(tau)
     starts = size if by_start is None else by_start
     first = starts + len(by)
@@ -181,8 +181,10 @@ def ends_of(
     state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
     rows = np.empty((count, size + 1))
     tangents = np.empty((count, size + 1, columns))
-    kicks = np.zeros((len(knots), 2))
-    given = Given(tau, knots, polynomials, kicks, of_impulses, marks, states.astype(float), rows, tangents)
+    increments = np.zeros((len(knots), 2))
+    given = Given(
+        tau, knots, polynomials, increments, of_impulses, marks, states.astype(float), rows, tangents
+    )
     budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
     if count:
         run(program, given, state, (DIVERGED, *budget), w)

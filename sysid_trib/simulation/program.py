@@ -21,7 +21,7 @@ from sysid_trib.simulation.equations import SMOOTHED, Motion
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
 # What is given over time is a polynomial in tau between knots, of so many numbers at most.
-PUSH_NUMBERS = 8
+FORCING_NUMBERS = 8
 
 
 class Instructions(NamedTuple):
@@ -235,21 +235,21 @@ FUNCTIONS: Functions = {
 
 @lru_cache(maxsize=512)
 def program_of(
-    forces: tuple[Force, ...], *, pushed: bool = False, paced: bool = False
+    forces: tuple[Force, ...], *, forced: bool = False, paced: bool = False
 ) -> tuple[Motion, Instructions]:
     """The equations of motion under these forces, and their program, for any coefficients and shapes.
 
     Its parameters are `p` of `Motion` up to the signs, and one more in front of them: where `paced`, what all
     rates are multiplied by, 1 but for its derivative, which is that by the frequency at given times. Where
-    `pushed`, an acceleration is added that the engine is given: the first channel, before the forces' own.
+    `forced`, an acceleration is added that the engine is given: the first channel, before the forces' own.
     """
     motion = Motion(forces)
     states, fixed = len(motion.variables), motion.signs_at.start
-    channels = int(pushed) + len(motion.channels)
+    channels = int(forced) + len(motion.channels)
     rows = Listing(states + 1 + channels, 1 + fixed)
     slots = [Slot(rows, i) for i in range(rows.inputs)]
     tau, given, (pace, *p) = slots[states], slots[states + 1 : -1 - fixed], slots[-1 - fixed :]
-    y = [*slots[:states], *given[int(pushed) :]]
+    y = [*slots[:states], *given[int(forced) :]]
     signs: list[Any] = [0.0] * len(motion.switches)
     surfaces: list[int] = []
     for i, switch in enumerate(motion.switches):
@@ -258,7 +258,7 @@ def program_of(
         surfaces.append(rows.slot(value))
         signs[i] = Slot(rows, rows.add(SIGN, surfaces[-1]))
     rates = motion.rates(y, [*p, *signs], tau, FUNCTIONS)
-    if pushed:
+    if forced:
         rates[1] = rates[1] + given[0]
     ends = [rows.slot(pace * rate if paced else rate) for rate in rates]
     main = len(rows.op)

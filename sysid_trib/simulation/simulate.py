@@ -12,10 +12,10 @@ from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused
 from sysid_trib.simulation.equations import Vector
+from sysid_trib.simulation.forcing import forcing_of
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD, integrate
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import SimulatedMotion, simulated_motion
-from sysid_trib.simulation.pushes import pushes_of
 
 
 def simulate(
@@ -29,7 +29,7 @@ def simulate(
     known_input: ArrayLike | KnownInput | None = None,
     inputs: Mapping[str, ArrayLike | KnownInput] | None = None,
 ) -> xr.Dataset:
-    """Simulate the motion of a model: free, driven by known inputs, pushed at random, or both.
+    """Simulate the motion of a model: free, driven by known inputs, with a random force, or both.
 
     Parameters
     ----------
@@ -151,9 +151,9 @@ def _simulated(
     if not (np.isfinite(angle) and np.isfinite(rate)):
         raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
     w, elapsed = model.reference_frequency, time - float(time[0])
-    pushes = pushes_of(model, w * elapsed, *random)
-    path = integrate(model, w * elapsed, (angle, rate / w), by=by, pushes=pushes, most_steps=most_steps)
-    return simulated_motion(model, elapsed, float(time[0]), path, by, pushed=pushes.acts)
+    forcing = forcing_of(model, w * elapsed, *random)
+    path = integrate(model, w * elapsed, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
+    return simulated_motion(model, elapsed, float(time[0]), path, by, forced=forcing.acts)
 
 
 # Le Bot et al. 2019, Sec. 3: PDMS sphere on glass, alpha accounted for in w_inf.

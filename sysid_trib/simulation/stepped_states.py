@@ -19,9 +19,9 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, SimulationError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.forces.formulas import Formula, Names, parse
+from sysid_trib.simulation.forcing import UNFORCED, Forcing
 from sysid_trib.simulation.integrate import NormalisedMotion, integrate
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.pushes import UNPUSHED, Pushes
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
 # rad/s; at such a frequency `t` stands still, whatever the length of the motion.
@@ -42,14 +42,14 @@ def begun_with(force: Force, values: Mapping[str, float]) -> Force:
     return replace(force, start=starts)
 
 
-def leading(tau: Array, x: Array, v: Array) -> Pushes:
+def leading(tau: Array, x: Array, v: Array) -> Forcing:
     """What leads a body without forces along the cubics through angles and rates (Hermite), from tau = 0."""
     h, rise = np.diff(tau), np.diff(x)
     square = (3.0 * rise / h - 2.0 * v[:-1] - v[1:]) / h
     cube = (v[:-1] + v[1:] - 2.0 * rise / h) / h**2
     # x'' + x of each cubic.
-    push = np.stack([x[:-1] + 2.0 * square, v[:-1] + 6.0 * cube, square, cube], axis=1)
-    return Pushes(tau[:-1] - tau[0], push[:, None], np.zeros((len(h), 2)), pushed=True)
+    forcing = np.stack([x[:-1] + 2.0 * square, v[:-1] + 6.0 * cube, square, cube], axis=1)
+    return Forcing(tau[:-1] - tau[0], forcing[:, None], np.zeros((len(h), 2)), forced=True)
 
 
 def history_along(
@@ -89,14 +89,14 @@ def history_along(
 def history_on_cycle(force: Force, phase: Array, a: float, shapes: ShapeValues | None) -> dict[str, Array]:
     """States along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
     start = a * float(np.cos(phase[0])), -a * float(np.sin(phase[0]))
-    return _of(force, watched(force, shapes, FROZEN), phase - phase[0], start, UNPUSHED)
+    return _of(force, watched(force, shapes, FROZEN), phase - phase[0], start, UNFORCED)
 
 
 def _of(
-    force: Force, model: Model, grid: Array, start: tuple[float, float], pushes: Pushes
+    force: Force, model: Model, grid: Array, start: tuple[float, float], forcing: Forcing
 ) -> dict[str, Array]:
     try:
-        motion: NormalisedMotion = integrate(model, grid, start, pushes=pushes)
+        motion: NormalisedMotion = integrate(model, grid, start, forcing=forcing)
     except SimulationError:
         raise LibraryError(
             f"Force '{force.symbol}': its states could not be followed along the motion."
@@ -209,17 +209,17 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
         return np.full((len(rates), count + 1), np.nan)
     triangle, vectors = schur(jacobian, output="complex")
     inverse = vectors.conj().T
-    push = np.stack([np.broadcast_to(f.evaluate(rest), (2, count)) for f in rates.values()])
+    forcing = np.stack([np.broadcast_to(f.evaluate(rest), (2, count)) for f in rates.values()])
     # Of so few states sums are faster than products of matrices.
-    push = np.stack([sum(c * part for c, part in zip(row, push, strict=True)) for row in inverse])
+    forcing = np.stack([sum(c * part for c, part in zip(row, forcing, strict=True)) for row in inverse])
     first = inverse @ [start[k] for k in rates]
-    states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(push)
+    states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(forcing)
     # Where all steps are alike, so is what each does.
     # Steps that differ by no more than this part of themselves differ by rounding.
     step = np.asarray(np.mean(step)) if np.ptp(step) <= 1e-9 * abs(step[0]) else step
     for i in reversed(range(len(rates))):
         length = step * _stretch(step * triangle[i, i])
-        driven = push[i] + sum(triangle[i, j] * stages[j] for j in range(i + 1, len(rates)))
+        driven = forcing[i] + sum(triangle[i, j] * stages[j] for j in range(i + 1, len(rates)))
         states[i], stages[i] = _radau_steps(first[i], length * driven, length * triangle[i, i])
     return np.asarray((vectors @ states).real)
 
@@ -237,14 +237,14 @@ def _stretch(pull: Array) -> Array:
     return np.asarray(np.where(fine, root / np.where(fine, pull, 1.0), 1.0))
 
 
-def _radau_steps(start: complex, push: Array, pull: Array) -> tuple[Array, Array]:
+def _radau_steps(start: complex, forcing: Array, pull: Array) -> tuple[Array, Array]:
     """y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
 
-    `push` : (stage, step); `pull` : (stage, step), (step,), or one for all.
+    `forcing` : (stage, step); `pull` : (stage, step), (step,), or one for all.
     """
     (a, b), (c, d) = RADAU_WEIGHTS
     early, late = pull if np.ndim(pull) == 2 else (pull, pull)
-    first, second = a * push[0] + b * push[1], c * push[0] + d * push[1]
+    first, second = a * forcing[0] + b * forcing[1], c * forcing[0] + d * forcing[1]
     # The rates of both stages hold both: two equations in two values, of which the second ends the step.
     diagonal, below = 1.0 - a * early, c * early
     determinant = diagonal * (1.0 - d * late) - b * late * below

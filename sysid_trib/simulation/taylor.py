@@ -5,7 +5,7 @@ import numpy as np
 from sysid_trib.simulation.branches import FREE, RESTS, grip_of, state_at
 from sysid_trib.simulation.compiled import ORDER, ROW_CLOCK, ROW_GRIP, ROW_LARGEST, ROW_STATE, inner
 from sysid_trib.simulation.jets import at_once, derivatives_at_once, derivatives_of_order, order
-from sysid_trib.simulation.program import PUSH_NUMBERS
+from sysid_trib.simulation.program import FORCING_NUMBERS
 from sysid_trib.simulation.roots import slope, value
 
 # In tau: as far as a motion is followed at once.
@@ -26,7 +26,7 @@ def series(program, c, h, held):
     state_at(program, c, J, c.v[ROW_STATE], 0.0)
     J[size, 1] = 1.0
     for m in range(program.channels):
-        for k in range(PUSH_NUMBERS):
+        for k in range(FORCING_NUMBERS):
             J[size + 1 + m, k] = c.drive[m, k]
             degree = max(degree, k) if c.drive[m, k] != 0.0 else degree
             for q in range(count):
@@ -144,5 +144,5 @@ def driven(given, c, piece):
 def look_ahead(c, h):
     """Value and slope of what is given over time, so much after where its polynomials count from."""
     for m in range(len(c.drive)):
-        c.drive[m, PUSH_NUMBERS] = value(c.drive[m], np.int64(PUSH_NUMBERS - 1), h)
-        c.drive[m, PUSH_NUMBERS + 1] = slope(c.drive[m], np.int64(PUSH_NUMBERS - 1), h)
+        c.drive[m, FORCING_NUMBERS] = value(c.drive[m], np.int64(FORCING_NUMBERS - 1), h)
+        c.drive[m, FORCING_NUMBERS + 1] = slope(c.drive[m], np.int64(FORCING_NUMBERS - 1), h)

@@ -88,10 +88,10 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     open_ones = sorted(places, key=lambda at: _family(methods[at]) in DECIDING)
     # From here on a residual may be that of a random force, which is then looked for.
     if open_ones and residual_tests[open_ones[-1]][0] < 0.05:
-        pushed = _pushed(decay, together, library, methods, open_ones)
-        results = [pushed.get(at, followed) for at, followed in enumerate(results)]
+        stochastic = _stochastic(decay, together, library, methods, open_ones)
+        results = [stochastic.get(at, followed) for at, followed in enumerate(results)]
         residual_tests = [
-            (1.0, 1.0) if at in pushed else residual for at, residual in enumerate(residual_tests)
+            (1.0, 1.0) if at in stochastic else residual for at, residual in enumerate(residual_tests)
         ]
     return [
         followed.with_result(_with_model(followed.result, with_noise(method, "off"), runs, library, residual))
@@ -173,7 +173,7 @@ def _residual(followed: FollowedRuns) -> tuple[float, float]:
     return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
 
 
-def _pushed(
+def _stochastic(
     decay: Decays,
     runs: Mapping[int, xr.Dataset],
     library: ForceLibrary,
@@ -181,15 +181,15 @@ def _pushed(
     open_ones: Sequence[int],
 ) -> dict[int, FollowedRuns]:
     """Identifications with a random force or coloured noise, by their place; none where that is refused."""
-    pushed: dict[int, FollowedRuns] = {}
+    stochastic: dict[int, FollowedRuns] = {}
     for at in open_ones:
         last = at == open_ones[-1]
         try:
             result = with_random_force(methods[at], "estimated").identify(decay, library)
-            followed = pushed[at] = FollowedRuns(runs, result)
+            followed = stochastic[at] = FollowedRuns(runs, result)
             if last:
                 accepted = _residual(followed)[0] >= RESIDUAL_LEVEL and is_random(followed)
-                return pushed if accepted else {}
+                return stochastic if accepted else {}
             # What the quicker methods refuse is not looked for by the slower ones.
             averaging = _family(methods[at]) == "averaging" and is_found(random_force_of(result))
             if averaging and not is_random(followed):

@@ -196,7 +196,7 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
-    pushed = random_force_groups(followed[names[1]])
+    stochastic = random_force_groups(followed[names[1]])
     compared.attrs["answer"] = answer = names[better_of(first, second)]
     records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
     parts = _residual_over_motion(records)
@@ -204,13 +204,13 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
         "model", parts, "RMS of record minus motion over the record's"
     )
     compared.attrs["verdict_on_record"] = verdict_on_record(
-        compared.attrs["explained"], parts[names.index(answer)], followed[names[1]], pushed
+        compared.attrs["explained"], parts[names.index(answer)], followed[names[1]], stochastic
     )
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
     groups |= {names[0]: first, names[1]: second, "comparison": compared}
     groups |= _backbones(runs, dict(zip(names, results, strict=True)))
-    return xr.DataTree.from_dict({**groups, **pushed})
+    return xr.DataTree.from_dict({**groups, **stochastic})
 
 
 def _with_motions(

@@ -17,7 +17,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.likelihood.sensor_noise import memory_samples
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.kalman import LinearModel
-from sysid_trib.validation.simulated_records import wander_about
+from sysid_trib.validation.simulated_records import random_walk_about
 
 # Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm.
 NEAR = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
@@ -56,11 +56,11 @@ class Gains:
 
 def simulated_records(linear: LinearModel, ratio: float, draws: int, random: np.random.Generator) -> Array:
     """Records of noise alone, (sample, draw), in units of the innovations of the sensor's noise."""
-    wander = wander_about(linear, ratio, random, draws)
+    random_walk = random_walk_about(linear, ratio, random, draws)
     # Coloured noise has a past before the first sample.
     past = memory_samples(linear.sensor_filter)
-    white = random.standard_normal((past + len(wander), draws))
-    return np.asarray(wander + lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
+    white = random.standard_normal((past + len(random_walk), draws))
+    return np.asarray(random_walk + lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def likelihood_gains(trial: TrialModel, sets: Mapping[str, Index], null: Varianc
     sets : mapping of str to (index,) array of int
         Which of the columns are tried together.
     null : VarianceRatio
-        Of the model without them; where that has no random force, none is beside the columns either.
+        Of the model without them; where that has no random force, none is with the columns either.
 
     Returns
     -------

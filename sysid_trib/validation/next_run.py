@@ -178,9 +178,9 @@ def plan(
         rows.append(_worth(rivals, main, release, length, rate, noise))
     if not any(np.isfinite(row[0]) for row in rows):
         raise DecayError("No run within these limits has a motion; take others.")
-    pushed = any(random_force_of(main, run) for run in range(main.sizes.get("run", 1)))
+    stochastic = any(random_force_of(main, run) for run in range(main.sizes.get("run", 1)))
     made = _dataset(rivals, runs, rows, wanted, Sensor(rate, repeats, noise, signal_units(main)))
-    return made.assign_attrs(random_force=int(pushed))
+    return made.assign_attrs(random_force=int(stochastic))
 
 
 def _limits(

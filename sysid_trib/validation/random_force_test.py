@@ -122,7 +122,7 @@ def random_force_dependence(
     Notes
     -----
     The force: by how much accelerations that go with the motion (`trial_forces`) raise the likelihood, where
-    the start, the sensor's zero and all parameters of the model are free beside them, and the ratio of the
+    the start, the sensor's zero and all parameters of the model are free with them, and the ratio of the
     two variances is free with and without. The size: `size_p_values`. Records that are simulated in the
     linear model calibrate both.
     """
@@ -134,7 +134,7 @@ def random_force_dependence(
 def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.Dataset:
     """`random_force_dependence`, of what is left of the motion even where the result has no random force.
 
-    The test has a random force of its own in any case, beside the sensor's noise of the result's colour.
+    The test has a random force of its own in any case, with the sensor's noise of the result's colour.
     """
     decay, result = followed.runs[run], followed.result
     every = _every(decay, result)

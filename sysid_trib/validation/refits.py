@@ -50,7 +50,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     -----
     Windows are the first, the middle and the last part of each run that errors of the model are from; starts
     leave out one and three periods; sampling takes every second sample, with either first; noises are the
-    sensor's alone and a random force beside it.
+    sensor's alone and a random force with it.
     """
     runs, library = as_runs(decay, driven=True), library_of(result)
     method = method_of(result)

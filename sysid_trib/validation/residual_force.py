@@ -144,8 +144,8 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
     line = waves @ np.linalg.lstsq(waves, residual, rcond=None)[0]
     # A line counts whose RMS is beyond this part of that of the rest: a fainter one changes nothing.
-    loud = np.std(line) > 0.5 * np.std(residual - line)
-    return (frequency, float(np.sqrt(2.0) * np.std(line))) if loud else NO_LINE
+    marked = np.std(line) > 0.5 * np.std(residual - line)
+    return (frequency, float(np.sqrt(2.0) * np.std(line))) if marked else NO_LINE
 
 
 def _harmonics(time: Array, motion: tuple[Array, Array], resolution: float, count: int) -> Mask:

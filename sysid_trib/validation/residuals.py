@@ -169,7 +169,7 @@ def residuals(
 
     Notes
     -----
-    What a free motion leaves of a record that was pushed is its wander, and no failure of the model. Beside
+    What a free motion leaves of a record with a random force is a random walk, no failure of the model. With
     a random force, and in coloured noise of the sensor, the innovations take its place, and their own
     standard deviation that of the noise. A line of a frequency of its own (`spectral_line`), as hum makes it,
     is no noise: within the band of the motion the p-value is zero with one.
@@ -235,7 +235,7 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
 
 
 def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: int) -> tuple[float, ...]:
-    """What `RESIDUALS` lists, of the innovations beside a random force (see `innovations`)."""
+    """What `RESIDUALS` lists, of the innovations with a random force (see `innovations`)."""
     decay = followed.runs[run]
     time, line = decay.time.values, NO_LINE
     if motion is not None:
@@ -254,7 +254,7 @@ def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: in
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
-    """`residuals` of several runs as one, those of each run beside it with the dimension `run`.
+    """`residuals` of several runs as one, those of each run with it with the dimension `run`.
 
     RMS over the runs, the earliest departure, the least p-value times the number of runs (Bonferroni),
     and the highest line.

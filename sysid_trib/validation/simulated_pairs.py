@@ -138,19 +138,19 @@ def scatter(
     # The bias that a method left in is what it would have removed; what remains shows in the records.
     bias = np.subtract(*values(results)) - np.subtract(*values(at_best))
     without_noise = np.zeros_like(bias)
-    pushed = bool(random_force_of(truth[0]))
-    if not pushed:
+    stochastic = bool(random_force_of(truth[0]))
+    if not stochastic:
         with suppress(SysidTribError):
             without_noise = np.subtract(*identified(None))
     if any("error_of_model" in result for result in results):
         # What the models lack is not in records that are simulated by them.
         return Scatter(bias + without_noise, _stated(results, kept), 0, stated=True)
     # What fewer records give is no covariance.
-    least = fewest_records(len(bias)) if pushed else 3
+    least = fewest_records(len(bias)) if stochastic else 3
     drawn: list[Array] = []
 
     def known() -> Scatter:
-        return _of_records(results, kept, bias, None if pushed else without_noise, np.array(drawn))
+        return _of_records(results, kept, bias, None if stochastic else without_noise, np.array(drawn))
 
     for draw in range(draws):
         tell(f"both methods held against each other on {draws} simulated records", draw / draws)

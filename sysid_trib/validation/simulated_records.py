@@ -18,7 +18,7 @@ from sysid_trib.simulation.motions import SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
 
 
-def wander(
+def random_walk(
     model: Model,
     time: Array,
     motion: SimulatedMotion,
@@ -54,10 +54,10 @@ def wander(
     per_tau D[k] of e[k]: the linear model of the filter, computed once for all draws.
     """
     linear = linearised_along(model, time, motion, Derivatives((), frequency=False))
-    return wander_about(linear, per_tau, normal, draws).T
+    return random_walk_about(linear, per_tau, normal, draws).T
 
 
-def wander_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
+def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
     """Draw what a random force of this size adds to a record about its path, (sample, draw)."""
     variance, axes = np.linalg.eigh(per_tau * linear.steps.diffusion)
     # A part that friction holds has no variance; rounding makes it negative.
@@ -80,28 +80,28 @@ class SimulatedRun:
         The model's motion.
     noise : float, rad
         Standard deviation of a sample.
-    wander : (draw, sample) array of float, rad, or None
+    random_walk : (draw, sample) array of float, rad, or None
         What a random force adds in each draw.
     """
 
     time: Array
     angle: Array
     noise: float
-    wander: Array | None = None
+    random_walk: Array | None = None
 
     def record(self, random: np.random.Generator, draw: int | None) -> xr.Dataset:
         """The record of a draw; without noise where that is None."""
         noise = self.noise * random.standard_normal(len(self.angle))
         angle = self.angle + (0.0 if draw is None else 1.0) * noise
-        if self.wander is not None and draw is not None:
-            angle = angle + self.wander[draw]
+        if self.random_walk is not None and draw is not None:
+            angle = angle + self.random_walk[draw]
         return xr.Dataset({"angle": ("time", angle)}, {"time": self.time})
 
 
 def simulated_runs(
     runs: Sequence[xr.Dataset], result: xr.Dataset, motions: Sequence[FittedMotion], *, draws: int, seed: int
 ) -> list[SimulatedRun]:
-    """Motion, noise and wander of an identified model in each run; with fewer samples, of less noise.
+    """Motion, noise and random walk of an identified model in each run; with fewer samples, of less noise.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def simulated_runs(
     model, simulated = model_of(result), []
     period = 2.0 * np.pi / result.asymptotic_frequency.item()
     # A stream of its own: the sensor's noise is the same with a random force and without.
-    pushes = np.random.default_rng([seed, 1])
+    forcing = np.random.default_rng([seed, 1])
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
         time, noise = run.time.values.astype(float), noise_of_run(result, at)
         # Samples a period for the statistics of the difference: more would cost time and change nothing.
@@ -132,6 +132,6 @@ def simulated_runs(
             time = np.linspace(time[0], time[-1], most)
         free, force = trajectory(model, time, motion.angle, motion.rate), random_force_of(result, at)
         per_tau = force.per_tau(model.reference_frequency)
-        pushed = wander(model, time, free, per_tau, pushes, draws) if force else None
-        simulated.append(SimulatedRun(time, free.angle, noise, pushed))
+        stochastic = random_walk(model, time, free, per_tau, forcing, draws) if force else None
+        simulated.append(SimulatedRun(time, free.angle, noise, stochastic))
     return simulated

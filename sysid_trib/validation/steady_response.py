@@ -1,4 +1,4 @@
-"""The forced response of an identified model, with bands, and simulations beside it."""
+"""The forced response of an identified model, with bands, and simulations with it."""
 
 from dataclasses import replace
 
@@ -106,7 +106,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     model = replace(model, library=model.library.select(force.symbol for force in model.forces))
     c = np.array([model.coefficients[force.symbol] for force in model.forces])
     ratio = w / model.reference_frequency
-    by_force = _pushes(model, name, ratio) if name else np.zeros((len(c), len(w)), complex)
+    by_force = _forcings(model, name, ratio) if name else np.zeros((len(c), len(w)), complex)
     at_rest = np.zeros(len(w)) if name else ratio**2 if base else np.ones(len(w))
     functions = DescribingFunctions(model.forces, model.shapes, ratio)
     drive = size * (c @ by_force + at_rest)
@@ -120,8 +120,8 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     sums, curves = functions.over(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
     for at, (frequency, coefficients) in enumerate(drawn):
         other = w / frequency
-        push = size * (coefficients @ by_force + (at_rest if not base or name else other**2))
-        surplus = excess(sums, coefficients, other, push, amplitudes)
+        forcing = size * (coefficients @ by_force + (at_rest if not base or name else other**2))
+        surplus = excess(sums, coefficients, other, forcing, amplitudes)
         row, there = crossings(surplus, amplitudes)
         rises = surplus[row, np.searchsorted(amplitudes, there) - 1] < 0.0
         curves[at] = picked(there, sweeps(len(w), row, there, rises))
@@ -159,17 +159,17 @@ def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
     return driven_by or forces.inputs[0]
 
 
-def _pushes(model: Model, name: str, ratio: Array) -> Array:
+def _forcings(model: Model, name: str, ratio: Array) -> Array:
     """What an input of amplitude 1 does by each force of coefficient 1, (force, frequency), complex."""
-    pushes = np.zeros((len(model.forces), len(ratio)), complex)
+    forcing = np.zeros((len(model.forces), len(ratio)), complex)
     for at, force in enumerate(model.forces):
         for channel in (channel for channel in force.channels if channel.input == name):
             rise = force.value(0.0, 0.0, shapes=model.shapes, hidden={channel.name: 1.0})
             rise = rise - force.value(0.0, 0.0, shapes=model.shapes)
             _refuse_mixed(force, channel, float(rise))
             w_power = model.reference_frequency ** (channel.order - channel.power)
-            pushes[at] -= float(rise) * (1j * ratio) ** channel.order * w_power
-    return pushes
+            forcing[at] -= float(rise) * (1j * ratio) ** channel.order * w_power
+    return forcing
 
 
 def _refuse_mixed(force: Force, channel: Channel, rise: float) -> None:
@@ -222,8 +222,8 @@ def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, floa
     step = 2.0 * np.pi / w / SAMPLES_A_PERIOD
     time: Array = step * np.arange(periods * SAMPLES_A_PERIOD, dtype=float)
     turning = np.exp(1j * w * time)
-    push = model.reference_frequency**2 * np.real(drive * turning)
-    driven = replace(model, inputs={INPUT: KnownInput(time, push, "smooth")})
+    forcing = model.reference_frequency**2 * np.real(drive * turning)
+    driven = replace(model, inputs={INPUT: KnownInput(time, forcing, "smooth")})
     start = amplitude * np.cos(phase), -amplitude * w * np.sin(phase)
     try:
         angle = trajectory(driven, time, *start).angle[-LAST_PERIODS * SAMPLES_A_PERIOD :]

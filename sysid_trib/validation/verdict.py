@@ -28,7 +28,7 @@ NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest
 def record_noise(tree: xr.DataTree) -> float:
     """The sensor's noise of the records in a result, rad: RMS over the runs of `sensor_noise`.
 
-    The one noise beside which tables, sentences and figures show residuals: it is the record's, whatever the
+    The one noise with which tables, sentences and figures show residuals: it is the record's, whatever the
     model.
     """
     return root_mean_square([run_record_noise(tree, run) for run in range(len(record_groups(tree)))])
@@ -102,7 +102,7 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
 # Level at which a random force depends on something, and at which there is one at all.
 DEPENDENCE_LEVEL = 0.01
 # Noise of so many times that of the sensor is more than an error of its estimate.
-LOUD = 1.5
+MARKED = 1.5
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
 # A model is approximate that leaves no more than this part of the motion (RMS).
 APPROXIMATE_PART = 0.05
@@ -162,8 +162,8 @@ def _tested(followed: FollowedRuns) -> xr.Dataset:
     for at in followed.runs:
         try:
             followed.tracked(at)
-            pushed = random_force_of(followed.result, at)
-            tested.append(dependence_on_motion(followed, at) if pushed else _untested(1.0))
+            stochastic = random_force_of(followed.result, at)
+            tested.append(dependence_on_motion(followed, at) if stochastic else _untested(1.0))
             reasons.append("")
         except SysidTribError as error:
             tested.append(_untested(np.nan))
@@ -218,7 +218,7 @@ def verdict_on_record(
     # No model of these forces could have been contradicted: its rows leave but the noise, although the motion
     # of coefficients that are not known may diverge.
     rows = float(followed.result.get("birge_ratio", np.inf))
-    quiet = rows <= LOUD and "random_force" not in groups
+    quiet = rows <= MARKED and "random_force" not in groups
     return "undetermined" if quiet or verdict.startswith("explained") else verdict
 
 
@@ -239,12 +239,12 @@ def is_random(followed: FollowedRuns) -> bool:
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:
     """True if what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
 
-    A method that finds the colour of the noise beside a random force takes a slow force for either.
+    A method that finds the colour of the noise with a random force takes a slow force for either.
     """
     if "random_force_density" not in followed.result:
         return False
     for at, decay in followed.runs.items():
-        if noise_of_run(followed.result, at) <= LOUD * sensor_noise(decay):
+        if noise_of_run(followed.result, at) <= MARKED * sensor_noise(decay):
             continue
         try:
             tested = dependence_on_motion(followed, at)

@@ -1,4 +1,4 @@
-"""What is given to a model over time: known inputs, and random kicks."""
+"""What is given to a model over time: known inputs, and random impulses."""
 
 from dataclasses import dataclass, replace
 
@@ -9,14 +9,14 @@ from sysid_trib.errors import SimulationError
 from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.equations import Vector
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.program import PUSH_NUMBERS
+from sysid_trib.simulation.program import FORCING_NUMBERS
 
-# Kicks a period of a motion that is pushed at random: their law is then right to a percent.
-KICKS_PER_PERIOD = 40
+# Impulses a period of a motion with a random force: their law is then right to a percent.
+INCREMENTS_PER_PERIOD = 40
 
 
 @dataclass(frozen=True)
-class Pushes:
+class Forcing:
     """What is given to a model over time, in tau.
 
     Attributes
@@ -25,27 +25,27 @@ class Pushes:
         Increasing, the first at the start.
     polynomials : (knot, channel, power) array of float
         From each knot on, what is given, by powers of tau since it.
-    kicks : (knot, 2) array of float
+    increments : (knot, 2) array of float
         What is added to x and v there, but at the start.
-    pushed : bool
+    forced : bool
         Whether the first channel is an acceleration over w^2 (rad) that pushes.
     """
 
     knots: Vector
     polynomials: Vector
-    kicks: Vector
-    pushed: bool = False
+    increments: Vector
+    forced: bool = False
 
     @property
     def acts(self) -> bool:
         """True if anything is given."""
-        return bool(np.any(self.polynomials) or np.any(self.kicks))
+        return bool(np.any(self.polynomials) or np.any(self.increments))
 
 
-UNPUSHED = Pushes(np.empty(0), np.zeros((0, 0, 1)), np.zeros((0, 2)))
+UNFORCED = Forcing(np.empty(0), np.zeros((0, 0, 1)), np.zeros((0, 2)))
 
 
-def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Pushes:
+def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Forcing:
     """What is given to a model: its inputs, exact between their samples, and a random force.
 
     Parameters
@@ -54,7 +54,7 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
     tau : (sample,) array of float
         w t from 0.
     random_force : float, (rad/s^2)^2/Hz
-        One-sided density of the acceleration; at least `KICKS_PER_PERIOD` a period make it.
+        One-sided density of the acceleration; at least `INCREMENTS_PER_PERIOD` a period make it.
     seed : int
 
     Notes
@@ -65,18 +65,18 @@ def pushes_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 
     w = model.reference_frequency
     if not random_force and not any(channel.input in model.inputs for channel in model.driven):
         # Inputs that are not given are zero.
-        return replace(UNPUSHED, polynomials=np.zeros((0, len(model.driven), 1)))
+        return replace(UNFORCED, polynomials=np.zeros((0, len(model.driven), 1)))
     if len(tau) < 2:
         raise SimulationError("A motion that is pushed wants two or more times that increase.")
-    knots = _instants(tau, KICKS_PER_PERIOD) if random_force else tau[[0, -1]]
-    kicks = np.zeros((len(knots), 2))
+    knots = _instants(tau, INCREMENTS_PER_PERIOD) if random_force else tau[[0, -1]]
+    increments = np.zeros((len(knots), 2))
     if random_force:
-        kicks[1:] = _kicks(np.diff(knots), 0.5 * random_force / w**3, seed)
+        increments[1:] = _increments(np.diff(knots), 0.5 * random_force / w**3, seed)
     bends = w * bends_of(model)
     instants = np.union1d(knots, bends[(bends > tau[0]) & (bends < tau[-1])])
-    all_kicks = np.zeros((len(instants), 2))
-    all_kicks[np.searchsorted(instants, knots)] = kicks
-    return Pushes(instants, polynomials_of(model, instants), all_kicks, INPUT in model.inputs)
+    all_increments = np.zeros((len(instants), 2))
+    all_increments[np.searchsorted(instants, knots)] = increments
+    return Forcing(instants, polynomials_of(model, instants), all_increments, INPUT in model.inputs)
 
 
 def bends_of(model: Model) -> Vector:
@@ -88,7 +88,7 @@ def bends_of(model: Model) -> Vector:
 def polynomials_of(model: Model, knots: Vector) -> Vector:
     """What is given from each knot (tau) on, by powers of tau since it, (knot, channel, power)."""
     w, channels = model.reference_frequency, model.driven
-    polynomials = np.zeros((len(knots), len(channels), PUSH_NUMBERS))
+    polynomials = np.zeros((len(knots), len(channels), FORCING_NUMBERS))
     for at, channel in enumerate(channels):
         if channel.input in model.inputs:
             given = model.inputs[channel.input].polynomials(knots, w, channel.order)
@@ -97,13 +97,13 @@ def polynomials_of(model: Model, knots: Vector) -> Vector:
     return polynomials[:, :, : powers.max(initial=0) + 1]
 
 
-def jumps_of(pushes: Pushes) -> Mask:
+def jumps_of(forcing: Forcing) -> Mask:
     """At which knots what forces hold of inputs jumps, (knot,)."""
-    held = pushes.polynomials[:, int(pushes.pushed) :]
-    steps = np.diff(pushes.knots)[:, None, None] ** np.arange(held.shape[2])
+    held = forcing.polynomials[:, int(forcing.forced) :]
+    steps = np.diff(forcing.knots)[:, None, None] ** np.arange(held.shape[2])
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
-    jumps = np.zeros(len(pushes.knots), bool)
+    jumps = np.zeros(len(forcing.knots), bool)
     # Of what is given before and behind a knot: a larger difference is a jump.
     jumps[1:] = (rises > 1e-9 * largest).any(axis=1)
     return jumps
@@ -116,11 +116,11 @@ def _instants(tau: Vector, per_period: int) -> Vector:
     return np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
 
 
-def _kicks(h: Vector, per_tau: float, seed: int) -> Vector:
+def _increments(h: Vector, per_tau: float, seed: int) -> Vector:
     """What a random force adds to x and v by the end of each step, (step, 2)."""
     # A stream of its own: noise that is added with the same seed is independent of it.
     random = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
-    kick_v = np.sqrt(per_tau * h) * random[0]
+    increment_v = np.sqrt(per_tau * h) * random[0]
     # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
-    kick_x = 0.5 * h * kick_v + np.sqrt(per_tau * h**3 / 12.0) * random[1]
-    return np.stack([kick_x, kick_v], axis=1)
+    increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * random[1]
+    return np.stack([increment_x, increment_v], axis=1)

@@ -1,4 +1,4 @@
-"""Single columns beside a model: what each would gain, and what physics allows it."""
+"""Single columns with a model: what each would gain, and what physics allows it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,8 +41,8 @@ def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
 
 
 @dataclass(frozen=True)
-class Beside:
-    """What single columns do beside a model.
+class SingleColumns:
+    """What single columns do with a model.
 
     Attributes
     ----------
@@ -67,9 +67,9 @@ class BaseProducts(NamedTuple):
     squares: Array
 
 
-def each_beside(
+def each_column(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
-) -> Beside:
+) -> SingleColumns:
     """Maximum likelihood of a model with one column more, for each of many.
 
     Parameters
@@ -85,7 +85,7 @@ def each_beside(
     Notes
     -----
     Of one run this is `likelihood`. Of several runs the coefficients are solved for the variances of the
-    model without the column, and then each run's variances are the most likely ones beside them; and again
+    model without the column, and then each run's variances are the most likely ones with them; and again
     for those of the model with the best column, since what is strong leaves another noise. The deviance is a
     little too high.
 
@@ -93,19 +93,19 @@ def each_beside(
     of a column without effect: as many as the variance of this error's logarithm is that of a chi-square
     (Satterthwaite 1946; Giesbrecht, Burns 1985).
     """
-    beside = _each_in_noise(runs, base, columns, model)
+    single = _each_in_noise(runs, base, columns, model)
     if len(runs) == 1 or not len(columns):
-        return beside
-    likeliest = columns[int(np.argmin(beside.deviance))]
+        return single
+    likeliest = columns[int(np.argmin(single.deviance))]
     again = _each_in_noise(runs, base, columns, likelihood(runs, [*base, likeliest]))
-    better = again.deviance < beside.deviance
-    pairs = zip(vars(again).values(), vars(beside).values(), strict=True)
-    return Beside(*(np.where(better, its, other) for its, other in pairs))
+    better = again.deviance < single.deviance
+    pairs = zip(vars(again).values(), vars(single).values(), strict=True)
+    return SingleColumns(*(np.where(better, its, other) for its, other in pairs))
 
 
 def _each_in_noise(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
-) -> Beside:
+) -> SingleColumns:
     """Gains of several runs' coefficients in the noise of a model."""
     every = [0, *base, *columns]
     parts = [_for_each_ratio(run, every, 1 + len(base)) for run in runs]
@@ -134,7 +134,7 @@ def _each_in_noise(
     if len(runs) > 1:
         coefficient, error = together[1], 1.0 / np.sqrt(together[2])
     weights = informations / np.sum(informations, axis=0)
-    return Beside(deviance, coefficient, error, 2.0 / np.sum(weights**2 * scatters, axis=0))
+    return SingleColumns(deviance, coefficient, error, 2.0 / np.sum(weights**2 * scatters, axis=0))
 
 
 def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: int) -> tuple[Array, Array]:
@@ -159,7 +159,7 @@ def _for_each_ratio(run: RunProducts, columns: Sequence[int], count: int) -> lis
 
 
 def _solved(of_base: BaseProducts) -> tuple[Array, Array, Array, float]:
-    """Coefficients of the base beside each further column, (base, column), its own, and its information.
+    """Coefficients of the base with each further column, (base, column), its own, and its information.
 
     And the squares that the base alone leaves.
     """

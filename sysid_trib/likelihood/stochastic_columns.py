@@ -1,4 +1,4 @@
-"""Regression along the smoothed motion of a record that is pushed at random, in both noises' covariance.
+"""Regression along the smoothed motion of a record with a random force, in both noises' covariance.
 
 The noise of the rows is the operator on the sensor's noise, plus integrals of the random force. The most
 likely noise of the sensor (best linear unbiased prediction, Robinson 1991) is subtracted from the record:
@@ -48,7 +48,7 @@ COLOUR_ROUND = 1
 
 
 @dataclass(frozen=True)
-class PushedRegression:
+class StochasticRegression:
     """A regression with a random force.
 
     Attributes
@@ -70,9 +70,9 @@ class PushedRegression:
     further: RatioAverage
 
 
-def regress_pushed(
+def regress_stochastic(
     runs: Runs, active: Mask, constraints: ConstraintMap, option: RandomForceOption
-) -> PushedRegression:
+) -> StochasticRegression:
     """Estimate forces, a random force and the sensor's noise, along motions that are smoothed with them.
 
     Parameters
@@ -100,11 +100,11 @@ def regress_pushed(
         # A motion that slipped where both noises were known would slip again, or now and then.
         tried = [turn <= COLOUR_ROUND or run.reference.near is not None for run in runs]
         anchored = [
-            _beside_motion(run, active, near) if may_follow else (along_own_path(run), None)
+            _about_free_motion(run, active, near) if may_follow else (along_own_path(run), None)
             for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
         ]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
-        # Beside a density that is given, as in records that are simulated, the sensor's noise is white.
+        # With a density that is given, as in records that are simulated, the sensor's noise is white.
         # What a driven model lacks is no noise of the sensor, whatever its colour.
         driven = any(run.problem.inputs for run in runs)
         colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
@@ -125,13 +125,13 @@ def regress_pushed(
     if step > 1.0:
         change = common_values(after) - common_values(runs)
         further = further._replace(covariance=further.covariance + np.outer(change, change))
-    return PushedRegression(runs, rows, settled, further)
+    return StochasticRegression(runs, rows, settled, further)
 
 
-def _beside_motion(
+def _about_free_motion(
     run: RunRegression, active: Mask, sensitivity: Array | None
 ) -> tuple[RunRegression, Array | None]:
-    """A run with its path beside a free motion of its present model, where that follows the record."""
+    """A run with its path with a free motion of its present model, where that follows the record."""
     problem, path = run.problem, run.reference
     try:
         free = motion_of_run(run, active, sensitivity, near=True)
@@ -141,17 +141,17 @@ def _beside_motion(
     force = (run.frequency / problem.nominal_frequency) ** 2 * (free.x + along @ run.acting)
     # The first path: the free motion itself.
     reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=NearbyMotion(free.x, force))
-    beside = replace(run, reference=reference, start=(free.angle, free.rate))
-    if has_slipped(beside):
+    nearby = replace(run, reference=reference, start=(free.angle, free.rate))
+    if has_slipped(nearby):
         return along_own_path(run), None
     if run.noises is not None:
         # Friction holds a body that rests with what it takes, no more.
-        near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.pushes, force))
+        near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.forcing, force))
         error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
         expected = problem.averaged_columns(run.frequency, path.x, path.v, rate_error=error)
-        beside = replace(beside, reference=replace(path, columns=expected, exact=False, near=near))
+        nearby = replace(nearby, reference=replace(path, columns=expected, exact=False, near=near))
     # The zero of the sensor is that of the rows, which know the random force.
-    return beside, free.sensitivity
+    return nearby, free.sensitivity
 
 
 def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:

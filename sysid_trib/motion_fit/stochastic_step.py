@@ -1,4 +1,4 @@
-"""A step of the fit of a motion that is pushed at random: ratios of variances, then all parameters."""
+"""A step of the fit of a motion with a random force: ratios of variances, then all parameters."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -122,7 +122,10 @@ def average_by_ratio(parameters: Parameters, at: Iterate, run: int) -> RatioAver
         Of which the ratio was estimated.
     """
     jacobian = parameters.by_free(np.eye(len(at.values)), at.values)
-    linear, ratios = [pushed.linear for pushed in at.runs], [pushed.ratio for pushed in at.runs]
+    linear, ratios = (
+        [stochastic.linear for stochastic in at.runs],
+        [stochastic.ratio for stochastic in at.runs],
+    )
     blocks = [jacobian[_places(parameters, number)] for number in range(len(linear))]
 
     def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
@@ -144,7 +147,7 @@ def with_gains_over_colours(parameters: Parameters, settled: Iterate) -> tuple[P
 
     Notes
     -----
-    Both colours are of most likelihood, of the order that the sensor's noise has. Beside the random force the
+    Both colours are of most likelihood, of the order that the sensor's noise has. With the random force the
     ratio is held where it is: the gain is no larger than with both free.
     """
     jacobian = parameters.by_free(np.eye(len(settled.values)), settled.values)
