@@ -11,6 +11,7 @@ from helpers import FIVE, paper_run
 from sysid_trib import difference, identify, load, plots
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
+from sysid_trib.validation import sensitivity
 
 RUN = paper_run(FIVE, duration=15.0)
 LIBRARY = RUN.model.library
@@ -104,3 +105,23 @@ def test_a_record_in_both_samples_is_refused(tmp_path):
     ending = command("difference", str(tmp_path / "a.csv"), ":", str(tmp_path / "a.csv"))
     assert ending.status == 2
     assert "in both samples" in ending.err
+
+
+def in_mm(seed):
+    """The record as a displacement: 900 mm a radian."""
+    decay = RUN.decay(seed)
+    return decay.assign(angle=("time", 900.0 * decay.angle.values, {"units": "mm"}))
+
+
+def test_a_displacement_has_the_coefficients_of_its_unit(samples):
+    first, second = (identify(in_mm(seed), LIBRARY, Direct()) for seed in (1, 2))
+    found, of_angles = difference(first, second), difference(*samples[0])
+    assert found["first"].values == pytest.approx(first.coefficient.values, rel=1e-9)
+    assert found.standard_error.sel(force="lambda").item() == pytest.approx(
+        900.0 * of_angles.standard_error.sel(force="lambda").item(), rel=1e-3
+    )
+    fits = sensitivity([in_mm(1)], first)
+    assert fits.estimate.values == pytest.approx(first.coefficient.values, rel=1e-9)
+    assert fits.coefficient.sel(force="delta").median().item() == pytest.approx(
+        first.coefficient.sel(force="delta").item(), rel=0.2
+    )

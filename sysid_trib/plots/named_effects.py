@@ -88,6 +88,8 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
 TIED_IN_A_ROW = 2
 # Heights of the panels, inch: record, gap before, gap after, models without rows; of a row, and of a map.
 PANEL_HEIGHTS, MODEL_ROW, MAP_HEIGHT = (1.75, 1.15, 1.55, 0.85), 0.34, 2.3
+# Of a further line of a row's text, inch.
+LINE = 0.2
 # Of a text of 8 points, in an inch.
 CHARACTERS = 13
 
@@ -108,7 +110,9 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     """
     wide = width >= TWO_COLUMNS
     *heights, last = PANEL_HEIGHTS
-    heights.append(last + MODEL_ROW * (1.0 if wide else 1.5) * (1 + len(added_effects(tree))))
+    texts = _texts_of_effects(tree, int(CHARACTERS * (width - 1.3)))
+    row = MODEL_ROW + LINE * max((text.count("\n") for text in texts), default=0)
+    heights.append(last + row * (1 + len(texts)))
     rows = ["AA", "BB", "CC", "DE", "FF"] if wide else list("ABCDEF")
     heights[-1:-1] = [MAP_HEIGHT] * (len(rows) - 4)
     with mpl.rc_context({"font.size": style.FONT_SIZE}):
@@ -120,7 +124,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
             panel.set_ylabel(f"gap ({drawn.small_units[1]})")
         figure.align_ylabels(panels[:3])
         _maps(tree, panels[3:5])
-        _explained(panels[5], tree, int(CHARACTERS * (width - 1.3)))
+        _explained(panels[5], tree, texts)
         titles = (
             "record",
             "gap before: record \N{MINUS SIGN} start model",
@@ -136,14 +140,17 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     return figure
 
 
-def _explained(ax: Axes, tree: xr.DataTree, room: int) -> None:
+def _texts_of_effects(tree: xr.DataTree, room: int) -> list[str]:
+    """Each named effect in words, in lines of so many characters."""
+    steps, count = tree["steps"].to_dataset(), len(added_effects(tree))
+    return [fill(_in_words(steps.isel(step=at), signal_units(tree)), room) for at in range(count)]
+
+
+def _explained(ax: Axes, tree: xr.DataTree, texts: list[str]) -> None:
     """RMS residual of the start model and after each named effect, over the noise."""
-    symbols = added_effects(tree)
-    steps = [tree["steps"].to_dataset().isel(step=at) for at in range(len(symbols))]
-    residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
-    ratios = [residual / record_noise(tree) for residual in residuals]
-    units = signal_units(tree)
-    texts = [_in_words(step, units) for step in steps]
+    symbols, units = added_effects(tree), signal_units(tree)
+    after = tree["steps"].residual_after.values.tolist() if symbols else []
+    ratios = [residual / record_noise(tree) for residual in (residual_of(tree, "before"), *after)]
     note = style.LABEL_OFFSET | {"fontsize": 8, "annotation_clip": False}
     for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
         look = style.CANDIDATE_MARKS["named"] if row else style.CANDIDATE_MARKS["other candidates"]
@@ -151,7 +158,7 @@ def _explained(ax: Axes, tree: xr.DataTree, room: int) -> None:
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
         # Above its line: beside a mark a long name may not have room.
-        words = ax.annotate(fill(text, room), (1.0, row), (8, 5), **(note | {"va": "bottom"}))
+        words = ax.annotate(text, (1.0, row), (8, 5), **(note | {"va": "bottom"}))
         # A long one would squeeze all panels.
         words.set_in_layout(False)
     ax.axvline(1.0, **style.THRESHOLD)

@@ -127,7 +127,8 @@ def signal_units(data: Any) -> str:
     data : Dataset or DataTree
         A record, an identification, a part of a result, or a whole one.
     """
-    part = data[record_groups(data)[0]] if isinstance(data, xr.DataTree) and not data.data_vars else data
+    group = record_groups(data)[0] if isinstance(data, xr.DataTree) else ""
+    part = data[group] if group and group in data.children else data
     stated = (part[name].attrs.get("units") for name in STATED_IN if name in part)
     return str(next((units for units in stated if units), "rad"))
 

@@ -15,7 +15,7 @@ from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs, one_or_all
 from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables, variable
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable
 from sysid_trib.validation.model_error import between
 
 # The noise that a fit of the motion may allow for.
@@ -118,7 +118,7 @@ def _dataset(
     everything = np.vstack([estimate, values])
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     change = np.divide(values - estimate, errors, out=np.full_like(values, np.nan), where=errors > 0.0)
-    unit = "see the force's unit"
+    unit = PER_FORCE_UNIT
     variables: Variables = {
         "coefficient": variable(("fit", "force"), values, "coefficient of the fit", unit),
         "standard_error": variable(("fit", "force"), errors, "standard error of the fit", unit),

@@ -19,6 +19,7 @@ from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import (
+    PER_FORCE_UNIT,
     Variables,
     chi_square_test,
     group_names,
@@ -33,7 +34,6 @@ from sysid_trib.validation.model_error import covariance_by_parts, error_parts, 
 from sysid_trib.validation.random_effects import RandomEffects
 
 Identified = xr.Dataset | xr.DataTree
-FORCE_UNITS = "see the force's unit"
 SIDES = ("first", "second")
 
 
@@ -126,9 +126,9 @@ def _difference(
     attrs: dict[str, object] = {"verdict": verdict, "level": level, "signal_units": signal_units(sides[0][0])}
     for name, sample, side in zip(SIDES, samples, sides, strict=True):
         pair = sample.values[:-1], sample.errors[:-1]
-        variables |= with_error(name, "force", pair, f"{name} at the reference frequency", FORCE_UNITS)
+        variables |= with_error(name, "force", pair, f"{name} at the reference frequency", PER_FORCE_UNIT)
         scatter = "standard deviation between runs beyond their errors"
-        variables[f"{name}_between_runs"] = variable("force", sample.between[:-1], scatter, FORCE_UNITS)
+        variables[f"{name}_between_runs"] = variable("force", sample.between[:-1], scatter, PER_FORCE_UNIT)
         attrs[f"{name}_record"] = [source for result in side for source in result.attrs["record_source"]]
         attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(member.attrs["method"]) for member in side))
     variables["reference_frequency"] = variable((), reference, "reference of the coefficients", "rad/s")
@@ -214,13 +214,15 @@ def _contrast(
     ratio = (w / other) ** 2
     stiffness = ratio - 1.0, 2.0 * ratio * float(np.hypot(of_w / w, of_other / other))
     variables: Variables = {
-        "difference": variable("force", contrast[:count], "first minus second", FORCE_UNITS),
-        "standard_error": variable("force", error[:count], "standard error of the difference", FORCE_UNITS),
+        "difference": variable("force", contrast[:count], "first minus second", PER_FORCE_UNIT),
+        "standard_error": variable(
+            "force", error[:count], "standard error of the difference", PER_FORCE_UNIT
+        ),
         "z": variable("force", z[:count], "difference over its standard error", "1"),
         "p_value": variable("force", p_value[:count], "p-value of no difference", "1"),
         "differs": variable("force", differs, "whether it differs, at a level that all forces share"),
         "covariance": variable(
-            ("force", "other_force"), covariance[:count, :count], "covariance", FORCE_UNITS
+            ("force", "other_force"), covariance[:count, :count], "covariance", PER_FORCE_UNIT
         ),
         **with_error(
             "stiffness_difference", (), stiffness, "ratio of squared asymptotic frequencies, less 1"
