@@ -78,6 +78,22 @@ class SurenessOptions:
         "--sensitivity", "Fit the same forces over windows, starts, sampling, noise models and methods."
     )
 
+    def profiled(self) -> tuple[list[str], list[str]]:
+        """Parameters that have a profile, and the pair that has contours.
+
+        Raises
+        ------
+        UsageError
+            More than one pair.
+        """
+        asked = [name.strip() for name in (self.profile or "").split(",") if name.strip()]
+        pairs = [name for name in asked if ":" in name]
+        if len(pairs) > 1:
+            raise UsageError(
+                f"--profile draws contours of one pair, not of {' and '.join(pairs)}; ask for one."
+            )
+        return [name for name in asked if ":" not in name], pairs
+
 
 @dataclass(frozen=True)
 class IdentificationFiles(Destination):
@@ -140,6 +156,7 @@ def identify(
 
         measured, calibration = scale.measured(), calibration_of(given)
         asked = checks.asked_model(model, constraint, given.system)
+        sure.profiled()
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(given, model, driven=True)
@@ -173,11 +190,8 @@ def _add_sureness(
     tree: "xr.DataTree", decays: "list[xr.Dataset]", sure: SurenessOptions, tell: "Tell"
 ) -> None:
     """Add what is asked of how sure the answer is, as groups of the result."""
-    asked = [name.strip() for name in (sure.profile or "").split(",") if name.strip()]
-    names, pairs = ([name for name in asked if (":" in name) == paired] for paired in (False, True))
-    if len(pairs) > 1:
-        raise UsageError("--profile draws the contours of one pair at a time.")
-    if not (asked or sure.sensitivity):
+    names, pairs = sure.profiled()
+    if not (names or pairs or sure.sensitivity):
         return
     from sysid_trib.validation.findings import answer_of
     from sysid_trib.validation.profiles import contour, profile

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.blocks import Block
+from sysid_trib.printing.blocks import ALWAYS, Block
 from sysid_trib.printing.layout import (
     Source,
     by_label,
@@ -17,7 +17,12 @@ from sysid_trib.printing.layout import (
     value_with_error,
 )
 from sysid_trib.results.significance import SIGNIFICANT_ERRORS
+from sysid_trib.validation.findings import verdict_of
 
+NOISE_ALONE = (
+    "The model does not explain the record: quote the standard errors, which allow for that. These intervals "
+    "hold the noise alone."
+)
 PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
 
 
@@ -25,7 +30,8 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
     """What profiles and a sensitivity say, where the result has them."""
     blocks = []
     if PROFILE in tree.children:
-        blocks += _profile_blocks(tree[PROFILE].to_dataset())
+        lacking = "comparison" in tree.children and verdict_of(tree) in ("approximate", "not explained")
+        blocks += _profile_blocks(tree[PROFILE].to_dataset(), lacking)
     if CONTOUR in tree.children:
         data = tree[CONTOUR].to_dataset()
         said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
@@ -35,8 +41,8 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
     return blocks
 
 
-def _profile_blocks(data: xr.Dataset) -> list[Block]:
-    """Intervals by the profile likelihood, beside those by the standard error."""
+def _profile_blocks(data: xr.Dataset, lacking: bool) -> list[Block]:
+    """Intervals by the profile likelihood, beside those by the standard error; `lacking` : of the model."""
     rows = []
     for name, row in by_label(data, "parameter").items():
         estimate, error = row.estimate.item(), row.standard_error.item()
@@ -46,11 +52,12 @@ def _profile_blocks(data: xr.Dataset) -> list[Block]:
         rows.append([name, value_with_error(estimate, error), *ends, by_error])
     misled = [name for name, row in by_label(data, "parameter").items() if row.asymmetric.item()]
     said = f"The standard error misleads for {', '.join(misled)}: quote the interval." if misled else ""
+    said = NOISE_ALONE if lacking else said
     heads = ["parameter", "by the motion", "from", "to", "over the error"]
     table = text_table(heads, rows, numbers=(1, 2, 3, 4))
     caption = f"Intervals of {100.0 * data.attrs['confidence']:g} % by the profile likelihood"
     return [
-        Block([said] if said else [], title="Profiles", table=table, caption=caption, figures=PROFILE),
+        Block([said] if said else [], ALWAYS, "Profiles", table, caption, PROFILE),
     ]
 
 
