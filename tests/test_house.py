@@ -145,7 +145,7 @@ def test_the_house_does_not_grow():
     now = numbers()
     assert len(arrows()) <= 141
     assert now["files"] <= 259
-    assert now["code lines"] <= 31_600
+    assert now["code lines"] <= 31_640
     assert now["classes"] <= 219
 
 

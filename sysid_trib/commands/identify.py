@@ -86,7 +86,8 @@ class SurenessOptions:
         UsageError
             More than one pair.
         """
-        asked = [name.strip() for name in (self.profile or "").split(",") if name.strip()]
+        given = [name.strip() for name in (self.profile or "").split(",")]
+        asked = [name for name in dict.fromkeys(given) if name]
         pairs = [name for name in asked if ":" in name]
         if len(pairs) > 1:
             raise UsageError(

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
 
 from sysid_trib.arrays import Array
-from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, TWO_COLUMNS, grid, letter
+from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, LEGEND, ORANGE, TWO_COLUMNS, grid, letter
 
 PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
 # Colours of the kinds of fit.
@@ -68,14 +68,14 @@ def contour(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     round_ = np.array([np.cos(turn), slope * np.cos(turn) + np.sqrt(1.0 - slope**2) * np.sin(turn)])
     for level in levels:
         x, y = estimate[:, None] + level * error[:, None] * round_
-        ax.plot(x / x_unit, y / y_unit, color=GREY, linewidth=0.8, linestyle="--")
+        (dashed,) = ax.plot(x / x_unit, y / y_unit, color=GREY, linewidth=0.8, linestyle="--")
     x, y = data.value.values
     # The root of the deviance is nearly straight between points.
     lines = ax.contour(
         x / x_unit, y / y_unit, np.sqrt(data.deviance), levels, colors=[INK, ORANGE], linewidths=1
     )
-    texts = {level: f"{100.0 * p:g} %" for level, p in zip(levels, data.attrs["levels"], strict=True)}
-    ax.clabel(lines, fmt=texts, fontsize=FONT)
+    texts = [*(f"{100.0 * p:g} %" for p in data.attrs["levels"]), "by the standard errors"]
+    ax.legend([*lines.legend_elements()[0], dashed], texts, **LEGEND | {"ncol": 3})
     ax.plot(estimate[0] / x_unit, estimate[1] / y_unit, color=INK, marker="+", linestyle="")
     shown = np.isfinite(data.deviance.values)
     ax.set(xlabel=x_label, ylabel=y_label)

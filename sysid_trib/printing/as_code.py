@@ -8,16 +8,19 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.formulas import SMOOTH, Formula
 from sysid_trib.printing.exported import equation_text
-from sysid_trib.results.schema import model_of
+from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import signal_units
 
 IN_NUMPY = {name: f"np.{name}" for name in ("sign", "abs", "pi", *SMOOTH)}
 IN_NUMPY |= {"min": "np.minimum", "max": "np.maximum"}
 IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
+# Names that the texts have for what is theirs.
+RESERVED = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
 PYTHON_TEXT = '''"""{equation}
 
-x in {unit}, t in s since the first sample. Dry friction does not hold it at rest: end a run there.
+x in {unit} about the equilibrium, without the sensor's zero and errors; t in s since the first sample.
+Start and zero of a record are to be fitted, with rtol=1e-9. Dry friction does not hold it at rest: end there.
 """
 
 import numpy as np
@@ -82,17 +85,31 @@ def model_code(result: xr.Dataset, language: str) -> str:
     if language not in LANGUAGES:
         raise UsageError(f"'{language}' is no language of export; choose {', '.join(LANGUAGES)}.")
     model = model_of(result)
+    if runs := [force.symbol for force in library_of(result) if force.run is not None]:
+        raise UsageError(
+            f"{', '.join(runs)} are of one run each, an equation has one of them; identify that run alone."
+        )
+    if taken := RESERVED & {channel.name for channel in model.driven}:
+        raise UsageError(
+            f"The input {', '.join(sorted(taken))} has a name that the exported text has for its own; give "
+            "it another in the library and in --input."
+        )
     if hysteretic := [force.symbol for force in model.forces if force.memory]:
         raise UsageError(
             f"{', '.join(hysteretic)} holds values between reversals and is no equation in x, v and states; "
             "use sysid-trib simulate, or predict in Python."
         )
     heading = {
-        "equation": equation_text(result),
-        "unit": signal_units(result),
+        # Units are words of files: what ends a comment or a docstring is no part of them here.
+        "equation": _one_line(equation_text(result)),
+        "unit": _one_line(signal_units(result)),
         "w": float(model.reference_frequency),
     }
     return LANGUAGES[language](result, heading)
+
+
+def _one_line(text: str) -> str:
+    return re.sub(r'["\\\\]', "'", " ".join(text.split()))
 
 
 def _written(formula: Formula, known: Mapping[str, str]) -> str:

@@ -51,6 +51,8 @@ def _sentences(response: xr.Dataset) -> list[str]:
     """Sentences on how much simulations differ, and on what the bands hold."""
     off = np.abs(response.simulated_amplitude / response.check_amplitude - 1.0).values
     count, kept = len(off), int(np.sum(off <= response.left_open.item()))
+    if not count:
+        return ["With this drive the model has no steady motion here: friction holds it, or it grows."]
     said = (
         f"{kept} of {count} simulated motions keep their amplitude, within "
         f"{100.0 * response.left_open.item():.2g} %, which the bands hold in addition to "

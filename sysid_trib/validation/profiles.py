@@ -201,6 +201,11 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     estimate, (low, high) = likelihood.best.values[places], (limit[places] for limit in parameters.limits)
     correlation = likelihood.covariance[np.ix_(places, places)] / np.outer(error, error)
     axes = GRID_STEP * error[:, None] * np.linalg.cholesky(correlation)
+    # Errors may hold more than the noise, whose contours are drawn: a step is that of their curvature.
+    for axis in axes.T:
+        held = dict(zip(names, (estimate + axis).tolist(), strict=True))
+        near = likelihood.holding(held, likelihood.best.values)
+        axis *= np.clip(GRID_STEP / np.sqrt(max(likelihood.deviance_of(near), 1e-9)), 0.02, 1.0)
     fits, inside = {(0, 0): likelihood.best}, [(0, 0)]
     # Outwards from the best fit, each from its neighbour, as far as the last contour reaches.
     for row, column in inside:
