@@ -16,7 +16,7 @@ IN_NUMPY |= {"min": "np.minimum", "max": "np.maximum"}
 IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
 # Names that the texts have for what is theirs.
-RESERVED = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
+NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
 PYTHON_TEXT = '''"""{equation}
 
 x in {unit} about the equilibrium, without the sensor's zero and errors; t in s since the first sample.
@@ -89,7 +89,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
         raise UsageError(
             f"{', '.join(runs)} are of one run each, an equation has one of them; identify that run alone."
         )
-    if taken := RESERVED & {channel.name for channel in model.driven}:
+    if taken := NAMES_OF_TEXTS & {channel.name for channel in model.driven}:
         raise UsageError(
             f"The input {', '.join(sorted(taken))} has a name that the exported text has for its own; give "
             "it another in the library and in --input."
