@@ -24,7 +24,7 @@ LOOK = (
     "body { margin: 0 } "
     "svg { width: 800px !important; max-width: none !important; height: auto; stroke-linejoin: round }"
 )
-FIGURES = {"identify": 0, "cross_check": 1, "runs": 0, "compare": 2, "discover": 4}
+FIGURES = {"identify": 0, "cross_check": 1, "runs": 0, "compare": 2, "discover": 3}
 # Of each figure: its width, that of the box that it can be moved in, and the height of its letters, px.
 SIZES = """[...document.querySelectorAll('figure svg')].map((svg) => [
   svg.getBoundingClientRect().width,
