@@ -105,7 +105,7 @@ def _errors(measured: xr.Dataset, name: str, scatter: str) -> Array:
 
 CURVES = {"frequency": ("angular frequency", "rad/s"), "damping_ratio": ("damping ratio", "1")}
 CURVE_POINTS, FEWEST_HALF_PERIODS = 80, 5
-# Rounds with the first: with the bends and the slopes of the one before.
+# Rounds after the first: with the bends and the slopes of the one before.
 ROUNDS = 2
 QUANTILES, FINE = 17, 801
 # Extrema of both sides together: leaves out what differs between them, and nothing of a parabola.

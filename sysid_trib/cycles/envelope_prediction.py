@@ -140,7 +140,7 @@ class Averaged:
         a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
         values = np.sum([self._weighted(force, a) for force in self.others], axis=0).T
         series = np.asarray(chebyshev.chebfit(nodes, values, CHEBYSHEV_NODES - 1))
-        # With the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
+        # Compared with the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
         size = max(np.abs(series).max(initial=1e-300), CANCELLATION / ENVELOPE_TOLERANCE * 2.0**high)
         last = np.abs(series[-3:]).max() / size
         # Of an octave: a signature with a kink, as where a slip begins, is halved no further.

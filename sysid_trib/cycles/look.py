@@ -98,7 +98,7 @@ def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) ->
     if _within({}, frequency, half, np.ones((len(a), 1))):
         return Pointed(friction)
     swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
-    # With the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
+    # Besides the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
     # leave open.
     half = half + 0.1 * shift
     if angle and a[-1] < np.pi and _within({}, frequency, half, swing[:, None]):
@@ -195,8 +195,8 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
     step = sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
-    # A step with the noise of sixth differences, of a motion that takes many samples to the next step at
-    # most.
+    # A step compared with the noise of sixth differences, of a motion that takes many samples to the next
+    # step at most.
     step = step if step <= 30.0 * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
     scalars: Variables = {
         "start": variable((), time[0], "first sample", "s"),

@@ -129,7 +129,7 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
 
 
 class Move(NamedTuple):
-    """A step of a search: a model, its effects with the start model's, and its evidence."""
+    """A step of a search: a model, its effects besides the start model's, and its evidence."""
 
     evidence: float
     effects: tuple[str, ...]
@@ -144,7 +144,7 @@ def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -
     current : Screening
         Of the present model.
     effects : tuple of str
-        Its effects with the start model's.
+        Its effects besides the start model's.
     fits : Fits
 
     Returns

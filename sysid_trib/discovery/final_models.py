@@ -38,7 +38,7 @@ def pairs_of(
     current : Screening
         Of the final model.
     effects : tuple of str
-        Its effects with the start model's.
+        Its effects besides the start model's.
     symbol : str
         One of these: of no shape it has no pairs.
     fits : Fits
@@ -253,7 +253,7 @@ def final_of_set(
 
 
 def _plainness(model: FittedModel, symbol: str) -> tuple[bool, int]:
-    """True if an effect is a usual candidate, and the number of its shapes: the least is plainest."""
+    """True of a usual candidate, and the number of its shapes: the least is plainest."""
     force = model.trials[model.columns_of(symbol)[0]].force
     usual = {(other.symbol, other.formula.text) for other in load_library("candidate_effects")}
     return (force.symbol, force.formula.text) in usual, len(force.shape)

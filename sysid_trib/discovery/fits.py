@@ -16,13 +16,13 @@ from sysid_trib.likelihood.trials import TrialEffect, reference_power
 
 
 def evidence(model: FittedModel, effects: Sequence[str]) -> float:
-    """Minus twice the logarithm of the evidence of a model, for its effects with those of the start.
+    """Minus twice the logarithm of the evidence of a model, for its effects besides those of the start.
 
     Parameters
     ----------
     model : FittedModel
     effects : sequence of str
-        Symbols with the start model's.
+        Symbols besides the start model's.
 
     Notes
     -----
@@ -185,7 +185,7 @@ class Fits:
         return model.without_caches() if model is not None and settled else None
 
     def _key(self, trials: Sequence[TrialEffect]) -> frozenset[str]:
-        """Symbols of the effects of a model, those with the start model's."""
+        """Symbols of the effects of a model, those besides the start model's."""
         return frozenset(t.force.symbol for t in trials) - {t.force.symbol for t in self.start.trials}
 
     def _is_local_optimum(self, model: FittedModel | None, key: frozenset[str]) -> bool:
@@ -218,7 +218,7 @@ def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect
 
 
 def _is_physical(model: FittedModel, base: int) -> bool:
-    """True if the forces with the first ones, those of the start model, may have their coefficients."""
+    """True if the forces besides the first ones, those of the start model, may have their coefficients."""
     relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
     physical = are_physical(model.trials, model.coefficients, relative_force, model.settings.strongest)
     return bool(np.all(physical[base:]))

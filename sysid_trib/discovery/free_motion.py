@@ -1,4 +1,4 @@
-"""The free motion of a fitted model with each record, and the model as an identification."""
+"""The free motion of a fitted model held against each record, and the model as an identification."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from sysid_trib.simulation.model import Model
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """A run with the motion that a model has without a random force, its start fitted.
+    """A run held against the motion that a model has without a random force, its start fitted.
 
     Attributes
     ----------
@@ -74,14 +74,14 @@ def model_of_fit(model: FittedModel) -> Model:
 
 
 def free_motions(model: FittedModel) -> list[FreeMotion]:
-    """The free motion of a model with each of its runs."""
+    """The free motion of a model in each of its runs."""
     return [
         free_motion(model_of_fit(model), rows.path, model.sensor(at)) for at, rows in enumerate(model.rows)
     ]
 
 
 def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion:
-    """The free motion of a model with a record, its states and memory those that came before."""
+    """The free motion of a model next to a record, its states and memory those that came before."""
     if (before := path.before) is not None:
         past = before.form.tau, *before.at_samples
         begun = (begun_after(force, *past, model.shapes, before.elapsed) for force in model.library)

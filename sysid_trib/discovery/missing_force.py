@@ -103,7 +103,7 @@ def collinear_effects(
     products : sequence of RunProducts
         The model's columns come first.
     effects : sequence of str
-        Symbols with the start model's.
+        Symbols besides the start model's.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""True if runs differ, and whether names and coefficients stand in parts of the record."""
+"""Tests of whether runs differ, and whether names and coefficients stand in parts of the record."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -109,7 +109,7 @@ class Screening:
         return list(best.values())
 
     def are_fine(self, trials: Sequence[int]) -> list[bool]:
-        """True if the motion is known as finely as each acts."""
+        """Truth, for each trial, of a motion that is known as finely as it acts."""
         unasked = [at for at in trials if at not in self.fine]
         if unasked:
             known = are_known_finely(self.model, [self.trials[at] for at in unasked], self.effects)

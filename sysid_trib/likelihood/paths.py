@@ -6,8 +6,8 @@ deviations,
     A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
 
 All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline,
-with the motion that the forces themselves give it, which may switch or turn within a sample: no simulation
-is needed; what the path differs from the motion counts in second order alone.
+and about it the motion that the forces themselves give, which may switch or turn within a sample: no
+simulation is needed; what the path differs from the motion counts in second order alone.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -163,8 +163,8 @@ class RecordPath:
     @cached_property
     def known_part(self) -> Array:
         """Integrals of x'', of x and of what is always there, (row,)."""
-        sensor_alone = self.points.acceleration - self._forcing
-        return np.asarray(self.points.integrals @ sensor_alone) + self.stiffness_column
+        free = self.points.acceleration - self._forcing
+        return np.asarray(self.points.integrals @ free) + self.stiffness_column
 
     @cached_property
     def stiffness_column(self) -> Array:

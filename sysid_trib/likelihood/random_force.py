@@ -85,7 +85,7 @@ def check_random_force(option: RandomForceOption) -> None:
 
 
 def is_fitted(option: RandomForceOption) -> bool:
-    """True if a method itself has a random force with the sensor's noise."""
+    """True if a method itself has a random force besides the sensor's noise."""
     return option not in ("auto", "off")
 
 

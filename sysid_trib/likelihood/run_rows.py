@@ -155,7 +155,7 @@ class RunRows:
 
         Notes
         -----
-        Of all splines with the path the one with the least squares of the sensor's innovations and of the
+        Of all splines about the path the one with the least squares of the sensor's innovations and of the
         random force together; without a random force its rows vanish, and it is a free motion of the model.
         The multipliers of the rows in this saddle point are the random force over its covariance.
         """

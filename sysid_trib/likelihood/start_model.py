@@ -209,7 +209,7 @@ def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) ->
 
 
 def colour_penalty(model: FittedModel) -> float:
-    """What the colours of a model's noise cost with its deviance (Bayesian information criterion)."""
+    """What the colours of a model's noise cost besides its deviance (Bayesian information criterion)."""
     return float(sum(_parameters_of(rows.path.sensor) * np.log(len(rows.path.time)) for rows in model.rows))
 
 

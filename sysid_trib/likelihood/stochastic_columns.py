@@ -131,7 +131,7 @@ def regress_stochastic(
 def _about_free_motion(
     run: RunRegression, active: Mask, sensitivity: Array | None
 ) -> tuple[RunRegression, Array | None]:
-    """A run with its path with a free motion of its present model, where that follows the record."""
+    """A run whose path is about a free motion of its present model, where that follows the record."""
     problem, path = run.problem, run.reference
     try:
         free = motion_of_run(run, active, sensitivity, near=True)

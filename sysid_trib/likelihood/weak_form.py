@@ -34,7 +34,7 @@ SAMPLES_PER_ROW = 1.5
 # The first and last rows have knots on top of each other: samples are interpolated there by splines of this
 # degree and integrated in so many parts of a step, else each would be wrong by a hundredth.
 END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
-# With a gap, a step longer than so many others, there is nothing to interpolate.
+# Next to a gap, a step longer than so many others, there is nothing to interpolate.
 MOST_UNEVEN = 1.5
 # Where a sparse matrix has entries.
 ENTRIES = "indptr", "indices"
@@ -127,7 +127,7 @@ def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
 
 
 def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
-    """The first rows, (row, sample), from samples that are interpolated; None with a gap."""
+    """The first rows, (row, sample), from samples that are interpolated; None next to a gap."""
     end = knot_sequence(tau, intervals)[END_ROWS + 2 + SPLINE_DEGREE]
     used = max(END_DEGREE + 1, int(np.searchsorted(tau, end)) + 1)
     steps = np.diff(tau[:used])
@@ -309,7 +309,7 @@ def log_determinant(factor: Array) -> float:
 
 def whiten(factor: Array, columns: Array) -> Array:
     """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
-    # LAPACK of scipy 1.17 writes next to an array that holds nothing.
+    # LAPACK of scipy 1.17 writes beyond an array that holds nothing.
     if not columns.size:
         return columns.copy()
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))

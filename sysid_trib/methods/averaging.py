@@ -59,9 +59,9 @@ class Averaging(Constrained):
     curve : {"half-sines", "analytic-signal"}
         What gives the extrema (see `envelope`).
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        `estimated` finds a white random acceleration in each run with the sensor's noise, by the restricted
-        likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to `identify`.
-        Not for the paper's rule.
+        `estimated` finds a white random acceleration in each run besides the sensor's noise, by the
+        restricted likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to
+        `identify`. Not for the paper's rule.
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
         held, lowest and highest value of coefficients, and coefficients as linear formulas of others.

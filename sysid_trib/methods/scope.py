@@ -207,7 +207,7 @@ def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) ->
 
 
 def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> tuple[bool, bool]:
-    """True if a force acts on the envelope, and on the frequency."""
+    """Two truths: a force acts on the envelope, and on the frequency."""
     phase = np.linspace(0.0, 2.0 * np.pi, 64)
     try:
         sine, cosine = (abs(float(part[0])) for part in averages(force, np.array([amplitude]), shapes))

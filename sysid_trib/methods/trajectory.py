@@ -59,7 +59,7 @@ class Trajectory(Constrained):
     shapes : mapping of str to float
         Values of shape parameters, held or first guesses.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        `estimated` finds a white random acceleration in each run with the sensor's noise; a number is its
+        `estimated` finds a white random acceleration in each run besides the sensor's noise; a number is its
         one-sided density, held; `auto` leaves it to `identify`. The fit is then that of the innovations (see
         `random_motion`).
     own : tuple of str

@@ -54,7 +54,7 @@ def cramer_rao_bound(
     ------
     UsageError
         Some parameters are not determined: a force that does not act on this motion, or a force of formula
-        `x` with the frequency.
+        `x` besides the frequency.
 
     Notes
     -----

@@ -167,7 +167,7 @@ def _answer(tree: xr.DataTree) -> str:
 
 
 def _agreement_sentences(tree: xr.DataTree) -> list[str]:
-    """True if the methods agree, and the test behind it; nothing where one failed."""
+    """Sentences on how methods agree, and the test behind it; nothing where one failed."""
     if failures(tree):
         return []
     checked = tree["comparison"].to_dataset()

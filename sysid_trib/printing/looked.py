@@ -89,7 +89,7 @@ POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or
 
 
 def loses_power(force: Force) -> str:
-    """True if a positive coefficient takes energy out, at the amplitudes at which a pendulum swings."""
+    """What a positive coefficient does to the energy, at the amplitudes at which a pendulum swings."""
     power = dissipated_power(force, np.array([0.05, 0.3, 1.0]), None, time=1.0)
     if np.all(np.abs(power) < 1e-13):
         return "no"

@@ -131,7 +131,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _whose(tree: xr.DataTree, contradicted: bool) -> list[str]:
-    """True if the random force is a property of the experiment, or stands for something that is missing."""
+    """Sentences on whether the random force is the experiment's, or stands for something that is missing."""
     tested = tree["random_force"].to_dataset()
     p_value = p_value_of_dependence(tested)
     if p_value < DEPENDENCE_LEVEL:

@@ -1,4 +1,4 @@
-"""True if the model of a cross-check explains the record, whether its runs differ, and what that means."""
+"""The verdict in words: is the record explained, do its runs differ, and what that means."""
 
 from typing import Any
 
@@ -76,7 +76,7 @@ def runs_sentences(runs: xr.Dataset) -> list[str]:
 
 
 def _density_sentences(runs: xr.Dataset) -> list[str]:
-    """True if a random force has the same size in all runs; nothing where there is none."""
+    """Sentences on the random force's size in all runs; nothing where there is none."""
     if "density_verdict" not in runs.attrs:
         return []
     if runs.attrs["density_verdict"] == "unknown":
@@ -91,7 +91,7 @@ def _density_sentences(runs: xr.Dataset) -> list[str]:
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
-    """True if the final model of a discovery holds for all runs; nothing of a single run."""
+    """Sentences on whether the final model of a discovery holds for all runs; nothing of a single run."""
     if GROUP not in tree.children:
         return []
     last = tree[GROUP].to_dataset().isel(model=-1)
@@ -129,7 +129,7 @@ def _sentence(test: dict[str, Any], most: str) -> str:
 
 
 def runs_json(runs: xr.Dataset) -> dict[str, Any]:
-    """True if the runs of one experiment differ, as plain data."""
+    """The test of runs of one experiment as plain data."""
     stochastic = {"random_force": DENSITIES} if "density_verdict" in runs.attrs else {}
     return mapped(runs, RUNS_JSON | stochastic)
 
@@ -152,7 +152,7 @@ EFFECTIVE = "These coefficients are effective values of a model that is not comp
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
-    """True if the record is explained, in words that no test is needed to read."""
+    """The verdict on the record, in words that no test is needed to read."""
     verdict = verdict_of(tree)
     if verdict == "undetermined":
         return UNDETERMINED

@@ -1,4 +1,4 @@
-"""True if a swing is a free decay: long enough, falling, never pushed, not clipped, not stopped by a hand."""
+"""Checks of a free decay: long enough, falling, never pushed, not clipped, not stopped by a hand."""
 
 from dataclasses import replace
 

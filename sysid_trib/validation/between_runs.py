@@ -48,7 +48,7 @@ def between_runs(
     -------
     Dataset
         Over `quantity` (each force, and the asymptotic frequency): `between_run`, the standard deviation of
-        what scatters between runs with their stated errors and the conditions, with `between_run_lower` and
+        what scatters between runs beyond their stated errors and the conditions, with `between_run_lower` and
         `between_run_upper` (95 %); `scatter_p_value` of no such scatter, `homogeneity_p_value` of one value
         for all runs; `verdict`: common, varies with ..., scatters, too few runs. Over `run` the values at one
         reference frequency with their errors, `shrunken` estimates, which use all runs, and `z`, how far a

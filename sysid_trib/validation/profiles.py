@@ -1,4 +1,4 @@
-"""Profile likelihood of a parameter: how much worse the motion fits where it is held with its estimate."""
+"""Profile likelihood of a parameter: how much worse the motion fits where it is held off its estimate."""
 
 import itertools
 from collections.abc import Mapping, Sequence

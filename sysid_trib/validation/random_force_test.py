@@ -1,4 +1,4 @@
-"""True if what is left of a motion is a random force, or depends on angle, speed, amplitude or time."""
+"""Tests of what is left of a motion: a random force, or one on angle, speed, amplitude or time."""
 
 from dataclasses import replace
 
@@ -134,7 +134,7 @@ def random_force_dependence(
 def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.Dataset:
     """`random_force_dependence`, of what is left of the motion even where the result has no random force.
 
-    The test has a random force of its own in any case, with the sensor's noise of the result's colour.
+    The test has a random force of its own in any case, besides the sensor's noise of the result's colour.
     """
     decay, result = followed.runs[run], followed.result
     every = _every(decay, result)

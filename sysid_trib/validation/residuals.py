@@ -254,7 +254,7 @@ def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: in
 
 
 def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
-    """`residuals` of several runs as one, those of each run with it with the dimension `run`.
+    """`residuals` of several runs as one, those of each run besides it with the dimension `run`.
 
     RMS over the runs, the earliest departure, the least p-value times the number of runs (Bonferroni),
     and the highest line.

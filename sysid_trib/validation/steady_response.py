@@ -1,4 +1,4 @@
-"""The forced response of an identified model, with bands, and simulations with it."""
+"""The forced response of an identified model, with bands, checked by simulations."""
 
 from dataclasses import replace
 

@@ -28,7 +28,7 @@ NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest
 def record_noise(tree: xr.DataTree) -> float:
     """The sensor's noise of the records in a result, rad: RMS over the runs of `sensor_noise`.
 
-    The one noise with which tables, sentences and figures show residuals: it is the record's, whatever the
+    The one noise against which tables, sentences and figures show residuals: it is the record's, whatever the
     model.
     """
     return root_mean_square([run_record_noise(tree, run) for run in range(len(record_groups(tree)))])
