@@ -69,8 +69,8 @@ class Direct(Constrained):
         Values of shape parameters, which are held.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run besides the sensor's noise, by the
-        restricted likelihood of the rows, and the colour of that noise; a number is its one-sided density, held,
-        and the sensor's noise is white then. `auto` leaves it to `identify`. The
+        restricted likelihood of the rows, and the colour of that noise; a number is its one-sided density,
+        held, and the sensor's noise is white then. `auto` leaves it to `identify`. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
         `regress_stochastic`). The strong form, and the weak form that is not refined, have none.
     own : tuple of str
