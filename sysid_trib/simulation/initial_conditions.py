@@ -65,7 +65,7 @@ def measured_part(decay: xr.Dataset) -> tuple[Observation, Array, Array]:
 
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing; of a motion that need only be near the record.
-SETTLED_START, NEAR_START = 1e-5, 1e-3
+SETTLED_START, NEAR_START = 1e-5, 3e-5
 # After a step as long as this part of the swing the derivatives are taken anew.
 FAR_START = 1e-2
 # And after one that is not shorter than this part of the one before: with one slope for both sides of a rest
