@@ -53,6 +53,17 @@ def test_runs_that_scatter_widen_the_error_of_their_mean():
     assert not zeta.differs.item()
 
 
+def test_what_both_hold_does_not_differ_at_another_frequency():
+    holding = Direct(constraints={"epsilon": FIVE["epsilon"]})
+    runs = [replace(RUN, model=replace(RUN.model, reference_frequency=w)) for w in (9.9, 9.8)]
+    found = difference(*(identify(run.decay(1), LIBRARY, holding) for run in runs))
+    epsilon = found.sel(force="epsilon")
+    assert (epsilon.difference.item(), epsilon.standard_error.item()) == (0.0, 0.0)
+    assert np.isnan(epsilon.z.item()) and not epsilon.differs.item()
+    assert found.degrees_of_freedom.item() == found.sizes["force"] - 1
+    assert abs(found.stiffness_difference / found.stiffness_difference_standard_error) > 10.0
+
+
 def test_answers_of_identify_and_what_is_none(samples):
     (first, _), (other,) = samples
     for wrong in ([], [first, RUN.decay(1)], "a.csv", None):

@@ -14,6 +14,7 @@ from sysid_trib.plots.style import (
     INK,
     ORANGE,
     TWO_COLUMNS,
+    in_latex,
     letter,
     new_figure,
 )
@@ -73,7 +74,7 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
     data = tree.to_dataset()
     symbols, z = data.force.values.tolist(), data.z.values
     half = float(norm.isf(0.5 * float(data.attrs["level"]) / len(symbols)))
-    edge = min(MOST_ERRORS, float(np.nanmax(np.abs(z), initial=half))) + half
+    edge = min(MOST_ERRORS, float(np.nanmax(np.abs(z), initial=half))) + 1.1 * half
     ax.axvline(0.0, color=GREY, linewidth=0.6)
     for at, symbol in enumerate(symbols):
         row, shown = data.sel(force=symbol), float(np.clip(z[at], -MOST_ERRORS, MOST_ERRORS))
@@ -96,5 +97,5 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
             annotation_clip=False,
         )
     ax.set(xlim=(-edge, edge), ylim=(len(symbols) - 0.4, -0.6))
-    ax.set_yticks(range(len(symbols)), symbols)
+    ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
     ax.set_xlabel("first minus second, over its standard error", fontsize=8)

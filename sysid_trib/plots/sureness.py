@@ -6,7 +6,18 @@ from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
 
 from sysid_trib.arrays import Array
-from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, LEGEND, ORANGE, TWO_COLUMNS, grid, letter
+from sysid_trib.plots.style import (
+    BLUE,
+    FULL_WIDTH,
+    GREY,
+    INK,
+    LEGEND,
+    ORANGE,
+    TWO_COLUMNS,
+    grid,
+    in_latex,
+    letter,
+)
 
 PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
 # Colours of the kinds of fit.
@@ -94,8 +105,8 @@ def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
     """What values are drawn in, and the label of their axis: an offset at its end would hide the label."""
     power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))
     if -2 <= power <= 3:
-        return 1.0, name
-    return 10.0**power, f"{name} / $10^{{{power}}}$"
+        return 1.0, in_latex(name)
+    return 10.0**power, f"{in_latex(name)} / $10^{{{power}}}$"
 
 
 def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:

@@ -13,7 +13,14 @@ import xarray as xr
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import Formula
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
-from sysid_trib.printing.layout import by_label, error_of, quantity, reference_sentence, value_with_error
+from sysid_trib.printing.layout import (
+    by_label,
+    constraint_mark,
+    error_of,
+    quantity,
+    reference_sentence,
+    value_with_error,
+)
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups, signal_symbol, signal_units
@@ -44,6 +51,9 @@ COLUMNS = {
     "error_of_noise": "error_of_noise",
     "error_of_model": "error_of_model",
     "error_of_calibration": "error_of_calibration",
+    "constraint": "constraint",
+    "z": "z",
+    "p_value": "p_value",
 }
 # More methods than this are rows.
 MOST_COLUMNS = 3
@@ -245,8 +255,8 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     if (converted := si_of(tree)) is not None:
         yield from _si_rows(converted)
     for symbol, row in _contrasts(tree).items():
-        words = {"method": "first minus second", "quantity": symbol, "name": f"z = {row.z.item():.4g}"}
-        yield words | {"value": row.difference.item(), "standard_error": row.standard_error.item()}
+        words = {"method": "first minus second", "quantity": symbol, "value": row.difference.item()}
+        yield words | {name: row[name].item() for name in ("standard_error", "z", "p_value")}
     for name, text in about_the_record(tree).items():
         yield {"method": "record", "quantity": name, "value": text}
 
@@ -280,7 +290,7 @@ def latex_text(tree: xr.DataTree) -> str:
         library = library_of(result)
         for symbol, force in by_label(result, "force").items():
             unit = "" if force.unit.item() == "1" else f" {unit_in_latex(force.unit.item())}"
-            text = f"{_in_latex(quantity(force, 'coefficient'))}{unit}"
+            text = f"{_in_latex(quantity(force, 'coefficient'))}{unit}{constraint_mark(force)}"
             cells.setdefault(f"${library[symbol].latex_symbol}$", {})[method] = text
         for name, symbol in FREQUENCIES_LATEX.items():
             cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
@@ -299,7 +309,8 @@ def latex_text(tree: xr.DataTree) -> str:
         own = next(library_of(result)[symbol] for result in named.values() if symbol in result.force)
         text = value_with_error(row.difference.item(), row.standard_error.item())
         of_force = cells.setdefault(f"${own.latex_symbol}$", {})
-        of_force["difference"] = f"{_in_latex(text)}, $z = {row.z.item():.1f}$"
+        z = f", $z = {row.z.item():.1f}$" if np.isfinite(row.z) else ""
+        of_force["difference"] = f"{_in_latex(text)}{z}"
     table = [[head, *(row.get(name, "--") for name in heads)] for head, row in cells.items()]
     table.insert(0, ["", *(name.replace("_", " ") for name in heads)])
     if len(heads) > MOST_COLUMNS:

@@ -165,8 +165,12 @@ def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
     force = result.sel(force=symbol)
     if not force.active.item():
         return f"dropped (± {force.standard_error.item():.2g})"
-    kind = force.constraint.item() if "constraint" in force.coords else ""
-    return f"{quantity(force, 'coefficient')}{MARKS.get(kind, ' (tied)')}"
+    return f"{quantity(force, 'coefficient')}{constraint_mark(force)}"
+
+
+def constraint_mark(force: xr.Dataset) -> str:
+    """Behind a coefficient: that it is fixed, at its bound or tied."""
+    return MARKS.get(force.constraint.item() if "constraint" in force.coords else "", " (tied)")
 
 
 def _shape_cell(result: xr.Dataset, name: str) -> str:

@@ -54,7 +54,8 @@ def _first_sentence(tree: xr.DataTree) -> str:
     data = tree.to_dataset()
     names = data.force.values.tolist()
     differ = [name for name in names if data.differs.sel(force=name).item()]
-    others = [name for name in names if name not in differ]
+    held = [name for name in names if not np.isfinite(data.z.sel(force=name))]
+    others = [name for name in names if name not in [*differ, *held]]
     parts = []
     for name in differ:
         row, unit = data.sel(force=name), _unit(tree, name)
@@ -62,12 +63,13 @@ def _first_sentence(tree: xr.DataTree) -> str:
         parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
     if parts:
         rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
+        rest += f"; {', '.join(held)} {'is' if len(held) == 1 else 'are'} not tested" if held else ""
         return f"{'; '.join(parts)}{rest}."
     test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
     test += p_value_text(data.p_value_of_all.item())
     if data.attrs["verdict"] == "together they differ":
         return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
-    return f"No difference was found in {', '.join(names)} ({test})."
+    return f"No difference was found in {', '.join(others) or 'the samples'} ({test})."
 
 
 def _sufficient(tree: xr.DataTree) -> str:

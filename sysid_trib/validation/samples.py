@@ -87,12 +87,13 @@ def difference(
     -------
     Dataset
         Over `force`: `first`, `second` with their `first_standard_error`, ..., both at the reference
-        frequency of the first, `first_between_runs`, ... (what scatters beyond the errors; nan of a single
-        run), `difference` first - second, its `standard_error`, `z`, `p_value`, whether it `differs`, and
-        `covariance(force, other_force)`; nan for a force without a degree in v where the frequencies differ
-        by more than 1 %. Scalars: `stiffness_difference` = (w_inf/w_inf')^2 - 1, the paper's alpha if the
-        second has no contact, with its standard error; `chi_square` of all differences,
-        `degrees_of_freedom`, `p_value_of_all`; `reference_frequency` (rad/s). attrs: `verdict`, one of
+        frequency of the first (coefficients that all hold stay as they are, untested), `first_between_runs`,
+        ... (what scatters beyond the errors; nan of a single run), `difference` first - second, its
+        `standard_error`, `z`, `p_value`, whether it `differs`, and `covariance(force, other_force)`; nan for
+        a force without a degree in v where the frequencies differ by more than 1 %. Scalars:
+        `stiffness_difference` = (w_inf/w_inf')^2 - 1, the paper's alpha if the second has no contact, with
+        its standard error; `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`;
+        `reference_frequency` (rad/s). attrs: `verdict`, one of
         `coefficients differ`, `together they differ`, `no difference`.
 
     Raises
@@ -118,7 +119,8 @@ def _difference(
     symbols = list(
         dict.fromkeys(symbol for side in sides for member in side for symbol in _forces_of(member))
     )
-    samples = [_sample(side, symbols, reference) for side in sides]
+    held = [symbol for symbol in symbols if all(_holds(run, symbol) for side in sides for run in side)]
+    samples = [_sample(side, symbols, reference, held) for side in sides]
     variables, differs = _contrast(samples, len(symbols), level, of_model)
     verdict = "coefficients differ" if differs else "no difference"
     if not differs and float(variables["p_value_of_all"][1]) < level:
@@ -150,9 +152,16 @@ def _forces_of(result: xr.Dataset) -> list[str]:
     return [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
 
 
-def _sample(results: Sequence[xr.Dataset], symbols: Sequence[str], reference: float) -> Sample:
-    """Mean and covariance of the runs of a sample."""
-    runs = [_run(result, symbols, reference) for result in results]
+def _holds(result: xr.Dataset, symbol: str) -> bool:
+    """True if a coefficient has no error."""
+    return symbol in result.force and result.standard_error.sel(force=symbol).item() == 0.0
+
+
+def _sample(
+    results: Sequence[xr.Dataset], symbols: Sequence[str], reference: float, held: Sequence[str] = ()
+) -> Sample:
+    """Mean and covariance of the runs of a sample; what all hold is theirs at their own frequency."""
+    runs = [_run(result, symbols, reference, held) for result in results]
     values, covariances, of_model = (np.array(part) for part in zip(*runs, strict=True))
     if len(runs) == 1:
         nothing = np.full(len(symbols) + 1, np.nan)
@@ -168,15 +177,17 @@ def _sample(results: Sequence[xr.Dataset], symbols: Sequence[str], reference: fl
     )
     scattered = covariances + np.diag(between**2)
     mean, covariance, _ = weighted_mean(values, scattered)
-    held = np.all(errors == 0.0, axis=0)
-    mean[held] = values[0][held]
+    fixed = np.all(errors == 0.0, axis=0)
+    mean[fixed] = values[0][fixed]
     # The part of the variance that the scatter makes is known by the runs alone.
-    part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~held)
+    part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~fixed)
     freedoms = np.divide(len(runs) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
     return Sample(mean, covariance, of_model.mean(axis=0), between, freedoms)
 
 
-def _run(result: xr.Dataset, symbols: Sequence[str], reference: float) -> tuple[Array, Array, Array]:
+def _run(
+    result: xr.Dataset, symbols: Sequence[str], reference: float, held: Sequence[str] = ()
+) -> tuple[Array, Array, Array]:
     """Values of a run, their covariance by the noise, and that by the model; zero without a force."""
     kept = _forces_of(result)
     at = [*map(symbols.index, kept), len(symbols)]
@@ -184,6 +195,9 @@ def _run(result: xr.Dataset, symbols: Sequence[str], reference: float) -> tuple[
     covariance = np.zeros((len(values), len(values)))
     values[at] = comparison_values(result, kept, reference)
     covariance[np.ix_(at, at)] = comparison_covariance(result, kept, reference)
+    for place in map(symbols.index, held):
+        values[place] = result.coefficient.sel(force=symbols[place]).item()
+        covariance[place], covariance[:, place] = 0.0, 0.0
     # A result has both parts of its errors, but their correlations together alone.
     of_noise, of_model = (error[np.isin(result.force.values, kept)] for error in error_parts(result))
     total = np.hypot(of_noise, of_model)
@@ -204,6 +218,8 @@ def _contrast(
     contrast = samples[0].values - samples[1].values
     covariance = samples[0].covariance + samples[1].covariance
     covariance += samples[0].of_model + samples[1].of_model if of_model is None else of_model
+    tested = np.any([sample.errors > 0.0 for sample in samples], axis=0)
+    covariance *= np.outer(tested, tested)
     error = np.sqrt(np.diag(covariance))
     z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
     parts = np.sum([np.diag(s.covariance) ** 2 / s.freedoms for s in samples], axis=0)
