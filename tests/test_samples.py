@@ -59,7 +59,8 @@ def test_what_both_hold_does_not_differ_at_another_frequency():
     found = difference(*(identify(run.decay(1), LIBRARY, holding) for run in runs))
     epsilon = found.sel(force="epsilon")
     assert (epsilon.difference.item(), epsilon.standard_error.item()) == (0.0, 0.0)
-    assert np.isnan(epsilon.z.item()) and not epsilon.differs.item()
+    assert np.isnan(epsilon.z.item())
+    assert not epsilon.differs.item()
     assert found.degrees_of_freedom.item() == found.sizes["force"] - 1
     assert abs(found.stiffness_difference / found.stiffness_difference_standard_error) > 10.0
 
