@@ -14,7 +14,7 @@ import xarray as xr
 
 import sysid_trib as st
 from benchmarks.profile import fitted_record
-from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
+from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.validation.profiles import free_likelihood
 
 # Seeds, and by how much the noise is smaller than there.

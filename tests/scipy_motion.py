@@ -15,8 +15,7 @@ from scipy.optimize import brentq
 
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.formulas import Functions
-from sysid_trib.simulation.equations import SMOOTHED, Motion, Values, Vector
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.model import SMOOTHED, Model, Motion, Values, Vector
 
 LEAVE = 1e-7  # in tau: how long after the friction is overcome the motion is let go
 

@@ -36,8 +36,8 @@ def test_intervals_of_the_spread_hold_in_95_of_100_cases(tau):
     for _ in range(records):
         errors = np.exp(random.normal(0.0, 0.5, 8))
         values = 3.0 + np.hypot(errors, tau) * random.standard_normal(8)
-        spread = RandomEffects(values, errors, np.ones((8, 1))).heterogeneity()
-        hold += spread.lower <= tau <= spread.upper
+        lower, upper = RandomEffects(values, errors, np.ones((8, 1))).tau_interval
+        hold += lower <= tau <= upper
     # Three binomial errors.
     assert abs(hold / records - 0.95) < 0.033
 

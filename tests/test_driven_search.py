@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.discovery.stretches import search_parts
+from sysid_trib.discovery.unseen import search_parts
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.start_model import fit_start_model

@@ -15,6 +15,7 @@ from known_results import PAPER, known
 import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.written import symbol_latex
+from sysid_trib.printing.as_code import cited, methods_text
 from sysid_trib.printing.exported import (
     _sum,
     csv_text,
@@ -24,7 +25,6 @@ from sysid_trib.printing.exported import (
     rounded,
     unit_in_latex,
 )
-from sysid_trib.printing.methods_text import cited, methods_text
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
 

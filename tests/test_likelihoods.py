@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.row_noise import covariance_band
 from sysid_trib.likelihood.run_products import RowNoise, products_of
+from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.settings import DEFAULTS
 from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
 

@@ -230,8 +230,7 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
 def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
     """What varies between the records, by the identification that is reported; None of too few."""
     from sysid_trib.campaigns.conditions import estimates_of, reported_method
-    from sysid_trib.validation.between_runs import between_runs
-    from sysid_trib.validation.run_conditions import without_collinear
+    from sysid_trib.validation.between_runs import between_runs, without_collinear
 
     estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:

@@ -80,7 +80,7 @@ def difference(
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.methods.scope import with_random_force
-        from sysid_trib.printing.samples import difference_blocks, difference_json
+        from sysid_trib.printing.sureness import difference_blocks, difference_json
         from sysid_trib.validation.identify import usual_methods
         from sysid_trib.validation.samples import held_against
 

@@ -265,7 +265,7 @@ def response(result: RESULT_FILE, *, sweep: SweepOptions, files: Files) -> None:
         import xarray as xr
 
         from sysid_trib.commands.checks import check_positive, parse_window
-        from sysid_trib.printing.responded import response_blocks, response_csv, response_json
+        from sysid_trib.printing.driven import response_blocks, response_csv, response_json
         from sysid_trib.results.files import load
         from sysid_trib.validation.findings import main_result
         from sysid_trib.validation.steady_response import forced_response

@@ -15,9 +15,8 @@ from sysid_trib.discovery.fits import evidence
 from sysid_trib.discovery.parts import Stability, stability_of
 from sysid_trib.discovery.screen import screen
 from sysid_trib.discovery.search import Begin, Search, may_gain, search, with_steps
-from sysid_trib.discovery.stretches import SearchParts, search_parts
 from sysid_trib.discovery.to_xarray import groups_of
-from sysid_trib.discovery.unseen import Prediction, improvements, predicted
+from sysid_trib.discovery.unseen import Prediction, SearchParts, improvements, predicted, search_parts
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable, without_old_arguments
 from sysid_trib.forces.force import Force, ForceLibrary

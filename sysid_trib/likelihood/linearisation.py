@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.problem import RunRegression
-from sysid_trib.likelihood.row_noise import covariance_of_local_rows
+from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
 from sysid_trib.likelihood.weak_form import cholesky_factor, noise_operator
 
 # Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.

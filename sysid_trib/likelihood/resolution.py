@@ -8,7 +8,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.row_noise import covariance_of_local_rows
+from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
 from sysid_trib.likelihood.weak_form import WeakForm, cholesky_factor, log_determinant, noise_operator
 
 

@@ -21,9 +21,8 @@ from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
 from sysid_trib.likelihood.paths import RecordPath, path_of
-from sysid_trib.likelihood.row_noise import covariance_of_local_rows
 from sysid_trib.likelihood.run_products import RowNoise, products_of
-from sysid_trib.likelihood.sensor_noise import NoiseModel, fractional_difference
+from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows, fractional_difference
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
 from sysid_trib.likelihood.weak_form import coloured

@@ -19,9 +19,8 @@ from sysid_trib.likelihood.optimizers import ConstraintMap
 from sysid_trib.likelihood.problem import RunRegression
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.ratio_posterior import Prior, RatioLikelihood, WeighedRun
-from sysid_trib.likelihood.row_noise import covariance_of_local_rows
 from sysid_trib.likelihood.rows import rows_about
-from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, held_ratio, ratio_span, variance_ratio
 from sysid_trib.likelihood.weak_form import coloured
 from sysid_trib.records.smoothing import smooth

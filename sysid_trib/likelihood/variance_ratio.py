@@ -44,12 +44,15 @@ class WhiteRows:
     further : float
         Number of samples that a row stands for beyond itself: of noise alone one row may have the squares of
         many.
+    least_variance : float
+        A variance that would be below it is this.
     """
 
     target: Array
     design: Array
     log_determinant: float
     further: float = field(default=0.0, kw_only=True)
+    least_variance: float = field(default=0.0, kw_only=True)
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -73,7 +76,11 @@ class WhiteRows:
         degrees_of_freedom = self.degrees_of_freedom
         variance = max(float(factor[count, count] ** 2) / degrees_of_freedom, 1e-300)
         information = 2.0 * float(np.sum(np.log(np.abs(np.diag(factor)[:count]) * size + 1e-300)))
-        return degrees_of_freedom * np.log(variance) + self.log_determinant + information, variance
+        deviance = degrees_of_freedom * np.log(variance) + self.log_determinant + information
+        if variance >= self.least_variance:
+            return deviance, variance
+        part = variance / self.least_variance
+        return deviance + degrees_of_freedom * float(part - 1.0 - np.log(part)), self.least_variance
 
     def solution(self) -> tuple[Array, Array]:
         """Least squares of the rows: coefficients, and their covariance in units of the variance."""

@@ -17,8 +17,7 @@ from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood.row_noise import covariance_band, covariance_of_local_rows
-from sysid_trib.likelihood.sensor_noise import memory_samples
+from sysid_trib.likelihood.sensor_noise import covariance_band, covariance_of_local_rows, memory_samples
 from sysid_trib.records.smoothing import (
     MOST_KEPT,
     SPLINE_DEGREE,

@@ -18,7 +18,7 @@ from sysid_trib.likelihood.optimizers import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.likelihood.weak_form import whiten, whitener
 from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel, averaged_equations, slopes_of_equations
-from sysid_trib.methods.half_period_noise import DENSITY, HalfPeriodEquations
+from sysid_trib.methods.half_period_equations import DENSITY, HalfPeriodEquations
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.decay import Decays, as_runs

@@ -14,8 +14,8 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import refuse_sensors
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel
+from sysid_trib.methods.half_period_equations import Equations, solve
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
-from sysid_trib.methods.relations import Equations, solve
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import refuse_inputs

@@ -8,7 +8,7 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.classical import ClassicalMethod, decrement_scope, needed_forces
-from sysid_trib.methods.relations import Equations
+from sysid_trib.methods.half_period_equations import Equations
 
 
 class EnergyDecay(ClassicalMethod):

@@ -17,8 +17,8 @@ from sysid_trib.likelihood.random_force import RandomForceOption, check_random_f
 from sysid_trib.methods.averaged import AuxiliaryModel
 from sysid_trib.methods.classical import half_period_model, one_record
 from sysid_trib.methods.decrements import energy_balance
+from sysid_trib.methods.half_period_equations import Equations
 from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
-from sysid_trib.methods.relations import Equations
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 

@@ -19,7 +19,7 @@ from sysid_trib.likelihood.random_force import (
 )
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel
-from sysid_trib.methods.half_period_noise import (
+from sysid_trib.methods.half_period_equations import (
     DENSITY,
     random_force_ratio,
     swing_frequency,

@@ -23,8 +23,14 @@ from sysid_trib.likelihood.sensor_noise import (
 )
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
-from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
-from sysid_trib.motion_fit.least_squares import Fit, FitEstimate, fitted, grown, stopped_by_bounds
+from sysid_trib.motion_fit.least_squares import (
+    Fit,
+    FitEstimate,
+    FreeLikelihood,
+    fitted,
+    grown,
+    stopped_by_bounds,
+)
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import RandomMotionFit, fit_random_motion, stochastic_identification

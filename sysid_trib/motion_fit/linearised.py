@@ -10,9 +10,8 @@ from sysid_trib.errors import DecayError
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.records.smoothing import smooth
-from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.internal_states import states_along
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.model import Model, Motion
 from sysid_trib.simulation.motions import SimulatedMotion, sensor_error
 
 

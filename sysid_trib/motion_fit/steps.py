@@ -17,9 +17,8 @@ from scipy.linalg import solve_discrete_lyapunov
 from scipy.special import ndtri
 
 from sysid_trib.arrays import Array
-from sysid_trib.simulation.equations import Motion
 from sysid_trib.simulation.integrate import FREQUENCY
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.model import Model, Motion
 from sysid_trib.simulation.motions import ends_of
 
 

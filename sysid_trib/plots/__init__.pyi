@@ -4,9 +4,9 @@ from sysid_trib.plots.conditions import against_condition as against_condition, 
 from sysid_trib.plots.looked import backbone as backbone, look as look
 from sysid_trib.plots.named_effects import ranking as ranking, story as story
 from sysid_trib.plots.planned import plan as plan
-from sysid_trib.plots.samples import difference as difference
 from sysid_trib.plots.sureness import (
     contour as contour,
+    difference as difference,
     profile as profile,
     sensitivity as sensitivity,
 )
@@ -18,5 +18,8 @@ from .paper import (
     signatures as signatures,
     weights as weights,
 )
-from .random_force_figures import innovations as innovations, prediction_bands as prediction_bands
-from .responded import response as response
+from .random_force_figures import (
+    innovations as innovations,
+    prediction_bands as prediction_bands,
+    response as response,
+)

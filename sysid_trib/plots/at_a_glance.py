@@ -9,11 +9,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.discovery_data import DOT_BEYOND
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve, driven_overview
 from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.plots.named_effects import draw_cells
-from sysid_trib.plots.overview_data import INTERVAL, OverviewData, overview_data
+from sysid_trib.plots.overview_data import DOT_BEYOND, INTERVAL, OverviewData, overview_data
 from sysid_trib.plots.style import (
     FONT_SIZE,
     FULL_WIDTH,

@@ -12,13 +12,13 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
-from sysid_trib.plots.discovery_data import (
+from sysid_trib.plots.motion_panels import draw_in_time, motion_data
+from sysid_trib.plots.overview_data import (
     DOT_BEYOND,
     held_out_sentence,
     missing_force,
     rankings_data,
 )
-from sysid_trib.plots.motion_panels import draw_in_time, motion_data
 from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.discoveries import added_effects, credible_set, or_others, replacing_pairs

@@ -7,16 +7,19 @@ import xarray as xr
 
 from sysid_trib.forces.force import Force
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
-from sysid_trib.printing.discovery_tables import RANKING, effects_table, ranking_table, steps_of
-from sysid_trib.printing.discovery_verdict import verdict_sentences
-from sysid_trib.printing.layout import coefficient_rows, in_small_units, text_table
-from sysid_trib.printing.residual import (
+from sysid_trib.printing.discovery_tables import (
+    RANKING,
+    effects_table,
     force_type_sentences,
+    ranking_table,
     residual_sentences,
     residual_table,
     slow_noise_sentences,
+    steps_of,
     times_noise,
 )
+from sysid_trib.printing.discovery_verdict import verdict_sentences
+from sysid_trib.printing.layout import coefficient_rows, in_small_units, text_table
 from sysid_trib.printing.verdict import step_heterogeneity_sentences
 from sysid_trib.results.discoveries import (
     NAMED,

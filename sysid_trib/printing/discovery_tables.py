@@ -1,11 +1,20 @@
-"""A discovery as tables: the effects that were added, and the candidates with their scores."""
+"""What the blocks of a discovery share: the effects and candidates as tables, and the gap in words."""
 
 import numpy as np
 import xarray as xr
 from rich.table import Table
 
 from sysid_trib.likelihood.random_force import DENSITY_UNITS
-from sysid_trib.printing.layout import coefficient_text, p_value_text, text_table, value_with_error, with_unit
+from sysid_trib.printing.layout import (
+    coefficient_text,
+    in_small_units,
+    p_value_text,
+    text_table,
+    value_with_error,
+    with_unit,
+)
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.discoveries import (
     added_effects,
     alternatives_of,
@@ -14,7 +23,9 @@ from sysid_trib.results.discoveries import (
     shapes_of,
     strongest,
 )
-from sysid_trib.validation.verdict import record_noise
+from sysid_trib.results.variables import record_groups, signal_units, small_units
+from sysid_trib.validation.findings import residual_of, residual_over_noise
+from sysid_trib.validation.verdict import MARKED, record_noise
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
@@ -24,6 +35,27 @@ RANKING = (
     "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested), and "
     "the coefficient of five standard errors, at the shapes and frequencies of the highest score"
 )
+UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
+# Places that a sentence names; a gap that is everywhere needs none.
+WHERE = {
+    "large amplitude": ", mostly at large amplitude",
+    "small amplitude": ", mostly at small amplitude",
+    "late times": ", growing with time",
+}
+CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
+EVEN, TILTED = "even", "one-sided dissipative"
+SENSOR_CURVE = "an even force is missing, or the sensor is not linear"
+# What the omnibus test's types of force mean, alone and together.
+MEANINGS = {
+    frozenset({CONSERVATIVE}): "a conservative force is missing, or the clock is wrong",
+    frozenset({DISSIPATIVE}): "a dissipative force is missing",
+    frozenset({EVEN}): SENSOR_CURVE,
+    frozenset({TILTED}): "friction that differs from side to side is missing, or the sensor is not linear",
+    frozenset({CONSERVATIVE, DISSIPATIVE}): "forces of both types are missing, or a history-dependent one",
+    frozenset({EVEN, TILTED}): SENSOR_CURVE,
+}
+# A second type that scores this part of the first cannot be excluded.
+NEARLY_AS_HIGH = 0.8
 
 
 def steps_of(tree: xr.DataTree) -> list[xr.Dataset]:
@@ -48,7 +80,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table:
         name = f"{step['name'].item()}{of_sensor}"
         residuals = [step.residual_before.item(), step.residual_after.item()]
         ratios = [_to(residuals, noise), _to(held[at : at + 2], noise)]
-        words = [effect_name(step), name, formula_text(step), coefficient_text(step)]
+        words = [_effect_name(step), name, formula_text(step), coefficient_text(step)]
         rows.append([*words, p_value_text(step.p_value.item(), ""), *ratios])
         if details:
             units = step.random_force_before.attrs.get("units", units)
@@ -72,7 +104,7 @@ def _to(values: list[float], unit: float = 1.0) -> str:
     return " to ".join(f"{value / unit:.3g}" if np.isfinite(value) else "-" for value in values)
 
 
-def effect_name(step: xr.Dataset) -> str:
+def _effect_name(step: xr.Dataset) -> str:
     """Symbol of an effect; one that is less probable than another stands for that one."""
     symbol, named = step.symbol.item(), named_effect(step)
     return symbol if named == symbol else f"{named} (fitted by {symbol})"
@@ -81,7 +113,7 @@ def effect_name(step: xr.Dataset) -> str:
 def effect_with_ties(step: xr.Dataset) -> str:
     """An effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
     others = [symbol for symbol in alternatives_of(step) if symbol != step.symbol.item()]
-    return f"{effect_name(step)}{f' (or {or_others(others, TIES_NAMED)})' if others else ''}"
+    return f"{_effect_name(step)}{f' (or {or_others(others, TIES_NAMED)})' if others else ''}"
 
 
 def formula_text(step: xr.Dataset) -> str:
@@ -120,3 +152,126 @@ def _detectable(detectable: xr.Dataset, symbol: str) -> str:
     candidate = detectable.sel(candidate=symbol)
     value = candidate.detectable.item()
     return with_unit(f"{value:.2g}", candidate.unit.item()) if np.isfinite(value) else "-"
+
+
+def residual_text(tree: xr.DataTree, model: str) -> str:
+    """How large the gap of a model is; one that diverges has none."""
+    ratio = residual_over_noise(tree, model)
+    if not np.isfinite(ratio):
+        return "the motion of the model leaves the record"
+    runs = [tree[name].to_dataset() for name in record_groups(tree)]
+    if not any(map(inputs_of, runs)):
+        return f"the gap is {times_noise(ratio)}"
+    # No spline tells the noise of a driven motion: whether the gap is more, its colour says.
+    part = residual_of(tree, model) / root_mean_square([float(run.angle.std()) for run in runs])
+    p_value, level = float(tree.attrs["noise_p_value"]), tree["ranking"].significance_level.item()
+    colour = "" if np.isnan(p_value) else ", and white" if p_value >= level else ", and not white"
+    return f"the gap is {100.0 * part:.2g} % of the motion (RMS){colour}"
+
+
+def times_noise(ratio: float) -> str:
+    """A residual over the noise as text."""
+    return f"{ratio:.3g} times the noise"
+
+
+def slow_noise_sentences(tree: xr.DataTree) -> list[str]:
+    """That a part of the gap is slow noise of the sensor, where its noise is coloured."""
+    noise, whole = record_noise(tree), float(tree["holdout"].residual_noise)
+    if whole <= MARKED * noise:
+        return []
+    size = in_small_units(whole, signal_units(tree))
+    return [
+        f"The sensor's noise is coloured: with its slow part it is {size} a sample, "
+        f"{times_noise(whole / noise)}."
+    ]
+
+
+def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
+    """From when on model and record differ, and what the gap is made of."""
+    spans = tree[group].to_dataset()
+    departure, parts = _departure(tree, spans), list(spans.attrs["parts"])
+    if not parts:
+        # Larger than the noise, but in no part that goes with the motion.
+        return [departure, UNKNOWN] if np.isfinite(spans.departure_time) else [departure]
+    most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
+    where = WHERE.get(spans.attrs["where"], "")
+    return [departure, f"Most of the gap is in the {most}{where}."]
+
+
+def _departure(tree: xr.DataTree, spans: xr.Dataset) -> str:
+    start = spans.departure_time.item()
+    if not np.isfinite(start):
+        return "At no time does the gap by itself exceed the noise."
+    groups, run = record_groups(tree), spans.departure_run.item()
+    where = f" of run {run + 1}" if len(groups) > 1 else ""
+    first = start <= float(tree[groups[run]].time.values[0])
+    return f"The gap exceeds the noise from {'the first sample' if first else f'{start:.3g} s'}{where} on."
+
+
+def residual_table(tree: xr.DataTree, group: str) -> Table:
+    """Parts of record minus model: the largest, when, and at the largest and the smallest amplitude."""
+    spans, (factor, unit) = tree[group].to_dataset(), small_units(signal_units(tree))
+    harmonics = {
+        f"{name} harmonic ({unit})": factor * np.hypot(spans[f"{name}_cosine"], spans[f"{name}_sine"])
+        for name in ("second", "third")
+    }
+    parts = {
+        "phase (rad)": spans.phase_error,
+        f"amplitude ({unit})": factor * spans.amplitude_error,
+        f"offset ({unit})": factor * spans.offset,
+        **harmonics,
+        "frequency (%)": 100.0 * spans.frequency_error,
+        "decay (w)": spans.decay_error,
+    }
+    # The record's own: the model's may be far off.
+    amplitude = (spans.amplitude + spans.amplitude_error).values
+    ends = int(np.argmax(amplitude)), int(np.argmin(amplitude))
+    rows = []
+    for name, part in parts.items():
+        most = int(np.argmax(np.nan_to_num(np.abs(part.values))))
+        run = f" of run {spans.run.values[most] + 1}" if len(record_groups(tree)) > 1 else ""
+        cells = [f"{value:+.2g}" for value in (part.values[most], *part.values[list(ends)])]
+        rows.append([name, cells[0], f"{spans.time.values[most]:.3g} s{run}", *cells[1:]])
+    at_ends = [f"at {amplitude[end]:.3g} {signal_units(tree)}" for end in ends]
+    return text_table(["record minus model", "largest", "when", *at_ends], rows, numbers=(1, 3, 4))
+
+
+def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:
+    """The type of force that scores highest in the omnibus test, and what it means.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `discover`.
+    group : str
+        `discrepancy`, of the start model, or `discrepancy_after`.
+
+    Returns
+    -------
+    list of str
+        Empty if the test does not reject, or no part of the gap goes with the motion.
+
+    Notes
+    -----
+    A fit trades phase for amplitude where the frequency depends on amplitude, so that the gap itself does not
+    show the type. Scores do: what the model's parameters can do is projected out of them.
+    """
+    omnibus = tree["omnibus"].to_dataset().isel(selection_step=-1 if group.endswith("after") else 0)
+    if not len(tree[group].attrs["parts"]) or not omnibus.significant:
+        return []
+    best = abs(omnibus.z).to_series().groupby(_sort_of).max().sort_values(ascending=False)
+    scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
+    near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
+    meaning = MEANINGS.get(near, "forces of several types would explain it")
+    return [f"By the omnibus test (largest |z|: {scores}), {meaning}."]
+
+
+def _sort_of(name: str) -> str:
+    """Type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
+    _, *wave = name.split()
+    if not wave:
+        return EVEN
+    even = int(wave[1]) % 2 == 0
+    if wave[0] == "cos":
+        return EVEN if even else CONSERVATIVE
+    return TILTED if even else DISSIPATIVE

@@ -6,10 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.discovery_tables import effect_with_ties, steps_of
+from sysid_trib.printing.discovery_tables import (
+    effect_with_ties,
+    force_type_sentences,
+    residual_text,
+    steps_of,
+)
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p_value_text, quantity
-from sysid_trib.printing.residual import force_type_sentences, residual_text
 from sysid_trib.printing.verdict import heterogeneity_sentences
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.records.inputs import inputs_of

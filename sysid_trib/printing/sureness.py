@@ -1,29 +1,39 @@
-"""How sure coefficients are: profiles and sensitivity, in sentences, tables and plain data."""
+"""How sure coefficients are: profiles, sensitivity, and two samples, in sentences, tables and plain data."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from rich.table import Table
+from scipy.stats import norm
 
-from sysid_trib.printing.blocks import ALWAYS, Block
+from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.layout import (
     Source,
     by_label,
     mapped,
     number,
+    p_value_text,
     per_label,
+    quantity,
     same,
     text_table,
     value_with_error,
+    with_unit,
 )
-from sysid_trib.results.significance import SIGNIFICANT_ERRORS
+from sysid_trib.results.files import identifications_of
+from sysid_trib.results.significance import SIGNIFICANT_ERRORS, sufficient_forces
 from sysid_trib.validation.findings import verdict_of
+from sysid_trib.validation.samples import SIDES
 
 NOISE_ALONE = (
     "The model does not explain the record: quote the standard errors, which allow for that. These intervals "
     "hold the noise alone."
 )
 PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
+# Probability with which a difference is found that the table names.
+POWER_STATED = 0.9
 
 
 def sureness_blocks(tree: xr.DataTree) -> list[Block]:
@@ -117,3 +127,148 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
             "fits": fits,
         }
     return made
+
+
+def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
+    """What is said of two samples, in its order; `record` says what was read."""
+    data = tree.to_dataset()
+    several = [f"{side}_between_runs" for side in SIDES if np.isfinite(data[f"{side}_between_runs"]).any()]
+    return [
+        Block([_first_sentence(tree)], ALWAYS),
+        Block([_stiffness_sentence(data), *_warnings(tree)]),
+        Block(record),
+        Block(
+            [
+                f"Coefficients at w = {data.reference_frequency.item():.6g} rad/s. found from: the "
+                f"difference found with probability {POWER_STATED:g} at the level {data.attrs['level']:g}."
+            ],
+            title="Coefficients",
+            table=_table(tree, several),
+            figures="difference",
+        ),
+        Block(layers=Layer.QUIET, table=_table(tree, [])),
+    ]
+
+
+def _first_sentence(tree: xr.DataTree) -> str:
+    """Which coefficients differ, and which do not."""
+    data = tree.to_dataset()
+    names = data.force.values.tolist()
+    differ = [name for name in names if data.differs.sel(force=name).item()]
+    held = [name for name in names if not np.isfinite(data.z.sel(force=name))]
+    others = [name for name in names if name not in [*differ, *held]]
+    parts = []
+    for name in differ:
+        row, unit = data.sel(force=name), _unit(tree, name)
+        pair = " and ".join(with_unit(quantity(row, side), unit) for side in SIDES)
+        parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
+    if parts:
+        rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
+        rest += f"; {', '.join(held)} {'is' if len(held) == 1 else 'are'} not tested" if held else ""
+        return f"{'; '.join(parts)}{rest}."
+    test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
+    test += p_value_text(data.p_value_of_all.item())
+    if data.attrs["verdict"] == "together they differ":
+        return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
+    return f"No difference was found in {', '.join(others) or 'the samples'} ({test})."
+
+
+def _sufficient(tree: xr.DataTree) -> str:
+    """The fewest coefficients whose difference suffices where all others are equal."""
+    data = tree.to_dataset()
+    contrast = data[["standard_error", "covariance"]].assign(
+        coefficient=data.difference, active=("force", np.ones(data.sizes["force"], dtype=bool))
+    )
+    parts = []
+    for choice in sufficient_forces(contrast):
+        of_each = (
+            f"{name} by {with_unit(value_with_error(*pair), _unit(tree, name))}"
+            for name, pair in choice.items()
+        )
+        parts.append(" and ".join(of_each))
+    return f"; where all others are equal it is {', or '.join(parts)}" if parts else ""
+
+
+def _stiffness_sentence(data: xr.Dataset) -> str:
+    """The ratio of the frequencies, as stiffness."""
+    value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
+    z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
+    return f"Stiffness of the first over that of the second, less 1: {value_with_error(value, error)}{z}."
+
+
+def _warnings(tree: xr.DataTree) -> list[str]:
+    """What the errors allow for, and methods that differ."""
+    incomplete = [
+        k.replace("_", " ") for k, result in identifications_of(tree).items() if "error_of_model" in result
+    ]
+    said = []
+    if incomplete:
+        said.append(
+            f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
+            "(identify --explain splits them)."
+        )
+    if tree.attrs["first_method"] != tree.attrs["second_method"]:
+        said.append(
+            f"The methods differ, {tree.attrs['first_method']} and {tree.attrs['second_method']}: a part of "
+            "the differences may be theirs."
+        )
+    return said
+
+
+def _unit(tree: xr.DataTree, symbol: str) -> str:
+    """The unit of a force's coefficient."""
+    return str(_force(tree, symbol).unit.item())
+
+
+def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
+    """A force as the first identification that has it says it."""
+    return next(r for r in identifications_of(tree).values() if symbol in r.force).sel(force=symbol)
+
+
+def _table(tree: xr.DataTree, between: Sequence[str]) -> Table:
+    """A row each force: both samples, difference, how sure, and what would be found."""
+    data, rows = tree.to_dataset(), []
+    factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER_STATED)
+    for symbol in data.force.values.tolist():
+        row, force = data.sel(force=symbol), _force(tree, symbol)
+        unit = "" if force.unit.item() == "1" else f" ({force.unit.item()})"
+        cells = [quantity(row, name) for name in SIDES]
+        cells.append(value_with_error(row.difference.item(), row.standard_error.item()))
+        detectable = f"{factor * row.standard_error.item():.2g}" if row.standard_error.item() > 0.0 else "-"
+        scatter = [f"{row[name].item():.2g}" for name in between]
+        rows.append(
+            [
+                symbol,
+                f"{force['name'].item()}{unit}",
+                *cells,
+                f"{row.z.item():+.1f}" if np.isfinite(row.z) else "-",
+                p_value_text(row.p_value.item(), ""),
+                detectable,
+                *scatter,
+            ]
+        )
+    heads = ["force", "", *SIDES, "difference", "z", "p", "found from"]
+    heads += [name.replace("_", " ").replace("between", "between its") for name in between]
+    return text_table(heads, rows, numbers=tuple(range(2, len(heads))))
+
+
+# By key of the JSON.
+CONTRAST_JSON: dict[str, Source] = {
+    **{side: f"{side}±" for side in SIDES},
+    **same(*(f"{side}_between_runs" for side in SIDES)),
+    **same("difference", "standard_error", "z", "p_value", "differs"),
+}
+JSON: dict[str, Source] = {
+    "verdict": "@verdict",
+    "level": "@level",
+    "first_record": "@first_record",
+    "second_record": "@second_record",
+    "coefficients": lambda data: per_label(data, "force", CONTRAST_JSON),
+    "stiffness_difference": "stiffness_difference±",
+    **same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
+}
+
+
+def difference_json(tree: xr.DataTree) -> dict[str, Any]:
+    """A difference as plain data."""
+    return mapped(tree.to_dataset(), JSON)

@@ -11,8 +11,7 @@ from typing import Any
 import pandas as pd
 
 from sysid_trib.errors import RecordError
-from sysid_trib.records.labels import DELIMITERS, plain_lines
-from sysid_trib.records.numbers import is_missing, is_number
+from sysid_trib.records.numbers import DELIMITERS, is_missing, is_number, plain_lines
 from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"

@@ -14,16 +14,15 @@ from rich.table import Table as PrintedTable
 
 from sysid_trib import plots
 from sysid_trib.plots.at_a_glance import drawn_overview
-from sysid_trib.plots.discovery_data import held_out_sentence
 from sysid_trib.plots.motion_panels import MOST_POINTS
-from sysid_trib.plots.overview_data import overview_data
+from sysid_trib.plots.overview_data import held_out_sentence, overview_data
 from sysid_trib.plots.style import FULL_WIDTH
 from sysid_trib.printing.blocks import Block, Layer
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.driven import driven_blocks
 from sysid_trib.printing.identification import estimate_blocks, identification_blocks
-from sysid_trib.printing.samples import difference_blocks
+from sysid_trib.printing.sureness import difference_blocks
 from sysid_trib.results.files import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 

@@ -23,9 +23,8 @@ from sysid_trib.simulation.compiled import (
     compiled,
     inner,
 )
-from sysid_trib.simulation.holding import free_step, held_step, released
 from sysid_trib.simulation.roots import of_parameter, rest_of, value
-from sysid_trib.simulation.switching import begun, stop, switched
+from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
 from sysid_trib.simulation.taylor import FURTHEST_AT_ONCE, SURFACE_PART, driven, length, series
 
 MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)

@@ -7,8 +7,7 @@ import numpy as np
 from sysid_trib.arrays import Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.records.inputs import INPUT
-from sysid_trib.simulation.equations import Vector
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.model import Model, Vector
 from sysid_trib.simulation.program import FORCING_NUMBERS
 
 # Impulses a period of a motion with a random force: their law is then right to a percent.

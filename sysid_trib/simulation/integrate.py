@@ -18,9 +18,8 @@ from sysid_trib.simulation.compiled import (
     Given,
     new_state,
 )
-from sysid_trib.simulation.equations import Motion, Vector
 from sysid_trib.simulation.forcing import UNFORCED, Forcing, jumps_of
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.model import Model, Motion, Vector
 from sysid_trib.simulation.program import Instructions, program_of
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.

@@ -9,10 +9,9 @@ import numpy as np
 from sysid_trib.arrays import Array, Index
 from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.compiled import INTERVAL_ENDS, Given
-from sysid_trib.simulation.equations import Vector
 from sysid_trib.simulation.forcing import bends_of, polynomials_of
 from sysid_trib.simulation.integrate import DIVERGED, FREQUENCY, NormalisedMotion, begun, run
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.model import Model, Vector
 from sysid_trib.simulation.program import program_of
 
 

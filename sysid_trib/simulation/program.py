@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Functions, divided
-from sysid_trib.simulation.equations import SMOOTHED, Motion
+from sysid_trib.simulation.model import SMOOTHED, Motion
 
 # Operations. PARTNER is the second of two rows that need each other: cos beside sin.
 # LINEAR is a + c d b with d that does not change: most of an equation of motion.

@@ -1,4 +1,4 @@
-"""What varies between runs: which coefficient is common, which goes with a condition, which scatters."""
+"""What varies between runs: conditions as columns, common coefficients, and those that scatter."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,12 +17,106 @@ from sysid_trib.results.references import (
 )
 from sysid_trib.results.variables import Variables, text_variable, variable, with_error
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
-from sysid_trib.validation.run_conditions import columns_of, conditions_table, listed
 
 # Of each quantity, over all of them (Bonferroni): below it a condition acts, or runs scatter.
 VARIES_LEVEL = 0.01
 UNIT = "see the coordinate unit"
 COMMON, UNDECIDED_RUNS = "common", "too few runs"
+
+
+def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None, runs: int) -> pd.DataFrame:
+    """The table of conditions, a row a run; refused with another number of rows, or without a value."""
+    try:
+        table = pd.DataFrame({} if conditions is None else conditions).reset_index(drop=True)
+    except ValueError as error:
+        raise UsageError(f"The conditions are no table: {error}.") from None
+    if not len(table.columns):
+        return pd.DataFrame(index=range(runs))
+    if len(table) != runs:
+        raise UsageError(f"The conditions have {len(table)} rows for {runs} runs; give one row a run.")
+    for name in table:
+        missing = table[name].isna().to_numpy()
+        if missing.any():
+            raise UsageError(
+                f"Condition '{name}' has no value for run {int(np.argmax(missing)) + 1}; "
+                "complete it, or leave the run out."
+            )
+    return table.copy()
+
+
+def _columns_of(table: pd.DataFrame) -> tuple[dict[str, Array], list[str]]:
+    """Columns of the fit by the name of their term, and of which condition each is; the mean's is ''.
+
+    A condition that does not vary, or goes with others, is refused.
+    """
+    for name, column in table.items():
+        if len(set(column)) < 2:
+            raise UsageError(f"Condition '{name}' is the same in all runs; leave it out.")
+    _, collinear = without_collinear(table)
+    if collinear:
+        name, others = next(iter(collinear.items()))
+        raise UsageError(f"Condition '{name}' goes with {others} in these runs; leave one of them out.")
+    columns, condition_of = {"mean": np.ones(len(table))}, [""]
+    for name, column in table.items():
+        of_condition = _columns_of_condition(str(name), column)
+        columns |= of_condition
+        condition_of += [str(name)] * len(of_condition)
+    return columns, condition_of
+
+
+def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
+    """The conditions without those that go with ones before them.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Conditions that vary, a row a run.
+
+    Returns
+    -------
+    table : DataFrame
+        Those whose effects a fit can tell apart.
+    collinear : dict of str to str
+        Each of the others, and with which it goes: `'load'`, or `'load', 'speed' together`.
+    """
+    kept: list[str] = []
+    collinear = {}
+    for name in table:
+        if not _goes_with(table, name, kept):
+            kept.append(name)
+            continue
+        partners = [other for other in kept if _goes_with(table, name, [other])]
+        collinear[str(name)] = f"'{partners[0]}'" if partners else f"{_listed(table[kept])} together"
+    return table[kept], collinear
+
+
+def _goes_with(table: pd.DataFrame, name: str, others: Sequence[str]) -> bool:
+    """True if a condition is a mean and effects of others, in more runs than decide all of them."""
+    columns = [np.ones(len(table))]
+    for condition in (*others, name):
+        columns += _columns_of_condition(condition, table[condition]).values()
+    design = np.column_stack(columns)
+    sized = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    return bool(np.linalg.matrix_rank(sized) < min(sized.shape))
+
+
+def _columns_of_condition(name: str, column: pd.Series) -> dict[str, Array]:
+    """One column of numbers, or one of each group of texts but the first."""
+    if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
+        numbers = column.to_numpy(dtype=float)
+        return {name: numbers - numbers.mean()}
+    groups = column.astype(str)
+    columns = {}
+    for group in list(dict.fromkeys(groups))[1:]:
+        inside = (groups == group).to_numpy(dtype=float)
+        # As of numbers: the mean stays that of all runs, the effect is over the first group.
+        columns[f"{name}={group}"] = inside - inside.mean()
+    return columns
+
+
+def _listed(table: pd.DataFrame) -> str:
+    """Names of the conditions, as a sentence takes them."""
+    return ", ".join(f"'{name}'" for name in table) or "none"
 
 
 def between_runs(
@@ -86,13 +180,13 @@ def between_runs(
     estimates = results if isinstance(results, xr.Dataset) else _estimates(results)
     if estimates.sizes.get("run", 0) < 2:
         raise UsageError("Two runs at least show what varies between them; give more.")
-    table = conditions_table(conditions, estimates.sizes["run"])
+    table = _conditions_table(conditions, estimates.sizes["run"])
     laboratory = None
     if laboratories is not None:
         if laboratories not in table:
-            raise UsageError(f"The conditions have no column '{laboratories}'; they have {listed(table)}.")
+            raise UsageError(f"The conditions have no column '{laboratories}'; they have {_listed(table)}.")
         laboratory = table.pop(laboratories).astype(str).to_numpy()
-    columns, condition_of = columns_of(table)
+    columns, condition_of = _columns_of(table)
     names = estimates.quantity.values.tolist()
     level = VARIES_LEVEL / len(names)
     of_quantities = [
@@ -156,9 +250,9 @@ def _quantity(
         unit = float(np.median(errors[known]))
         scaled = values[known] / unit, errors[known] / unit
         fit = RandomEffects(*scaled, design[known])
-        tau, lower, upper, p_value = fit.heterogeneity()
-        interval = unit * np.array([tau, lower, upper])
-        scatter = [p_value, RandomEffects(*scaled, design[known, :1]).heterogeneity().p_value]
+        tau, p_value = fit.tau, fit.homogeneity_p_value
+        interval = unit * np.array([tau, *fit.tau_interval])
+        scatter = [p_value, RandomEffects(*scaled, design[known, :1]).homogeneity_p_value]
         effects = unit * np.stack([fit.weighted(tau).effects, fit.effect_errors(tau)])
         off[known] = fit.deleted_residuals()
         for at, name in enumerate(conditions):
@@ -199,10 +293,6 @@ def _of_laboratories(values: Array, laboratory: Array) -> Variables:
 
 def _with_interval(name: str, long_name: str, interval: Array) -> Variables:
     """A value and the ends of its interval of 95 %."""
-    ends = {
-        "": long_name,
-        "_lower": f"lower end of the {long_name}",
-        "_upper": f"upper end of the {long_name}",
-    }
+    ends = {"": "", "_lower": "lower end of the ", "_upper": "upper end of the "}
     pairs = zip(ends.items(), interval, strict=True)
     return {f"{name}{end}": variable((), value, text + long_name, UNIT) for (end, text), value in pairs}

@@ -8,7 +8,7 @@ from scipy.stats import genpareto, multivariate_t
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import Tell, silent
-from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
+from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion

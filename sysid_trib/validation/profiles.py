@@ -13,8 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Trajectory, method_of
-from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
-from sysid_trib.motion_fit.least_squares import Fit
+from sysid_trib.motion_fit.least_squares import Fit, FreeLikelihood
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion

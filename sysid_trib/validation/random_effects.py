@@ -6,7 +6,7 @@ sought, an error e_i of variance s_i^2 that is stated (random-effects meta-regre
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
@@ -19,15 +19,6 @@ from sysid_trib.errors import UsageError
 TAILS = (0.975, 0.025)
 # Values of tau that an estimate of one value averages over, and the p-value of the largest.
 TAUS, LAST_P_VALUE = 100, 1e-4
-
-
-class Heterogeneity(NamedTuple):
-    """Standard deviation between values, tau, with its interval; and the p-value of none."""
-
-    value: float
-    lower: float
-    upper: float
-    p_value: float
 
 
 @dataclass(frozen=True)
@@ -85,15 +76,24 @@ class RandomEffects:
         deviance = chi_square - float(np.sum(np.log(weights))) + information
         return Weighted(effects, inverse @ inverse.T, chi_square, deviance, weights)
 
-    def heterogeneity(self) -> Heterogeneity:
-        """Paule-Mandel estimate and Q-profile interval (Viechtbauer 2007): exact where the errors are.
+    @cached_property
+    def tau(self) -> float:
+        """Standard deviation between values (Paule and Mandel 1982)."""
+        return self._tau_of(self.degrees_of_freedom)
+
+    @property
+    def tau_interval(self) -> tuple[float, float]:
+        """Ends of its Q-profile interval (Viechtbauer 2007): exact where the errors are.
 
         The chi-square about the weighted effects falls with tau, and at the true one is distributed as such.
         """
-        freedoms = self.degrees_of_freedom
-        tails = chi2.ppf(TAILS, freedoms)
-        p_value = float(chi2.sf(self.weighted(0.0).chi_square, freedoms))
-        return Heterogeneity(self._tau_of(freedoms), self._tau_of(tails[0]), self._tau_of(tails[1]), p_value)
+        lower, upper = chi2.ppf(TAILS, self.degrees_of_freedom)
+        return self._tau_of(lower), self._tau_of(upper)
+
+    @property
+    def homogeneity_p_value(self) -> float:
+        """p-value of no scatter."""
+        return float(chi2.sf(self.weighted(0.0).chi_square, self.degrees_of_freedom))
 
     def _tau_of(self, chi_square: float) -> float:
         """The scatter by which the residuals have a chi-square; 0 where none need be."""

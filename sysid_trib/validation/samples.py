@@ -171,7 +171,7 @@ def _sample(
     design = np.ones((len(runs), 1))
     between = np.array(
         [
-            RandomEffects(value, error, design).heterogeneity().value if np.all(error > 0.0) else 0.0
+            RandomEffects(value, error, design).tau if np.all(error > 0.0) else 0.0
             for value, error in zip(values.T, errors.T, strict=True)
         ]
     )

@@ -7,7 +7,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.envelope_prediction import Averaged, predict_envelope
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError
-from sysid_trib.motion_fit.free_likelihood import FreeLikelihood
+from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error

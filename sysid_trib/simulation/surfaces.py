@@ -1,0 +1,252 @@
+"""Where a motion meets a surface: the step up to it, and the signs, memory and derivatives after it."""
+
+import numpy as np
+
+from sysid_trib.simulation.branches import (
+    RESTS,
+    branch,
+    grip_of,
+    held_by,
+    parameters_at,
+    put,
+    rates_of,
+    settle,
+    state_at,
+)
+from sysid_trib.simulation.compiled import (
+    DOWN,
+    ROW_ERROR,
+    ROW_GRIP,
+    ROW_MEMORY,
+    ROW_MEMORY_DOWN,
+    ROW_MEMORY_UP,
+    ROW_REPLACED,
+    ROW_SIGNS,
+    ROW_SIGNS_DOWN,
+    ROW_SIGNS_UP,
+    ROW_STATE,
+    ROW_ZEROS,
+    UP,
+    inner,
+)
+from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, order
+from sysid_trib.simulation.roots import first_crossing, of_parameter, slope, value
+from sysid_trib.simulation.taylor import STATE_PART, look_ahead, radius
+
+# In tau: how far it is held where a surface is crossed at rest.
+PASSED = 1e-9
+# Of the size of the motion: no further from a surface than rounding.
+AT_ZERO = 1e-14
+# Rates of states that are less do not change them.
+UNCHANGED = 1e-14
+
+
+@inner
+def free_step(program, c, n, h):
+    """Up to where a free motion may go, and the surface that it meets there, or -1."""
+    which, near = -1, AT_ZERO * max(abs(c.v[ROW_STATE, 0]), abs(c.v[ROW_STATE, 1]))
+    for m in range(len(program.signs)):
+        r = first_crossing(
+            c.J[program.surfaces[m]], n, h, c.v[ROW_SIGNS, m], (near, c.v[ROW_ZEROS, m]), c.work
+        )
+        if r <= h:
+            h, which = r, m
+    return h, which
+
+
+@inner
+def held_step(program, c, n, h, held, ends):
+    """Up to where a body may stay where it is held; which way it is let go there (+1, -1), or 0.
+
+    Third is the surface that it meets there, or -1.
+    """
+    way, which, near = 0.0, -1, AT_ZERO * abs(c.v[ROW_STATE, 0])
+    if held == RESTS:
+        h = _rest_lasts(program, c, n, h, near)
+        up = branch(program, c, 1.0, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
+        down = branch(program, c, -1.0, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
+    else:
+        h, which = free_step(program, c, n, h)
+        for at, memory in ((ROW_SIGNS_UP, ROW_MEMORY_UP), (ROW_SIGNS_DOWN, ROW_MEMORY_DOWN)):
+            put(c.v[ROW_SIGNS], c.v[at])
+            put(c.v[ROW_MEMORY], c.v[memory])
+        c.v[ROW_SIGNS_UP, held], c.v[ROW_SIGNS_DOWN, held] = 1.0, -1.0
+    _pulls(program, c, c.aside[UP], n, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
+    _pulls(program, c, c.aside[DOWN], n, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
+    pull = program.rates[1]
+    if held != RESTS:
+        # Upwards is where the surface rises.
+        for k in range(n + 1):
+            c.aside[UP][pull, k] *= c.v[ROW_GRIP, 0]
+            c.aside[DOWN][pull, k] *= c.v[ROW_GRIP, 0]
+        up, down = c.aside[UP][pull, 0], c.aside[DOWN][pull, 0]
+    if not ends or not _is_still(program, c, n):
+        h = min(h, radius(c.aside[UP], pull, pull, n, STATE_PART))
+        h = min(h, radius(c.aside[DOWN], pull, pull, n, STATE_PART))
+        r = 0.0 if up > 0.0 else first_crossing(c.aside[UP][pull], n, h, -1.0, (near, 0.0), c.work)
+        if r < h:
+            h, way = r, 1.0
+        r = 0.0 if down < 0.0 else first_crossing(c.aside[DOWN][pull], n, h, 1.0, (near, 0.0), c.work)
+        if r < h:
+            h, way = r, -1.0
+    return h, way, which if way == 0.0 else -1
+
+
+@inner
+def _rest_lasts(program, c, n, h, near):
+    """Up to where the signs at rest are those of now."""
+    for m in range(len(program.signs)):
+        # Of a surface that is zero at rest nothing is known but at the start.
+        if c.v[ROW_SIGNS_UP, m] != 0.0:
+            r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[ROW_SIGNS_UP, m], (near, 0.0), c.work)
+            if r < h:
+                h = max(r, PASSED)
+    return h
+
+
+@inner
+def _pulls(program, c, other, n, memory, signs):
+    """Series in `other` of what would move a held body to one side of where it is held."""
+    along(program, c, other, n, memory, signs)
+    pull = program.rates[1]
+    for k in range(n + 1):
+        other[pull, k] -= c.J[pull, k]
+
+
+@inner
+def along(program, c, other, n, memory, signs):
+    """Series in `other` of all slots along the states in J, with another memory and other signs."""
+    for i in range(program.states + 1 + program.channels):
+        for k in range(n + 1):
+            other[i, k] = c.J[i, k]
+    parameters_at(program, other, memory, signs)
+    at_once(program, other)
+    for k in range(1, n + 1):
+        order(program, other, k)
+
+
+@inner
+def _is_still(program, c, n):
+    """True if nothing at rest changes: what would accelerate it, and its states."""
+    for i in range(2, program.states):
+        if abs(c.J[i, 1]) > UNCHANGED:
+            return False
+    for k in range(1, n + 1):
+        if c.aside[UP][program.rates[1], k] != 0.0 or c.aside[DOWN][program.rates[1], k] != 0.0:
+            return False
+    return True
+
+
+@inner
+def released(program, c, held, way):
+    """Let a body go from where it is held: from there it begins without speed and without acceleration."""
+    put(c.v[ROW_MEMORY_UP] if way > 0.0 else c.v[ROW_MEMORY_DOWN], c.v[ROW_MEMORY])
+    put(c.v[ROW_SIGNS_UP] if way > 0.0 else c.v[ROW_SIGNS_DOWN], c.v[ROW_SIGNS])
+    c.v[ROW_ZEROS, held] = 2
+
+
+@inner
+def stop(c):
+    """What friction holds has no speed, whatever it had."""
+    c.v[ROW_STATE, 1], c.v[ROW_ERROR, 1] = 0.0, 0.0
+    for q in range(c.dy.shape[1]):
+        c.dy[1, q] = 0.0
+
+
+@inner
+def switched(program, c, which, n, h):
+    """Go on from a surface, with the jump of the derivatives; by what the motion is held there."""
+    size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
+    moves, way = np.zeros(count), c.v[ROW_SIGNS, 0]
+    if count > 0:
+        rate = slope(c.J[slot], n, h)
+        for q in range(count):
+            # By so much the instant of the switching moves with the parameter.
+            moves[q] = -of_parameter(c.T, slot, q, n, h) / rate if rate != 0.0 else 0.0
+            for i in range(size):
+                c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]
+    if slot < size:
+        # The surface is a state: exactly zero here.
+        c.v[ROW_STATE, slot], c.v[ROW_ERROR, slot] = 0.0, 0.0
+    c.v[ROW_ZEROS, which] = 1
+    put(c.v[ROW_MEMORY], c.v[ROW_REPLACED])
+    look_ahead(c, h)
+    held = _settled(program, c)
+    turned = way * c.v[ROW_SIGNS, 0] < 0.0
+    if program.memory > 0 and turned and slot >= size:
+        # Another memory takes it elsewhere.
+        c.v[ROW_ZEROS, which] = 0
+    if held == RESTS:
+        stop(c)
+    if count > 0:
+        after(program, c, moves, turned, held)
+    if held > RESTS:
+        _onto(program, c, held)
+    return held
+
+
+@inner
+def _settled(program, c):
+    """Set signs, and at a reversal the memory, for the motion from here; by what it is held."""
+    if not settle(program, c):
+        return np.int64(RESTS)
+    held = held_by(program, c)
+    if held > RESTS:
+        c.v[ROW_SIGNS, held] = 0.0
+    return held
+
+
+@inner
+def _onto(program, c, held):
+    """Put v, and its derivatives, on the surface by which a motion is held."""
+    J, T, slot, count = c.J, c.T, program.surfaces[held], c.T.shape[2]
+    state_at(program, c, J, c.v[ROW_STATE], 0.0)
+    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+    at_once(program, J)
+    for i in range(program.states + 1):
+        J[i, 1] = 0.0
+    order(program, J, np.int64(1))
+    grip = grip_of(program, J, slot)
+    c.v[ROW_STATE, 1] -= J[slot, 0] / grip
+    if count > 0:
+        for i in range(program.states):
+            for q in range(count):
+                T[i, 0, q] = c.dy[i, q]
+        derivatives_at_once(program, J, T, program.main)
+        for q in range(count):
+            c.dy[1, q] -= T[slot, 0, q] / grip
+
+
+@inner
+def after(program, c, moves, turned, held):
+    """Derivatives after a switching, whose instant `moves`; of the memory where it was replaced."""
+    J, T, size, kept, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
+    at = program.inputs - kept
+    state_at(program, c, J, c.v[ROW_STATE], 0.0)
+    if kept > 0 and turned:
+        parameters_at(program, J, c.v[ROW_REPLACED], c.v[ROW_SIGNS])
+        for i in range(size):
+            for q in range(count):
+                T[i, 0, q] = c.dy[i, q]
+        at_once_live(program, J, len(program.code))
+        derivatives_at_once(program, J, T, len(program.code))
+        for m in range(kept):
+            for q in range(count):
+                T[at + m, 0, q] = T[program.replaced[m], 0, q]
+    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+    rates_of(program, J, c.v[ROW_SIGNS])
+    for i in range(2 if held == RESTS else 0, size):
+        for q in range(count):
+            c.dy[i, q] -= J[program.rates[i], 0] * moves[q]
+
+
+@inner
+def begun(program, c):
+    """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
+    way = c.v[ROW_SIGNS, 0] if len(program.signs) > 0 else 0.0
+    held = _settled(program, c)
+    if held == RESTS:
+        stop(c)
+    elif held > RESTS:
+        _onto(program, c, held)
+    return held, held != RESTS and len(program.signs) > 0 and way * c.v[ROW_SIGNS, 0] < 0.0
