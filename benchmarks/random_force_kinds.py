@@ -31,8 +31,7 @@ from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.linearisation import deviation_matrix, linearised
 from sysid_trib.likelihood.optimizers import constraint_map
 from sysid_trib.likelihood.problem import begin
-from sysid_trib.likelihood.rows import rows_about, weak_regression
-from sysid_trib.likelihood.solution import solve
+from sysid_trib.likelihood.rows import rows_about, solve, weak_regression
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.likelihood.variance_ratio import WhiteRows
 from sysid_trib.likelihood.weak_form import coloured

@@ -37,7 +37,7 @@ from sysid_trib.likelihood.trials import (
 from sysid_trib.printing.discovery_tables import formula_text
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.results.discoveries import shapes_of
+from sysid_trib.results.effects import shapes_of
 from sysid_trib.validation.holdout import split
 
 RUN = paper_run(FIVE)

@@ -15,9 +15,8 @@ from command_line import write_csv
 from numpydoc.validate import validate
 
 import sysid_trib as st
-from sysid_trib.printing.comparison_tables import comparison_json
 from sysid_trib.printing.driven import driven_json, prediction_json
-from sysid_trib.printing.json_results import discovery_json, identification_json
+from sysid_trib.printing.json_results import comparison_json, discovery_json, identification_json
 from sysid_trib.printing.sureness import difference_json
 from sysid_trib.validation.samples import held_against
 

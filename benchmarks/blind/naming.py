@@ -12,7 +12,7 @@ import xarray as xr
 from sysid_trib import free_decay, load_library, read_record
 from sysid_trib.discovery.discover import discover
 from sysid_trib.likelihood.settings import Settings
-from sysid_trib.results.discoveries import credible_set
+from sysid_trib.results.effects import credible_set
 
 from .seen import CONTACT, offered
 

@@ -32,7 +32,7 @@ from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
-from sysid_trib.results.discoveries import alternatives_of, tied_name
+from sysid_trib.results.effects import alternatives_of, tied_name
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.results.variables import signal_units

@@ -31,7 +31,7 @@ def compare(
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.printing.comparison import comparison_blocks
-        from sysid_trib.printing.comparison_tables import comparison_json
+        from sysid_trib.printing.json_results import comparison_json
         from sysid_trib.validation.compare import compare
 
         asked = checks.asked_model(model, constraint, given.system)

@@ -35,7 +35,7 @@ from sysid_trib.likelihood.start_model import (
 from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
-from sysid_trib.results.discoveries import misnamed_effects
+from sysid_trib.results.effects import misnamed_effects
 from sysid_trib.results.schema import provenance
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import group_names

@@ -15,7 +15,7 @@ from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.run_products import RunProducts
 from sysid_trib.records.smoothing import smooth
-from sysid_trib.results.discoveries import NAMED
+from sysid_trib.results.effects import NAMED
 from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 
 # Cells of the map, each way.

@@ -20,7 +20,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
-from sysid_trib.results.discoveries import PAIR, PAIRS
+from sysid_trib.results.effects import PAIR, PAIRS
 from sysid_trib.results.variables import (
     PER_FORCE_UNIT,
     Variables,

@@ -23,8 +23,7 @@ from scipy.interpolate import BSpline
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import channels_of
-from sysid_trib.likelihood.linearisation import derivatives_along
-from sysid_trib.likelihood.resolution import NO_FINE_MOTION, FineMotion, fine_motion
+from sysid_trib.likelihood.linearisation import NO_FINE_MOTION, FineMotion, derivatives_along, fine_motion
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import SurfaceKey, TrialEffect

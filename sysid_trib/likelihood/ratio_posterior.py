@@ -18,8 +18,7 @@ from sysid_trib.likelihood.linearisation import DeviationOperator
 from sysid_trib.likelihood.optimizers import ConstraintMap
 from sysid_trib.likelihood.problem import RunRegression
 from sysid_trib.likelihood.refined_columns import common_values
-from sysid_trib.likelihood.rows import Rows, stack_rows
-from sysid_trib.likelihood.solution import Solution, solve
+from sysid_trib.likelihood.rows import Rows, Solution, solve, stack_rows
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
 from sysid_trib.likelihood.weak_form import cholesky_factor, whitened_by_both
 

@@ -11,8 +11,7 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.linearisation import DeviationOperator, linearised
 from sysid_trib.likelihood.optimizers import ConstraintMap
 from sysid_trib.likelihood.problem import ReferenceTrajectory, RunRegression, Runs
-from sysid_trib.likelihood.rows import Rows, weak_regression
-from sysid_trib.likelihood.solution import Solution, solve
+from sysid_trib.likelihood.rows import Rows, Solution, solve, weak_regression
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model

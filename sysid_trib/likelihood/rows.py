@@ -1,15 +1,19 @@
-"""Rows of the regression of Eq. 1 on its force columns, in weak and in strong form."""
+"""The regression of Eq. 1 on its force columns: its rows, in weak and in strong form, and their solution."""
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
+from scipy.optimize import lsq_linear
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.likelihood.linearisation import DeviationOperator
-from sysid_trib.likelihood.problem import RunRegression
+from sysid_trib.likelihood.optimizers import ConstraintMap
+from sysid_trib.likelihood.problem import RunRegression, Runs, update
 from sysid_trib.likelihood.weak_form import whiten
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
 
@@ -41,24 +45,14 @@ class Rows:
     lags: int = 2 * KNOTS_PER_PERIOD
 
 
-def weak_rows(run: RunRegression, operator: DeviationOperator) -> Rows:
-    """Weak rows about a run's reference trajectory (see `rows_about`), with what whitens them."""
-    return replace(rows_about(run, operator.matrix), factor=operator.factor)
-
-
 def rows_about(run: RunRegression, matrix: sp.csr_matrix) -> Rows:
-    """Weak rows of the regression about a run's reference trajectory.
+    """Weak rows of the regression about a run's reference trajectory, without a factor.
 
     Parameters
     ----------
     run : RunRegression
     matrix : (row, sample) sparse array of float
         Operator of small deviations about a motion nearby.
-
-    Returns
-    -------
-    Rows
-        Without a factor.
 
     Notes
     -----
@@ -102,24 +96,16 @@ def strong_rows(run: RunRegression) -> Rows:
 
 
 def weak_regression(runs: Sequence[RunRegression], operators: Sequence[DeviationOperator]) -> Rows:
-    """The weak rows of all runs about their reference trajectories."""
-    return stack_rows(runs, [weak_rows(run, near) for run, near in zip(runs, operators, strict=True)])
+    """The weak rows of all runs about their reference trajectories, with what whitens them."""
+    pairs = zip(runs, operators, strict=True)
+    rows = [replace(rows_about(run, near.matrix), factor=near.factor) for run, near in pairs]
+    return stack_rows(runs, rows)
 
 
 def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
-    """Rows of several runs as one regression.
+    """Rows of several runs, each weighted by its noise, as one regression.
 
-    Parameters
-    ----------
-    runs : sequence of RunRegression
-        Each counts by its noise, relative to their RMS.
-    rows : sequence of Rows
-        Of each run.
-
-    Returns
-    -------
-    Rows
-        With common coefficients and stiffness, and a zero of the sensor for each run.
+    It has common coefficients and a common stiffness, and a zero of the sensor for each run.
     """
     if len(rows) == 1:
         return rows[0]
@@ -153,23 +139,159 @@ def _stacked_factors(factors: Sequence[Array]) -> Array | None:
     return np.concatenate([np.pad(f, ((0, bands - len(f)), (0, 0))) for f in factors], axis=1)
 
 
-def white_without_nuisances(rows: Rows, columns: Array) -> tuple[Array, Array]:
-    """White columns and target, the nuisances projected out of them.
-
-    Parameters
-    ----------
-    rows : Rows
-    columns : (row, column) array of float
-        The columns to take in place of the rows' own.
-
-    Returns
-    -------
-    columns : (row, column) array of float
-    target : (row,) array of float
-    """
+def _white_without_nuisances(rows: Rows, columns: Array) -> tuple[Array, Array]:
+    """White columns, in place of the rows' own, and target, the nuisances projected out of both."""
     table = np.column_stack([rows.nuisances, columns, rows.target])
     white = table if rows.factor is None else whiten(rows.factor, table)
     count = rows.nuisances.shape[1]
     basis, _ = np.linalg.qr(white[:, :count])
     outside = white[:, count:] - basis @ (basis.T @ white[:, count:])
     return outside[:, :-1], outside[:, -1]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Least squares of the rows.
+
+    Attributes
+    ----------
+    coefficients : (force,) array of float
+        Zero where a force is not in the model.
+    steps : (run,) or (run + 1,) array of float
+        Of the nuisances: the sensor's zero in each run (rad), the stiffness.
+    covariance : (force + 1, force + 1) array of float
+        Of the coefficients and the reference frequency (rad/s).
+    noise : float, rad
+        RMS residual of the white rows.
+    lags : int
+        Lags over which the covariance allows for correlated residuals.
+    constraints : ConstraintMap
+        With the coefficients that are held at a bound.
+    residual : (row,) array of float
+        Of the rows as they are, not white.
+    """
+
+    coefficients: Array
+    steps: Array
+    covariance: Array
+    noise: float
+    lags: int
+    constraints: ConstraintMap
+    residual: Array
+
+    def applied_to(self, runs: Runs) -> Runs:
+        """The runs with this solution as their estimate."""
+        return update(runs, self.coefficients, self.steps, self.constraints)
+
+
+def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintMap) -> Solution:
+    """Solve the rows for the active coefficients, (force,); `run` is any of those in the rows.
+
+    Notes
+    -----
+    Of white rows the covariance is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its
+    rows are correlated: then it is the sandwich of Newey and West (1987) over two periods. Coefficients that
+    would pass a bound are found by an active set and held there.
+    """
+    # Here, since importing pysindy takes as long as twenty identifications.
+    from sysid_trib.likelihood.optimizers import WhitenedLeastSquares
+
+    kept = constraints.keep(active)
+    design, target, shift = _free_rows(rows, run, kept)
+    fit = WhitenedLeastSquares(rows.factor, rows.lags).fit(design, target)
+    count, scale = len(kept.free), rows.scale[kept.free]
+    solved: Array = np.asarray(fit.coef_[0], dtype=float)
+    free, steps = solved[:count] / scale, solved[count:]
+    if np.any((free < kept.low) | (free > kept.high)):
+        side = _bounds_reached(rows, design, target, kept)
+        limits = np.where(side < 0, kept.low, kept.high)[side != 0]
+        return solve(rows, run, active, kept.hold(side != 0, limits))
+    coefficients = kept.matrix @ free + kept.constant
+    jacobian = np.zeros((len(coefficients) + 1, len(solved)))
+    jacobian[:-1, :count] = kept.matrix / scale
+    if run.problem.frequency_free:
+        coefficients = coefficients + shift * steps[-1]
+        # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
+        jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
+        jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
+    covariance = jacobian @ fit.covariance_[0] @ jacobian.T
+    noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
+    return Solution(coefficients, steps, covariance, noise, lags, kept, target - design @ solved)
+
+
+def with_errors_of_dropped(
+    solution: Solution, rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintMap
+) -> Solution:
+    """The solution with the variances that forces which are not active would have if they were added."""
+    covariance = solution.covariance.copy()
+    for j in constraints.free[~active[constraints.free]]:
+        added = active.copy()
+        added[j] = True
+        covariance[j, j] = solve(rows, run, added, constraints).covariance[j, j]
+    return replace(solution, covariance=covariance)
+
+
+def select(rows: Rows, optimizers: Sequence[Any], constraints: ConstraintMap) -> Mask:
+    """Forces to which all of the optimisers give a coefficient.
+
+    Parameters
+    ----------
+    rows : Rows
+    optimizers : sequence of pysindy optimisers
+        They see the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
+        are projected out and never thresholded.
+    constraints : ConstraintMap
+
+    Returns
+    -------
+    (force,) array of bool
+        Fixed coefficients are always in the model, tied ones with those that they are tied to.
+    """
+    kept = np.ones(len(constraints.free), bool)
+    if not optimizers:
+        return constraints.active(kept)
+    target = replace(rows, target=rows.target - rows.columns @ (rows.scale * constraints.constant))
+    columns, y = _white_without_nuisances(target, rows.columns @ _scaled(rows, constraints))
+    for optimizer in optimizers:
+        # The optimiser may be the user's: it must not come back changed.
+        kept &= deepcopy(optimizer).fit(columns, y[:, None]).coef_[0] != 0.0
+    return constraints.active(kept)
+
+
+def _free_rows(rows: Rows, run: RunRegression, constraints: ConstraintMap) -> tuple[Array, Array, Array]:
+    """Design by the free coefficients, scaled, and the nuisances; the target; what a stiffness shifts.
+
+    A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
+    that hold it at the present frequency, (force,), by the last.
+    """
+    in_model = constraints.matrix.any(axis=1) | (constraints.constant != 0.0)
+    rescaling = _rescaling(run, run.coefficients * in_model)
+    shift = rescaling - constraints.matrix @ rescaling[constraints.free]
+    target = rows.target - rows.columns @ (rows.scale * constraints.constant)
+    nuisances = rows.nuisances
+    if run.problem.frequency_free:
+        moving = nuisances[:, -1] + rows.columns @ (rows.scale * shift)
+        nuisances = np.column_stack([nuisances[:, :-1], moving])
+    return np.column_stack([rows.columns @ _scaled(rows, constraints), nuisances]), target, shift
+
+
+def _scaled(rows: Rows, constraints: ConstraintMap) -> Array:
+    """The map of scaled free coefficients to scaled coefficients, (force, free)."""
+    return rows.scale[:, None] * constraints.matrix / rows.scale[constraints.free]
+
+
+def _rescaling(run: RunRegression, coefficients: Array) -> Array:
+    """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
+    degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.problem.library])
+    return np.where(run.problem.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
+
+
+def _bounds_reached(rows: Rows, design: Array, target: Array, constraints: ConstraintMap) -> Array:
+    """Bound that each free coefficient has reached in bounded least squares: -1 the low, 1 the high, or 0."""
+    table = np.column_stack([design, target])
+    white = table if rows.factor is None else whiten(rows.factor, table)
+    limits = np.full((2, design.shape[1]), [[-np.inf], [np.inf]])
+    count, scale = len(constraints.free), rows.scale[constraints.free]
+    limits[:, :count] = constraints.low * scale, constraints.high * scale
+    bounded = lsq_linear(white[:, :-1], white[:, -1], limits, method="bvls")
+    return np.asarray(bounded.active_mask[:count])

@@ -12,8 +12,8 @@ from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.likelihood import Likelihood
+from sysid_trib.likelihood.linearisation import unresolved
 from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.resolution import unresolved
 from sysid_trib.likelihood.run_products import RowNoise, RunProducts, products_of
 from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
 from sysid_trib.likelihood.settings import DEFAULTS

@@ -33,8 +33,7 @@ from sysid_trib.likelihood.refined_columns import (
     motion_of_run,
     step_in_errors,
 )
-from sysid_trib.likelihood.rows import Rows, run_weights, stack_rows
-from sysid_trib.likelihood.solution import Solution, solve
+from sysid_trib.likelihood.rows import Rows, Solution, run_weights, solve, stack_rows
 from sysid_trib.likelihood.two_noises import with_noises
 from sysid_trib.likelihood.variance_ratio import smoothed_rate_error
 from sysid_trib.records.smoothing import least_squares_spline

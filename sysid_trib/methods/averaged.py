@@ -14,7 +14,7 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.methods.half_period_equations import HalfPeriodEquations
 from sysid_trib.records.half_sines import EnvelopeCurve, instant_derivatives
-from sysid_trib.results.significance import birge_ratio
+from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
 
 

@@ -25,9 +25,17 @@ from sysid_trib.likelihood.random_force import (
 )
 from sysid_trib.likelihood.ratio_posterior import RatioAverage
 from sysid_trib.likelihood.refined_columns import common_values, refine_columns, shifted
-from sysid_trib.likelihood.rows import Rows, stack_rows, strong_rows, weak_regression
+from sysid_trib.likelihood.rows import (
+    Rows,
+    Solution,
+    select,
+    solve,
+    stack_rows,
+    strong_rows,
+    weak_regression,
+    with_errors_of_dropped,
+)
 from sysid_trib.likelihood.sensor_noise import colour_variables
-from sysid_trib.likelihood.solution import Solution, select, solve, with_errors_of_dropped
 from sysid_trib.likelihood.stochastic_columns import StochasticRegression, regress_stochastic
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square

@@ -38,9 +38,9 @@ from sysid_trib.motion_fit.stochastic_step import penalised_deviance
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.significance import birge_ratio
 from sysid_trib.simulation.initial_conditions import MEASURED, first_guess, measured_part
 from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model

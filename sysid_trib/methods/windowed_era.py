@@ -19,9 +19,9 @@ from sysid_trib.records.equilibrium import with_half_periods
 from sysid_trib.records.half_periods import noise_of_record
 from sysid_trib.records.half_sines import with_standard_error
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.significance import birge_ratio
 
 ComplexArray = NDArray[np.complex128]
 

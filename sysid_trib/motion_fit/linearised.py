@@ -238,3 +238,54 @@ def _scaled(values: Array, limits: tuple[float, float]) -> Array:
     """From -1 at the lower limit to 1 at the upper."""
     low, high = limits
     return (2.0 * values - low - high) / max(high - low, 1e-12 * max(1.0, abs(high)))
+
+
+def random_walk(
+    model: Model,
+    time: Array,
+    motion: SimulatedMotion,
+    per_tau: float,
+    normal: np.random.Generator,
+    draws: int,
+) -> Array:
+    """Draw what a random force adds to the angle of a free motion.
+
+    Parameters
+    ----------
+    model : Model
+    time : (sample,) array of float, s
+    motion : SimulatedMotion
+        The model's free motion at these times.
+    per_tau : float, rad^2
+        Growth of the variance of v in a unit of tau (see `RandomForce.per_tau`).
+    normal : Generator
+    draws : int
+
+    Returns
+    -------
+    (draw, sample) array of float, rad
+
+    Raises
+    ------
+    SimulationError
+        The motion between two samples cannot be computed.
+
+    Notes
+    -----
+    Deviations obey z[k+1] = F[k] z[k] + e[k] with the transitions F of the exact steps and the covariance
+    per_tau D[k] of e[k]: the linear model of the filter, computed once for all draws.
+    """
+    linear = linearised_along(model, time, motion, Derivatives((), frequency=False))
+    return random_walk_about(linear, per_tau, normal, draws).T
+
+
+def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
+    """Draw what a random force of this size adds to a record about its path, (sample, draw)."""
+    variance, axes = np.linalg.eigh(per_tau * linear.steps.diffusion)
+    # A part that friction holds has no variance; rounding makes it negative.
+    root = axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :]
+    samples, size = linear.path.shape
+    source = np.zeros((samples, size, draws))
+    source[1:] = root @ normal.standard_normal((samples - 1, size, draws))
+    deviations = linear.recursion(np.zeros((samples, size)), source)
+    return np.asarray(np.einsum("na,nad->nd", linear.observed, deviations))

@@ -43,7 +43,7 @@ from sysid_trib.motion_fit.stochastic_step import (
 )
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.results.significance import birge_ratio
+from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.variables import variable
 
 PATIENCE = 10

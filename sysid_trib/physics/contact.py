@@ -6,8 +6,8 @@ from scipy.stats import norm
 
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import model_estimate, propagate_measured
+from sysid_trib.results.effects import significant
 from sysid_trib.results.schema import library_of
-from sysid_trib.results.significance import significant
 from sysid_trib.results.variables import variable, with_error
 
 

@@ -15,7 +15,7 @@ from sysid_trib.plots.style import (
     MODEL_LINES,
     Style,
 )
-from sysid_trib.results.discoveries import tied_name
+from sysid_trib.results.effects import tied_name
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.verdict import breakdown, run_record_noise

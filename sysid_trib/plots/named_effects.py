@@ -21,7 +21,7 @@ from sysid_trib.plots.overview_data import (
 )
 from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
 from sysid_trib.printing.layout import quantity
-from sysid_trib.results.discoveries import added_effects, credible_set, or_others, replacing_pairs
+from sysid_trib.results.effects import added_effects, credible_set, or_others, replacing_pairs
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
 from sysid_trib.validation.findings import residual_of
 from sysid_trib.validation.verdict import record_noise

@@ -14,9 +14,8 @@ from sysid_trib.plots.looked import curves_of
 from sysid_trib.plots.motion_panels import MotionData, motion_data
 from sysid_trib.plots.style import CANDIDATE_MARKS, MODEL_LINES
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.results.discoveries import credible_set, strongest
+from sysid_trib.results.effects import credible_set, determines, strongest
 from sysid_trib.results.files import kind_of
-from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.findings import answer_of, holds, kept_results

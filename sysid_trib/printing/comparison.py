@@ -1,31 +1,30 @@
-"""Methods side by side: which predicts best, which differ and probably why."""
+"""Methods side by side, in sentences and tables: which predicts best, which differ and probably why."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import xarray as xr
+from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing.blocks import ALWAYS, USUALLY, Block, Layer
-from sysid_trib.printing.comparison_tables import (
-    FREQUENCY_SYMBOL,
-    coefficient_table,
-    difference_table,
-    quality_table,
-)
 from sysid_trib.printing.layout import (
     by_label,
     constraint_sentences,
     identifiability_warnings,
     in_small_units,
+    quantity,
+    text_table,
+    values_with_errors,
 )
 from sysid_trib.printing.verdict import EFFECTIVE
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.validation.comparison_table import applied_methods
+from sysid_trib.validation.comparison_table import applied_methods, column_power
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.findings import given_results
 from sysid_trib.validation.verdict import is_found
 
+FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than so many standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
@@ -48,20 +47,76 @@ CAUSES = {
 }
 
 
-def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `compare`.
+def _coefficient_table(tree: xr.DataTree) -> Table:
+    """Coefficients with errors: a row a method, a column a force with its power of ten in the head.
 
-    Parameters
-    ----------
-    tree : DataTree
-        The result.
-    sources : sequence of str
-        What each record is.
-
-    Returns
-    -------
-    list of Block
+    A method that does not apply, or failed, has no row here; `_quality_table` says why.
     """
+    table = applied_methods(tree["comparison"].to_dataset())
+    columns = {}
+    for symbol, row in by_label(table, "force").items():
+        power = column_power(row)
+        scale = 10.0**power
+        parts = " ".join([f"1e{power:+03d}"] * bool(power) + [row.unit.item()] * (row.unit.item() != "1"))
+        head = f"{symbol} ({parts})" if parts else symbol
+        columns[head] = values_with_errors(row.coefficient / scale, row.standard_error / scale)
+    frequencies = [quantity(row, "asymptotic_frequency") for row in by_label(table, "method").values()]
+    return _method_table(table, columns | {f"{FREQUENCY_SYMBOL} (rad/s)": frequencies})
+
+
+def _difference_table(tree: xr.DataTree) -> Table:
+    """Differences from the method that predicts best, over the errors of both."""
+    table = applied_methods(tree["comparison"].to_dataset())
+    best = table.method.values == table.attrs["best"]
+    values = dict(zip(table.force.values.tolist(), table.z.values.T, strict=True))
+    values[FREQUENCY_SYMBOL] = table.asymptotic_frequency_z.values
+    columns = {head: [_signed(*pair) for pair in zip(z, best, strict=True)] for head, z in values.items()}
+    return _method_table(table, columns)
+
+
+def _quality_table(tree: xr.DataTree) -> Table:
+    """Residuals of simulated models, on the record and out of it, and what to mind of each method."""
+    table = tree["comparison"].to_dataset()
+    factor, unit = small_units(signal_units(tree))
+    numbered: dict[str, tuple[xr.DataArray, Callable[[float], str]]] = {
+        "all/noise": (table.residual_over_noise, _ratio),
+        f"train ({unit})": (factor * table.train_rms, _ratio),
+        f"held out ({unit})": (factor * table.holdout_rms, _ratio),
+        "held out/noise": (table.holdout_over_noise, _ratio),
+        "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
+        "time (s)": (table.time_taken, "{:#.2g}".format),
+    }
+    given = table.method.isin(applied_methods(table).method.values).values | (table.failure == "").values
+    columns = {
+        head: [as_text(x) if np.isfinite(x) else "-" for x in np.where(given, values.values, np.nan).tolist()]
+        for head, (values, as_text) in numbered.items()
+    }
+    neglected = [f"neglects {text}" if text else "" for text in table.neglects.values.tolist()]
+    failed = [f"failed: {text}" if text else "" for text in table.failure.values.tolist()]
+    remarks = zip(failed, table.reason.values.tolist(), table.bias.values.tolist(), neglected, strict=True)
+    columns["remarks"] = ["; ".join(filter(None, remark)) for remark in remarks]
+    return _method_table(table, columns, words=["remarks"])
+
+
+def _method_table(table: xr.Dataset, columns: dict[str, list[str]], words: Sequence[str] = ()) -> Table:
+    """A row a method; columns of numbers, and of words."""
+    rows = [list(row) for row in zip(table.method.values.tolist(), *columns.values(), strict=True)]
+    right = tuple(at for at, head in enumerate(columns, 1) if head not in words)
+    return text_table(["method", *columns], rows, whole=(0,), numbers=right)
+
+
+def _signed(z: float, best: bool) -> str:
+    if not np.isfinite(z):
+        return "-"
+    return "best" if best else "0.0" if abs(z) < 0.05 else f"{z:+.1f}" if abs(z) < 100.0 else f"{z:+.0f}"
+
+
+def _ratio(value: float) -> str:
+    return f"{value:#.3g}".rstrip(".") if value < 1000.0 else f"{value:.0f}"
+
+
+def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
+    """What is shown of a result of `compare`; `sources` say what each record is."""
     table, details = tree["comparison"].to_dataset(), Layer.EXPLAIN
     constraints = constraint_sentences(given_results(tree).values())
     warnings = identifiability_warnings(table.attrs)
@@ -70,9 +125,9 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
         Block(sources),
         Block(_effective(tree), ALWAYS),
         Block(title="At a glance", figures="glance"),
-        Block((), ALWAYS, BY_METHOD, coefficient_table(tree), "Coefficients", "by_method"),
-        Block((), details, BY_METHOD, difference_table(tree), DIFFERENCES),
-        Block((), USUALLY, HELD_OUT, quality_table(tree), QUALITY),
+        Block((), ALWAYS, BY_METHOD, _coefficient_table(tree), "Coefficients", "by_method"),
+        Block((), details, BY_METHOD, _difference_table(tree), DIFFERENCES),
+        Block((), USUALLY, HELD_OUT, _quality_table(tree), QUALITY),
         Block(constraints),
         Block([*_explanation(table, ("bias", "form")), *warnings], Layer.DEFAULT),
         Block([*_explanation(table, (*CAUSES,)), *_reference(table), *warnings], details),

@@ -15,7 +15,7 @@ from sysid_trib.printing.layout import (
 )
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.discoveries import (
+from sysid_trib.results.effects import (
     added_effects,
     alternatives_of,
     named_effect,

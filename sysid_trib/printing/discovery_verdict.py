@@ -17,8 +17,7 @@ from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p
 from sysid_trib.printing.verdict import heterogeneity_sentences
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.discoveries import PAIRS, added_effects, error_widening, misnamed_effects
-from sysid_trib.results.significance import determines
+from sysid_trib.results.effects import PAIRS, added_effects, determines, error_widening, misnamed_effects
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.verdict import record_noise
 

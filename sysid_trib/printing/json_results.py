@@ -1,4 +1,4 @@
-"""Results of `cross_check` and `discover` as plain data for JSON: tables of keys."""
+"""Results of `cross_check`, `compare` and `discover` as plain data for JSON: tables of keys."""
 
 import json
 from typing import Any
@@ -23,7 +23,7 @@ from sysid_trib.printing.physics import physics_json
 from sysid_trib.printing.random_force import random_force_json
 from sysid_trib.printing.verdict import GROUP, TESTED, runs_json
 from sysid_trib.records.decay import RECORD_PARTS
-from sysid_trib.results.discoveries import (
+from sysid_trib.results.effects import (
     PAIR,
     PAIRS,
     candidates_of,
@@ -32,6 +32,7 @@ from sysid_trib.results.discoveries import (
     replacing_pairs,
     shapes_of,
 )
+from sysid_trib.results.variables import record_groups
 from sysid_trib.validation.findings import (
     amplitudes,
     answer_of,
@@ -57,6 +58,16 @@ METHOD: dict[str, Source] = {
 DIFFERENCE = same("difference", "expected_difference", "standard_error", "z")
 CHECK = same(*TEST) | {"differences": ("quantity", DIFFERENCE)}
 MODEL_CHECK = same("departure_time", "residual_p_value", "line_frequency", "line_amplitude")
+COMPARED: dict[str, Source] = {
+    "coefficients": ("force", COEFFICIENT | same("z", "unit")),
+    **FREQUENCIES_JSON,
+    **same("asymptotic_frequency_z", "residual_rms", "residual_over_noise", "train_rms"),
+    **same("train_over_noise", "holdout_rms", "holdout_over_noise", "holdout_p_value", "phase_error"),
+    **same(
+        "time_taken", "reason", "failure", "bias", "cannot_tell_apart", "assumes", "identifies", "neglects"
+    ),
+}
+RUN_RMS = same("run_residual_rms", "run_train_rms", "run_holdout_rms")
 # Keys of the JSON where they differ from the names of the variables.
 SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
 STEP: dict[str, Source] = {
@@ -184,3 +195,20 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
 def _reasons(candidates: xr.Dataset) -> dict[str, str]:
     """Why candidates cannot be tested, of those that cannot."""
     return {s: reason for s, reason in per_label(candidates, "candidate", "reason").items() if reason}
+
+
+def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
+    """A result of `compare` as plain data."""
+    table, groups = tree["comparison"].to_dataset(), record_groups(tree)
+    several = len(groups) > 1
+    starts = [number(tree[group].holdout_start.item()) for group in groups]
+    data = {
+        **records_json(tree),
+        "holdout_start": starts[0],
+        **mapped(table, same("common_frequency", "noise")),
+        **table.attrs,
+        "methods": per_label(table, "method", COMPARED | (RUN_RMS if several else {})),
+    }
+    if several:
+        data |= {"holdout_starts": starts, **mapped(table, {"run_noises": "run_noise"})}
+    return data

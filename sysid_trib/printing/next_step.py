@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from sysid_trib.results.discoveries import candidates_of, credible_set
+from sysid_trib.results.effects import candidates_of, credible_set, determines
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
-from sysid_trib.results.significance import determines
 from sysid_trib.results.variables import record_groups
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.findings import fewer_forces, second_of, verdict_of

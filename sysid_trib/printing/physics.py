@@ -23,8 +23,8 @@ from sysid_trib.printing.layout import (
     same,
     text_table,
 )
+from sysid_trib.results.effects import significant
 from sysid_trib.results.schema import library_of
-from sysid_trib.results.significance import significant
 from sysid_trib.results.variables import signal_units
 
 # A share below this is not worth a word.

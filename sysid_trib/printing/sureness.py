@@ -22,8 +22,8 @@ from sysid_trib.printing.layout import (
     value_with_error,
     with_unit,
 )
+from sysid_trib.results.effects import SIGNIFICANT_ERRORS, sufficient_forces
 from sysid_trib.results.files import identifications_of
-from sysid_trib.results.significance import SIGNIFICANT_ERRORS, sufficient_forces
 from sysid_trib.validation.findings import verdict_of
 from sysid_trib.validation.samples import SIDES
 

@@ -19,7 +19,7 @@ from sysid_trib.printing.layout import (
     with_unit,
 )
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
-from sysid_trib.results.significance import SIGNIFICANT_ERRORS
+from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import (
     answer_of,

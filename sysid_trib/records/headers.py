@@ -148,7 +148,7 @@ def noted_rate(notes: Sequence[str]) -> float | None:
     return None
 
 
-def noted_duration(notes: Sequence[str]) -> float | None:
+def _noted_duration(notes: Sequence[str]) -> float | None:
     """Duration (s) that a scalar or a comment of a file states: `duration = 30`."""
     matches = (re.search(_DURATION, note, re.IGNORECASE) for note in notes)
     return next((_value(match) for match in matches if match and _value(match) > 0.0), None)
@@ -223,3 +223,13 @@ def cells(names: list[str], times: list[str], table: FileTable) -> list[tuple[st
 def _without_number(name: str) -> str:
     """What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`."""
     return re.sub(r"#?\d+|(?<=[ _])[a-d]$", "", split_header(name)[0])
+
+
+def stated_rate(table: FileTable) -> float | None:
+    """Sampling rate (Hz) that the notes of a file state, or that its rows have over a duration they state."""
+    rate, duration = noted_rate(table.notes), _noted_duration(table.notes)
+    if rate is not None or duration is None:
+        return rate
+    rows = max(np.size(column) for column in table.columns.values())
+    # The last sample may be at the end.
+    return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration

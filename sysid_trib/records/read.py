@@ -17,12 +17,11 @@ from sysid_trib.records.assumed_units import assumed_unit, circle_radius
 from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.records.columns import Chosen, choose_columns, has_column
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.headers import names_quantity, noted_unit, split_header, unit_of_column
-from sysid_trib.records.input_columns import input_columns, inputs_near, with_inputs
+from sysid_trib.records.headers import names_quantity, noted_unit, split_header, stated_rate, unit_of_column
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.records.numbers import numbers, without_sentinels
 from sysid_trib.records.reading import Reading, opened
-from sysid_trib.records.row_times import row_times, stated_rate
+from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import (
     ACCELEROMETER,

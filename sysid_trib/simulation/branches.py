@@ -21,8 +21,9 @@ from sysid_trib.simulation.compiled import (
 )
 from sysid_trib.simulation.jets import at_once, at_once_live, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
-from sysid_trib.simulation.roots import LOOKAHEAD, NEAR_SURFACE
 
+# Nearer than this to a surface, its sign is decided by where the motion is so much later (in tau).
+NEAR_SURFACE, LOOKAHEAD = 1e-9, 1e-5
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
 # is taken as at rest may still have had to go.
 SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11

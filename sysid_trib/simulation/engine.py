@@ -23,9 +23,17 @@ from sysid_trib.simulation.compiled import (
     compiled,
     inner,
 )
-from sysid_trib.simulation.roots import of_parameter, rest_of, value
 from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
-from sysid_trib.simulation.taylor import FURTHEST_AT_ONCE, SURFACE_PART, driven, length, series
+from sysid_trib.simulation.taylor import (
+    FURTHEST_AT_ONCE,
+    SURFACE_PART,
+    length,
+    look_ahead,
+    of_parameter,
+    rest_of,
+    series,
+    value,
+)
 
 MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
 
@@ -140,6 +148,21 @@ def at_knot(program, given, c, piece, done, held):
     c.v[ROW_STATE, 1] += given.increments[piece, 1]
     incremented = given.increments[piece, 0] != 0.0 or given.increments[piece, 1] != 0.0
     return piece, done, incremented or given.marks[piece] == INPUT_JUMPS
+
+
+@inner
+def driven(given, c, piece):
+    """What is given over time, about here."""
+    degree = given.drives.shape[2] - 1
+    for m in range(len(c.drive)):
+        for k in range(degree + 1):
+            c.drive[m, k] = given.drives[piece, m, k] if piece >= 0 else 0.0
+        if piece >= 0:
+            since = c.v[ROW_CLOCK, 0] - given.knots[piece]
+            for j in range(degree):
+                for k in range(degree - 1, j - 1, -1):
+                    c.drive[m, k] += since * c.drive[m, k + 1]
+    look_ahead(c, 0.0)
 
 
 @inner

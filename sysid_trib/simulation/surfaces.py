@@ -30,8 +30,15 @@ from sysid_trib.simulation.compiled import (
     inner,
 )
 from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, order
-from sysid_trib.simulation.roots import first_crossing, of_parameter, slope, value
-from sysid_trib.simulation.taylor import STATE_PART, look_ahead, radius
+from sysid_trib.simulation.taylor import (
+    STATE_PART,
+    first_crossing,
+    look_ahead,
+    of_parameter,
+    radius,
+    slope,
+    value,
+)
 
 # In tau: how far it is held where a surface is crossed at rest.
 PASSED = 1e-9

@@ -4,8 +4,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.files import identifications_of, kind_of
-from sysid_trib.results.significance import significant, sufficient_forces
 from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation.comparison_table import applied_methods
 from sysid_trib.validation.model_error import error_parts

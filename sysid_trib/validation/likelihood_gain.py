@@ -17,7 +17,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.likelihood.sensor_noise import memory_samples
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.kalman import LinearModel
-from sysid_trib.validation.simulated_records import random_walk_about
+from sysid_trib.motion_fit.linearised import random_walk_about
 
 # Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm.
 NEAR = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])

@@ -14,7 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.cramer_rao import sensitivities
-from sysid_trib.results.discoveries import added_effects, candidates_of, credible_set, shapes_of
+from sysid_trib.results.effects import added_effects, candidates_of, credible_set, shapes_of
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import library_of, model_of

@@ -1,4 +1,4 @@
-"""How the difference of two identifications scatters: both methods on simulated records of one model."""
+"""How the difference of two identifications scatters: both methods on records simulated by one model."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,16 +13,86 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, silent
 from sysid_trib.likelihood.random_force import is_fitted, random_force_of
 from sysid_trib.methods import method_of
+from sysid_trib.motion_fit.linearised import random_walk
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results.variables import noise_of_run
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation.simulated_records import simulated_runs
+from sysid_trib.simulation.simulate import trajectory
 
 EXCESS_LEVEL = 0.01
 
 # An identification, and its motion in each run.
 Truth: TypeAlias = tuple[xr.Dataset, Sequence[FittedMotion]]
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A run of a known model, from which records are drawn.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+    angle : (sample,) array of float, rad
+        The model's motion.
+    noise : float, rad
+        Standard deviation of a sample.
+    random_walk : (draw, sample) array of float, rad, or None
+        What a random force adds in each draw.
+    """
+
+    time: Array
+    angle: Array
+    noise: float
+    random_walk: Array | None = None
+
+    def record(self, random: np.random.Generator, draw: int | None) -> xr.Dataset:
+        """The record of a draw; without noise where that is None."""
+        noise = self.noise * random.standard_normal(len(self.angle))
+        angle = self.angle + (0.0 if draw is None else 1.0) * noise
+        if self.random_walk is not None and draw is not None:
+            angle = angle + self.random_walk[draw]
+        return xr.Dataset({"angle": ("time", angle)}, {"time": self.time})
+
+
+def _simulated_runs(
+    runs: Sequence[xr.Dataset], result: xr.Dataset, motions: Sequence[FittedMotion], *, draws: int, seed: int
+) -> list[SimulatedRun]:
+    """Motion, noise and random walk of an identified model in each run; with fewer samples, of less noise.
+
+    Parameters
+    ----------
+    runs : sequence of Dataset
+        `angle(time)`, whose times are taken.
+    result : Dataset
+        The identification.
+    motions : sequence of FittedMotion
+        Of its model, in each run.
+    draws, seed : int
+        Number of draws, and the seed of the random force in them.
+
+    Raises
+    ------
+    SimulationError
+        The motion of the model cannot be computed.
+    """
+    model, simulated = model_of(result), []
+    period = 2.0 * np.pi / result.asymptotic_frequency.item()
+    # A stream of its own: the sensor's noise is the same with a random force and without.
+    forcing = np.random.default_rng([seed, 1])
+    for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
+        time, noise = run.time.values.astype(float), noise_of_run(result, at)
+        # Samples a period for the statistics of the difference: more would cost time and change nothing.
+        most = int(60 * (time[-1] - time[0]) / period) + 2
+        if len(time) > most:
+            noise *= np.sqrt(most / len(time))
+            time = np.linspace(time[0], time[-1], most)
+        free, force = trajectory(model, time, motion.angle, motion.rate), random_force_of(result, at)
+        per_tau = force.per_tau(model.reference_frequency)
+        stochastic = random_walk(model, time, free, per_tau, forcing, draws) if force else None
+        simulated.append(SimulatedRun(time, free.angle, noise, stochastic))
+    return simulated
 
 
 @dataclass(frozen=True)
@@ -122,7 +192,7 @@ def scatter(
     + 2, or these had one below 0.1.
     """
     frequency, random = truth[0].reference_frequency.item(), np.random.default_rng(seed)
-    simulated = simulated_runs(runs, *truth, draws=draws, seed=seed)
+    simulated = _simulated_runs(runs, *truth, draws=draws, seed=seed)
     methods, at_best = zip(*(_at_its_best(runs, result) for result in results), strict=True)
     # Each with what it was offered: forces that one of them neglects are part of its bias.
     offered = [library_of(result, whole=True) for result in results]

@@ -16,7 +16,7 @@ from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
-from sysid_trib.results.significance import determines
+from sysid_trib.results.effects import determines
 from sysid_trib.results.variables import group_names, noise_of_run, record_groups, text_variable
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence_on_motion
 
