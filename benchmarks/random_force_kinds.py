@@ -164,7 +164,7 @@ def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
     rows = weak_regression(runs, [linearised(run) for run in runs])
     runs = solve(rows, runs[0], every, constraints).applied_to(runs)
-    run = regress_stochastic(runs, every, constraints, "estimated").runs[0]
+    (run, *_), *_ = regress_stochastic(runs, every, constraints, "estimated")
     matrix = deviation_matrix(run)
     acting, weak = coloured(matrix, run.noises.filter_), rows_about(run, matrix)
     form, path = run.problem.form, run.reference

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from sysid_trib import Model, compare, identify, load_library, plots
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LogarithmicDecrement
-from sysid_trib.plots.compared import comparison_data
+from sysid_trib.plots.compared import compared_quantity, shown_methods
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.files import load
@@ -169,7 +169,7 @@ def test_a_missing_force_is_told():
         if label != table.attrs["best"]:
             both = np.hypot(row.standard_error, best.standard_error)
             np.testing.assert_allclose(row.z, (row.coefficient - best.coefficient) / both)
-    drawn = comparison_data(tree).quantity("lambda")
+    drawn = compared_quantity(shown_methods(tree), "lambda")
     errors = table.standard_error.sel(force="lambda") / 10.0 ** drawn.attrs["power"]
     np.testing.assert_allclose(drawn.error, errors.sel({"method": drawn.method.values}))
 

@@ -1,7 +1,6 @@
 """What a record holds before any fit, and which forces its backbone points to."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -28,42 +27,8 @@ FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "d
 ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
 
 
-@dataclass(frozen=True)
-class Pointed:
-    """What a backbone points to.
-
-    Attributes
-    ----------
-    friction, elastic : tuple of str
-        Formulas.
-    pendulum : bool
-        Whether frequency and amplitude are those of a pendulum.
-    """
-
-    friction: tuple[str, ...] = ()
-    elastic: tuple[str, ...] = ()
-    pendulum: bool = False
-
-    @property
-    def formulas(self) -> tuple[str, ...]:
-        """Formulas of the forces that are identified."""
-        return (*self.friction, *self.elastic)
-
-    @property
-    def sentence(self) -> str:
-        """What is pointed to, in words; nothing if nothing is."""
-        parts = []
-        if self.friction:
-            parts.append(f"damping as of {_listed([FRICTION[formula] for formula in self.friction])}")
-        if self.pendulum:
-            parts.append("amplitude and frequency as of a pendulum under gravity")
-        elif self.elastic:
-            parts.append(f"frequency as of {_listed([ELASTIC[formula] for formula in self.elastic])}")
-        return "; ".join(parts)
-
-
-def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) -> Pointed:
-    """The forces that a backbone points to.
+def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) -> tuple[tuple[str, ...], bool]:
+    """The forces that a backbone points to, by their formulas, and whether it is that of a pendulum.
 
     Parameters
     ----------
@@ -96,15 +61,15 @@ def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) ->
     known = np.min(width / np.abs(ratio)) < 0.5
     friction = _fewest(damping, ratio, width, np.empty((len(a), 0))) if known else ()
     if _within({}, frequency, half, np.ones((len(a), 1))):
-        return Pointed(friction)
+        return friction, False
     swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
     # Besides the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
     # leave open.
     half = half + 0.1 * shift
     if angle and a[-1] < np.pi and _within({}, frequency, half, swing[:, None]):
-        return Pointed(friction, pendulum=True)
+        return friction, True
     shifts = {formula: tables[formula][1] / a for formula in ELASTIC if formula in tables}
-    return Pointed(friction, _fewest(shifts, frequency, half, np.ones((len(a), 1))))
+    return (*friction, *_fewest(shifts, frequency, half, np.ones((len(a), 1)))), False
 
 
 def _fewest(columns: Mapping[str, Array], curve: Array, half: Array, always: Array) -> tuple[str, ...]:
@@ -224,15 +189,28 @@ def _pointers(decay: xr.Dataset) -> dict[str, str]:
     """What the backbone points to: forces by their symbols, the system, both in words; empty if nothing."""
     library = load_library(USUAL_LIBRARY)
     try:
-        pointed = pointed_to(backbone_curves(decay), library, angle=counts_angles(decay))
+        formulas, pendulum = pointed_to(backbone_curves(decay), library, angle=counts_angles(decay))
     except DecayError:
-        pointed = Pointed()
-    forces = [force.symbol for formula in pointed.formulas if (force := library.role(formula)) is not None]
+        formulas, pendulum = (), False
+    forces = [force.symbol for formula in formulas if (force := library.role(formula)) is not None]
     return {
         "points_to_forces": ",".join(forces),
-        "points_to_system": PENDULUM if pointed.pendulum else "",
-        "points_to": pointed.sentence,
+        "points_to_system": PENDULUM if pendulum else "",
+        "points_to": _pointer_sentence(formulas, pendulum),
     }
+
+
+def _pointer_sentence(formulas: Sequence[str], pendulum: bool) -> str:
+    """What is pointed to, in words; nothing if nothing is."""
+    friction, elastic = (
+        [words[formula] for formula in formulas if formula in words] for words in (FRICTION, ELASTIC)
+    )
+    parts = [f"damping as of {_listed(friction)}"] if friction else []
+    if pendulum:
+        parts.append("amplitude and frequency as of a pendulum under gravity")
+    elif elastic:
+        parts.append(f"frequency as of {_listed(elastic)}")
+    return "; ".join(parts)
 
 
 def _without_drift(amplitude: Array) -> Array:

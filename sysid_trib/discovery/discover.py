@@ -281,9 +281,8 @@ def _foresight(start: FittedModel, parts: SearchParts) -> Callable[[FittedModel]
     """How a model predicts parts that it has not seen, with the noise of what it has seen of their runs."""
     learnt = [part.run for part in parts.learnt]
     noises = [max(at for at, run in enumerate(learnt) if run == unseen.run) for unseen in parts.later]
-    records, _, origins, befores = zip(*parts.later, strict=True)
     frequency = start.rows[0].path.frequency
-    return lambda model: predicted(model, records, befores, origins, noises, frequency)
+    return lambda model: predicted(model, parts.later, noises, frequency)
 
 
 def _refitted(model: FittedModel, parts: SearchParts) -> FittedModel:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,11 +60,8 @@ class SingleColumns:
     effective_rows: Array
 
 
-class BaseProducts(NamedTuple):
-    """Products of the target and the base with all columns, (1 + base, column), and the columns' squares."""
-
-    products: Array
-    squares: Array
+# Products of the target and the base with all columns, (1 + base, column), and the columns' squares.
+BaseProducts: TypeAlias = tuple[Array, Array]
 
 
 def each_column(
@@ -120,7 +117,7 @@ def _each_in_noise(
         for g, products in enumerate(part):
             b, beta, *_ = of_each[r][g] if len(runs) == 1 else together
             squares = _left_by(products, b, beta)
-            variance[g] = most_likely_variance(run, squares, products.squares[0])
+            variance[g] = most_likely_variance(run, squares, run.products[g, 0, 0])
             deviances[g] = run.degrees_of_freedom * np.log(variance[g]) + run.log_determinant[g]
         least, place = _least(run.ratios, deviances)
         deviance += least
@@ -155,7 +152,7 @@ def _for_each_ratio(run: RunProducts, columns: Sequence[int], count: int) -> lis
     """Products of a run's columns, of which the first, so many, are the target and the base."""
     at = np.asarray(columns, dtype=int)
     products, squares = run.products[:, at[:count, None], at], run.products[:, at, at]
-    return [BaseProducts(*pair) for pair in zip(products, squares, strict=True)]
+    return list(zip(products, squares, strict=True))
 
 
 def _solved(of_base: BaseProducts) -> tuple[Array, Array, Array, float]:
@@ -203,7 +200,7 @@ def projected(
         Of what is outside, in units of the noise.
     """
     every = [*base, *columns]
-    total = _in_noise_of(runs, model, every, len(every)).products
+    total, _ = _in_noise_of(runs, model, every, len(every))
     inside, others = slice(len(base)), slice(len(base), None)
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scaled = total / np.outer(size, size)
@@ -222,7 +219,7 @@ def _in_noise_of(
     for run, ratio, variance in zip(runs, model.ratios.tolist(), model.variances, strict=True):
         products += run.block(ratio, at[:count], at) / variance
         squares += run.squares(ratio, at) / variance
-    return BaseProducts(products, squares)
+    return products, squares
 
 
 def correlation_of(products: Array) -> Array:

@@ -28,14 +28,6 @@ NEGLIGIBLE_LOG_WEIGHT = 6.0
 LONGEST_LOG_STEP = 0.5
 
 
-class WeighedRatio(NamedTuple):
-    """A ratio of variances, the variance of the sensor's noise with it, and the probability of both."""
-
-    ratio: float
-    variance: float
-    weight: float
-
-
 class RatioAverage(NamedTuple):
     """Parameters over the ratios that a record leaves open.
 
@@ -49,16 +41,6 @@ class RatioAverage(NamedTuple):
 
     shift: Array
     covariance: Array
-
-
-class _Likelihood(NamedTuple):
-    """The likelihood of a ratio: logarithm, deviance, variance, log determinant, degrees of freedom."""
-
-    logarithm: float
-    deviance: float
-    variance: float
-    determinant: float
-    degrees_of_freedom: float
 
 
 def average_over_ratios(
@@ -92,12 +74,14 @@ def average_over_ratios(
     where there is a second part that the record hardly shows.
     """
     best, best_covariance = solved(estimate)
-    nodes = ratio_posterior(rows, estimate)
-    if not nodes:
+    ratios, variances, weight = ratio_posterior(rows, estimate)
+    if not len(ratios):
         return RatioAverage(np.zeros_like(best), np.zeros_like(best_covariance))
-    others = [solved(replace(estimate, ratio=node.ratio, variance=node.variance)) for node in nodes]
+    others = [
+        solved(replace(estimate, ratio=ratio, variance=variance))
+        for ratio, variance in zip(ratios.tolist(), variances.tolist(), strict=True)
+    ]
     none, _ = solved(replace(estimate, ratio=0.0, variance=rows(0.0).restricted_deviance()[1]))
-    weight = np.array([node.weight for node in nodes])
     change = np.array([values for values, _ in others]) - best
     probability = probability_of_none(estimate.gain, samples)
     shift = probability * (none - best) + (1.0 - probability) * (weight @ change)
@@ -115,7 +99,7 @@ def probability_of_none(gain: float, samples: int) -> float:
     return float(expit(0.5 * (np.log(samples) - gain)))
 
 
-def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio) -> list[WeighedRatio]:
+def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio) -> Array:
     """The ratios that a record leaves open.
 
     Parameters
@@ -127,8 +111,9 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
 
     Returns
     -------
-    list of WeighedRatio
-        Their probabilities sum to one; empty where the likelihood tells no upper end.
+    (3, ratio) array of float
+        The ratios, the variance of the sensor's noise with each, and the probability of both; these sum to
+        one. Empty where the likelihood tells no upper end.
 
     Notes
     -----
@@ -140,7 +125,7 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
     """
     centre = float(np.log(estimate.ratio if estimate.ratio > 0.0 else estimate.upper))
     if not np.isfinite(centre):
-        return []
+        return np.empty((3, 0))
     step = float(np.nanmin([estimate.relative_error, LONGEST_LOG_STEP]))
     table = [*_outward(rows, centre - step, -step, estimate.deviance)[::-1]]
     table += _outward(rows, centre, step, estimate.deviance)
@@ -149,21 +134,23 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
     slope, bend = spline(logarithm, 1), spline(logarithm, 2)
     prior = np.sqrt(np.maximum(slope - bend - slope**2 / degrees_of_freedom, 0.0))
     weight = prior * np.exp(0.5 * (np.min(deviance) - deviance))
-    nodes = np.column_stack([np.exp(logarithm), variance, weight / np.sum(weight)])
-    return [WeighedRatio(*node) for node in nodes.tolist()]
+    return np.stack([np.exp(logarithm), variance, weight / np.sum(weight)])
 
 
 def _outward(
     rows: Callable[[float], WhiteRows], first: float, step: float, least: float
-) -> list[_Likelihood]:
-    """Likelihoods from a logarithm of the ratio on, as far as they count."""
-    table = []
+) -> list[tuple[float, ...]]:
+    """Likelihoods from a logarithm of the ratio on, as far as they count.
+
+    Of each: the logarithm, deviance, variance, log determinant, degrees of freedom.
+    """
+    table: list[tuple[float, ...]] = []
     for logarithm in first + step * np.arange(np.ceil(2.0 * NEGLIGIBLE_LOG_WEIGHT / abs(step))):
         white = rows(float(np.exp(logarithm)))
         deviance, variance = white.restricted_deviance()
         degrees_of_freedom = white.degrees_of_freedom
         determinant = deviance - degrees_of_freedom * np.log(variance)
-        table.append(_Likelihood(float(logarithm), deviance, variance, determinant, degrees_of_freedom))
+        table.append((float(logarithm), deviance, variance, determinant, degrees_of_freedom))
         # A small ratio has a prior that falls with it.
         if deviance > least + 2.0 * NEGLIGIBLE_LOG_WEIGHT or first - logarithm > NEGLIGIBLE_LOG_WEIGHT:
             break

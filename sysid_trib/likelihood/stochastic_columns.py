@@ -7,7 +7,7 @@ that is known to so many rad only goes from -1 to 1 within that, near rest over 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cho_solve_banded
@@ -46,32 +46,9 @@ ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 COLOUR_ROUND = 1
 
 
-@dataclass(frozen=True)
-class StochasticRegression:
-    """A regression with a random force.
-
-    Attributes
-    ----------
-    runs : tuple of RunRegression
-        Along their smoothed motions, with `noises`.
-    rows : Rows
-        About these motions; of them the last solution is still to be taken.
-    settled : bool
-        Whether the estimate has stopped moving.
-    further : RatioAverage
-        Of coefficients and reference frequency: what moves the last solution and is added to its covariance,
-        since the ratios of the two variances are not known exactly; its step where that is among the errors.
-    """
-
-    runs: Runs
-    rows: Rows
-    settled: bool
-    further: RatioAverage
-
-
 def regress_stochastic(
     runs: Runs, active: Mask, constraints: ConstraintMap, option: RandomForceOption
-) -> StochasticRegression:
+) -> tuple[Runs, Rows, bool, RatioAverage]:
     """Estimate forces, a random force and the sensor's noise, along motions that are smoothed with them.
 
     Parameters
@@ -86,8 +63,15 @@ def regress_stochastic(
 
     Returns
     -------
-    PushedRegression
-        Where no random force is the most likely, along the free motion.
+    runs : tuple of RunRegression
+        Along their smoothed motions, with `noises`; along the free ones where no random force is most likely.
+    rows : Rows
+        About these motions; of them the last solution is still to be taken.
+    settled : bool
+        Whether the estimate has stopped moving.
+    further : RatioAverage
+        Of coefficients and reference frequency: what moves the last solution and is added to its covariance,
+        since the ratios of the two variances are not known exactly; its step where that is among the errors.
 
     Raises
     ------
@@ -124,7 +108,7 @@ def regress_stochastic(
     if step > 1.0:
         change = common_values(after) - common_values(runs)
         further = further._replace(covariance=further.covariance + np.outer(change, change))
-    return StochasticRegression(runs, rows, settled, further)
+    return runs, rows, settled, further
 
 
 def _about_free_motion(

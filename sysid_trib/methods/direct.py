@@ -36,7 +36,7 @@ from sysid_trib.likelihood.rows import (
     with_errors_of_dropped,
 )
 from sysid_trib.likelihood.sensor_noise import colour_variables
-from sysid_trib.likelihood.stochastic_columns import StochasticRegression, regress_stochastic
+from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.smoothing import swing_frequency
@@ -179,13 +179,7 @@ class Direct(Constrained):
             after = solve(rows, runs[0], every, constraints).applied_to(runs)
             runs = tuple(along_own_path(run) for run in after)
         if is_fitted(self.random_force) and self._takes_random_force:
-            stochastic, active = _stochastic(self, runs, constraints)
-            runs, rows, refined, further = (
-                stochastic.runs,
-                stochastic.rows,
-                stochastic.settled,
-                stochastic.further,
-            )
+            runs, rows, active, refined, further = _stochastic(self, runs, constraints)
         elif self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
             active = _selected(self, rows, constraints)
@@ -240,16 +234,18 @@ def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
     return {**random_force_variables(forces), **colour_variables([pair.filter_ for pair in pairs])}
 
 
-def _stochastic(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[StochasticRegression, Mask]:
-    """Choose forces with a random force, until the choice stands."""
-    chosen = np.ones(len(runs[0].problem.library), bool)
+def _stochastic(
+    method: Direct, begun: Runs, constraints: ConstraintMap
+) -> tuple[Runs, Rows, Mask, bool, RatioAverage]:
+    """Choose forces with a random force, until the choice stands (see `regress_stochastic`)."""
+    chosen = np.ones(len(begun[0].problem.library), bool)
     for _ in range(MAX_SELECTIONS):
         active = chosen
-        stochastic = regress_stochastic(runs, active, constraints, method.random_force)
-        chosen = _selected(method, stochastic.rows, constraints)
+        runs, rows, settled, further = regress_stochastic(begun, active, constraints, method.random_force)
+        chosen = _selected(method, rows, constraints)
         if np.array_equal(chosen, active):
             break
-    return stochastic, active
+    return runs, rows, active, settled, further
 
 
 def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:

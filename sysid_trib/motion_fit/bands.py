@@ -15,7 +15,7 @@ from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.motion_fit.innovations import birge_ratios
 from sysid_trib.motion_fit.kalman import filter_gains, statsmodels_model
 from sysid_trib.motion_fit.linearised import Derivatives, sensor_on
-from sysid_trib.motion_fit.steps import steps_over
+from sysid_trib.motion_fit.steps import Steps, steps_over
 from sysid_trib.motion_fit.tracked import TrackedRecord, linear_about, track
 from sysid_trib.results.schema import covariance_with_frequency
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -25,26 +25,6 @@ from sysid_trib.simulation.model import Model
 
 # Periods that the filter has for the start and the sensor's zero before the first prediction.
 SETTLING_PERIODS = 2.0
-
-
-@dataclass(frozen=True)
-class Ahead:
-    """Motions that go on from what was measured, with their uncertainty.
-
-    Attributes
-    ----------
-    states : (origin, state) array of float
-    transition : (origin, state, state) array of float
-        By the state at the origin.
-    sensitivity : (origin, state, parameter) array of float
-    diffusion : (origin, state, state) array of float
-        Per unit of `per_tau`.
-    """
-
-    states: Array
-    transition: Array
-    sensitivity: Array
-    diffusion: Array
 
 
 @dataclass(frozen=True)
@@ -176,11 +156,11 @@ def _predictions(
     predicted, variance = np.empty(times.shape), np.empty(times.shape)
     size = states.shape[1] - 1
     still = np.broadcast_to(np.eye(size), (len(starts), size, size))
-    now = Ahead(states[:, :size], still, by_states[:, :size], np.zeros_like(still))
+    now = Steps(states[:, :size], still, by_states[:, :size], np.zeros_like(still))
     at = time[starts]
     for j in range(len(leads)):
         now, at = _advanced(model, onward, now, w * (at - time[0]), w * (times[:, j] - at)), times[:, j]
-        shown, observed, by_sensor = sensor_on(tracked.model, at - time[0], now.states, by)
+        shown, observed, by_sensor = sensor_on(tracked.model, at - time[0], now.end, by)
         predicted[:, j] = shown + states[:, size]
         by_start = np.concatenate(
             [np.einsum("oa,oab->ob", observed, now.transition), np.ones((len(starts), 1))], axis=1
@@ -278,11 +258,11 @@ def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
     return tuple(result.force.values.tolist()), np.nan_to_num(covariance_with_frequency(result))
 
 
-def _advanced(model: Model, by: tuple[str, ...], now: Ahead, tau: Array, length: Array) -> Ahead:
-    """The motions a stretch further, with all that moves them."""
-    steps = steps_over(model, tau, length, now.states, by)
+def _advanced(model: Model, by: tuple[str, ...], now: Steps, tau: Array, length: Array) -> Steps:
+    """Motions from the origins, a stretch further, with all that moves them."""
+    steps = steps_over(model, tau, length, now.end, by)
     onward = steps.transition
-    return Ahead(
+    return Steps(
         steps.end,
         onward @ now.transition,
         onward @ now.sensitivity + steps.sensitivity,

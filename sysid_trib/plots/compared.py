@@ -1,7 +1,6 @@
 """Figure of methods side by side: one panel a force, and how well each method predicts."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -42,79 +41,60 @@ PREDICTION = {"train_over_noise": "first two thirds", "holdout_over_noise": "hel
 ARROW_BEYOND = 5.0
 
 
-@dataclass(frozen=True)
-class ComparisonData:
-    """Methods that have any result, with their marks.
-
-    Attributes
-    ----------
-    table : xr.Dataset
-        The group `comparison` of these methods.
-    marks : mapping of str to style
-        Mark of each method: that of its family, open for all but the first of the family.
-    legend : mapping of str to style
-        Mark of each of their families, by its name in a legend.
-    """
-
-    table: xr.Dataset
-    marks: Mapping[str, Style]
-    legend: Mapping[str, Style]
-
-    @property
-    def quantities(self) -> list[str]:
-        """What is compared: the forces by symbol, and the asymptotic frequency."""
-        return [*self.table.force.values.tolist(), ASYMPTOTIC]
-
-    def quantity(self, name: str) -> xr.Dataset:
-        """A coefficient or the `asymptotic_frequency` by method, as an axis shows it.
-
-        Parameters
-        ----------
-        name : str
-            Symbol of a force, or `asymptotic_frequency`.
-
-        Returns
-        -------
-        xr.Dataset
-            `value(method)` and `error(method)` over ten to the attribute `power`, and `side(method)`: -1 or 1
-            for a value beyond the axis, else 0. Attributes: `power`, `unit`, the ends `low` and `high` of the
-            axis, and the band of the method that predicts best, `band_low` and `band_high` (nan without one).
-        """
-        table = self.table
-        if name == ASYMPTOTIC:
-            power, unit = 0, "rad/s"
-            columns = table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"]
-        else:
-            column = table.sel(force=name)
-            power, unit = column_power(column), column.unit.item()
-            columns = column.coefficient, column.standard_error
-        value, error = (column.values / 10.0**power for column in columns)
-        at = table.method.values.tolist().index(table.attrs["best"])
-        low, high = _limits(value, error, at)
-        side = np.where(value > high, 1, np.where(value < low, -1, 0))
-        shown = {name: ("method", c) for name, c in (("value", value), ("error", error), ("side", side))}
-        band = {"band_low": value[at] - error[at], "band_high": value[at] + error[at]}
-        attrs = {"power": power, "unit": unit, "low": low, "high": high} | band
-        return xr.Dataset(shown, {"method": table.method.values}, attrs)
-
-
-def comparison_data(tree: xr.DataTree) -> ComparisonData:
-    """A result of `compare` as figures draw it."""
+def shown_methods(tree: xr.DataTree) -> xr.Dataset:
+    """The group `comparison` of a result of `compare`, of the methods that have any result."""
     table = tree["comparison"].to_dataset()
     # A method that failed must not set a scale.
     table = table.isel(method=np.flatnonzero((table.failure == "") | (table.method == table.attrs["best"])))
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]
     there = [column.any("force") if "force" in column.dims else column for column in results]
-    table = table.isel(method=np.flatnonzero(np.any(there, axis=0)))
-    marks: dict[str, Style] = {}
+    return table.isel(method=np.flatnonzero(np.any(there, axis=0)))
+
+
+def _marks(table: xr.Dataset) -> tuple[list[Style], dict[str, Style]]:
+    """Mark of each method, that of its family, open for all but the first of it; and marks by family."""
+    marks: list[Style] = []
     before: set[str] = set()
-    for method, stated in zip(table.method.values.tolist(), table.family.values.tolist(), strict=True):
+    for stated in table.family.values.tolist():
         family = stated if stated in FAMILY_MARKS else OTHER_FAMILY
         face = {"markerfacecolor": "white"} if family in before - {OTHER_FAMILY} else {}
-        marks[method] = FAMILY_MARKS[family] | face
+        marks.append(FAMILY_MARKS[family] | face)
         before.add(family)
-    legend = {FAMILY_LABELS.get(k, k): style for k, style in FAMILY_MARKS.items() if k in before}
-    return ComparisonData(table, marks, legend)
+    return marks, {FAMILY_LABELS.get(k, k): style for k, style in FAMILY_MARKS.items() if k in before}
+
+
+def compared_quantity(table: xr.Dataset, name: str) -> xr.Dataset:
+    """A coefficient or the `asymptotic_frequency` by method, as an axis shows it.
+
+    Parameters
+    ----------
+    table : xr.Dataset
+        Of `shown_methods`.
+    name : str
+        Symbol of a force, or `asymptotic_frequency`.
+
+    Returns
+    -------
+    xr.Dataset
+        `value(method)` and `error(method)` over ten to the attribute `power`, and `side(method)`: -1 or 1
+        for a value beyond the axis, else 0. Attributes: `power`, `unit`, the ends `low` and `high` of the
+        axis, and the band of the method that predicts best, `band_low` and `band_high` (nan without one).
+    """
+    if name == ASYMPTOTIC:
+        power, unit = 0, "rad/s"
+        columns = table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"]
+    else:
+        column = table.sel(force=name)
+        power, unit = column_power(column), column.unit.item()
+        columns = column.coefficient, column.standard_error
+    value, error = (column.values / 10.0**power for column in columns)
+    at = table.method.values.tolist().index(table.attrs["best"])
+    low, high = _limits(value, error, at)
+    side = np.where(value > high, 1, np.where(value < low, -1, 0))
+    shown = {name: ("method", c) for name, c in (("value", value), ("error", error), ("side", side))}
+    band = {"band_low": value[at] - error[at], "band_high": value[at] + error[at]}
+    attrs = {"power": power, "unit": unit, "low": low, "high": high} | band
+    return xr.Dataset(shown, {"method": table.method.values}, attrs)
 
 
 def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
@@ -148,21 +128,22 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    data = comparison_data(tree)
-    names = data.quantities
+    table = shown_methods(tree)
+    marks, legend = _marks(table)
+    names = [*table.force.values.tolist(), ASYMPTOTIC]
     wide = width >= TWO_COLUMNS
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 4
-    height = PANEL_HEIGHT + METHOD_HEIGHT * len(data.marks)
+    height = PANEL_HEIGHT + METHOD_HEIGHT * len(marks)
     figure, panels = grid(len(names) + 1, across, width, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
-        _coefficients(panel, data, name, _symbol(tree, name))
-    _prediction(panels[-1], data)
+        _coefficients(panel, compared_quantity(table, name), marks, _symbol(tree, name))
+    _prediction(panels[-1], table, marks)
     letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
         # Names stand once a row; the rows share them.
         panel.tick_params(labelleft=at % (across if wide else 2) == 0)
     figure.legend(
-        handles=legend_marks(data.legend),
+        handles=legend_marks(legend),
         ncols=6 if wide else 2,
         loc="outside upper center",
         frameon=False,
@@ -171,12 +152,11 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-def _coefficients(ax: Axes, compared: ComparisonData, quantity: str, symbol: str) -> None:
-    data = compared.quantity(quantity)
+def _coefficients(ax: Axes, data: xr.Dataset, marks: Sequence[Style], symbol: str) -> None:
     if np.isfinite(data.band_low):
         ax.axvspan(data.band_low, data.band_high, color="0.88", zorder=0)
     bars: dict[str, Any] = {"markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5, "linestyle": ""}
-    for row, style in enumerate(compared.marks.values()):
+    for row, style in enumerate(marks):
         value, error, side = (data[name].values[row] for name in ("value", "error", "side"))
         if side:
             edge, arrow = (data.high, ">") if side > 0 else (data.low, "<")
@@ -199,9 +179,8 @@ def _thin_ticks(ax: Axes, low: float, high: float) -> None:
         ax.set_xticks(ticks[::2])
 
 
-def _prediction(ax: Axes, compared: ComparisonData) -> None:
-    table = compared.table
-    for row, style in enumerate(compared.marks.values()):
+def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[Style]) -> None:
+    for row, style in enumerate(marks):
         pair = [float(table[name].values[row]) for name in PREDICTION]
         mark = {"color": style["color"], "marker": style["marker"], "markersize": 4, "linestyle": ""}
         ax.plot(pair, [row, row], "-", color=style["color"], linewidth=0.7)

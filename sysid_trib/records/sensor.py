@@ -1,6 +1,6 @@
 """The step of a sensor, and what rounding leaves where it is coarse compared with noise and motion."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import xarray as xr
@@ -119,22 +119,20 @@ def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
         yield step * np.round((exact + rest * random.standard_normal(len(motion))) / step) - exact
 
 
-class SlowPart:
-    """The part of noise that changes amplitude and phase of a motion (x, v) little by little."""
+def slow_part(x: Array, v: Array) -> tuple[int, Callable[[Array], float]]:
+    """The part of noise that changes amplitude and phase of a motion (x, v) little by little.
 
-    def __init__(self, x: Array, v: Array) -> None:
-        # Degree of the polynomials in time by which slow noise changes amplitude and phase.
-        polynomials = legvander(np.linspace(-1.0, 1.0, len(x)), 7)
-        size = np.maximum(np.hypot(x, v), 1e-300)
-        self.columns = np.hstack([polynomials * (part / size)[:, None] for part in (x, v)])
-        self.products = self.columns.T @ self.columns
+    How many numbers describe it, and what takes the sum of its squares from noise: of white noise of one, a
+    chi square of so many.
+    """
+    # Degree of the polynomials in time by which slow noise changes amplitude and phase.
+    polynomials = legvander(np.linspace(-1.0, 1.0, len(x)), 7)
+    size = np.maximum(np.hypot(x, v), 1e-300)
+    columns = np.hstack([polynomials * (part / size)[:, None] for part in (x, v)])
+    products = columns.T @ columns
 
-    @property
-    def numbers(self) -> int:
-        """How many numbers describe it."""
-        return len(self.products)
+    def square(noise: Array) -> float:
+        moments = columns.T @ noise
+        return float(moments @ np.linalg.lstsq(products, moments, rcond=1e-10)[0])
 
-    def square(self, noise: Array) -> float:
-        """Sum of its squares: of white noise of one, a chi square of `numbers`."""
-        moments = self.columns.T @ noise
-        return float(moments @ np.linalg.lstsq(self.products, moments, rcond=1e-10)[0])
+    return len(products), square

@@ -31,10 +31,6 @@ ENGINE_ROOM = 300_000_000
 DIVERGED = 1e3  # rad; no pendulum swings there
 
 
-class DivergenceError(SimulationError):
-    """A motion that grows without bound."""
-
-
 @dataclass(frozen=True)
 class NormalisedMotion:
     """A motion in tau.
@@ -209,7 +205,7 @@ def _raise(outcome: int, elapsed: float) -> None:
 
     after = f"{elapsed:.4g} s after the start"
     if outcome == engine.GROWS:
-        raise DivergenceError(
+        raise SimulationError(
             f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
             "mind negative damping and negative stiffness in the coefficients, a far start, and a strong "
             "random force."

@@ -14,7 +14,7 @@ from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.sensor import SlowPart, coarse_step, rounded_noise
+from sysid_trib.records.sensor import coarse_step, rounded_noise, slow_part
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import variable
@@ -298,15 +298,15 @@ def _noise_p_value(
     twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
     little is not in the means of all, but in the few polynomials in time by which these differ.
     """
-    width, slow = max(1, samples // 6), SlowPart(*motion)
+    width, (numbers, slow_square) = max(1, samples // 6), slow_part(*motion)
 
     def sizes(values: Array) -> Array:
         """Squares of both parts over those of one sample's noise, (2,)."""
         means = values[: len(values) // width * width].reshape(-1, width).mean(axis=1) / noise
-        return np.array([width * np.sum(means**2), slow.square(values / noise)])
+        return np.array([width * np.sum(means**2), slow_square(values / noise)])
 
     # Of the numbers of a slow residual so many are left to chance at least, whatever the fit has taken.
-    scale, degrees = np.ones(2), np.array([len(residual) // width, max(4, slow.numbers - fitted)])
+    scale, degrees = np.ones(2), np.array([len(residual) // width, max(4, numbers - fitted)])
     if noises is not None:
         # The chi square of the same mean and variance.
         drawn = np.array([sizes(values) for values in noises])
