@@ -15,7 +15,7 @@ from sysid_trib import Model, load_library
 from sysid_trib.cycles.identifiability import exactly_dependent
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces import indistinguishable
-from sysid_trib.forces.scaling import reference_powers
+from sysid_trib.forces.notation import reference_powers
 from sysid_trib.methods import Averaging
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.simulate import simulate, trajectory

@@ -14,7 +14,7 @@ from known_results import PAPER, known
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.written import symbol_latex
+from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.printing.as_code import cited, methods_text
 from sysid_trib.printing.exported import (
     _sum,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.errors import UsageError, did_you_mean
-from sysid_trib.forces import written
+from sysid_trib.forces import notation
 from sysid_trib.forces.formulas import Formula, parse
 
 # By name with the force's symbol, `dahl.s`.
@@ -281,12 +281,12 @@ class Force:
     @cached_property
     def latex(self) -> str:
         """The formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
-        return written.formula_latex(self)
+        return notation.formula_latex(self)
 
     @property
     def latex_symbol(self) -> str:
         """The coefficient's symbol in LaTeX."""
-        return written.symbol_latex(self.symbol)
+        return notation.symbol_latex(self.symbol)
 
     @cached_property
     def test_points(self) -> dict[str, Any]:
@@ -401,10 +401,10 @@ class ForceLibrary:
 
     def to_toml(self) -> str:
         """The library as text in the format it is read from."""
-        blocks = "".join(f"\n[[force]]\n{written.toml(force)}" for force in self.forces)
+        blocks = "".join(f"\n[[force]]\n{notation.toml(force)}" for force in self.forces)
         kinds = {channel.input: channel.kind for channel in self.channels}
-        inputs = f"inputs = {written.toml_value(kinds)}\n" if kinds else ""
-        return f"title = {written.toml_value(self.title)}\n{inputs}{blocks}"
+        inputs = f"inputs = {notation.toml_value(kinds)}\n" if kinds else ""
+        return f"title = {notation.toml_value(self.title)}\n{inputs}{blocks}"
 
 
 def _same(first: Any, second: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.formulas import Formula
-from sysid_trib.forces.scaling import reference_powers
+from sysid_trib.forces.notation import reference_powers
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.simulation.stepped_states import is_stepped
 

@@ -8,7 +8,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.scaling import signal_powers
+from sysid_trib.forces.notation import signal_powers
 from sysid_trib.physics.model_estimate import (
     ModelEstimate,
     check_quantity,

@@ -79,7 +79,7 @@ def mark(series: Style) -> dict[str, Any]:
 
 def in_latex(symbol: str) -> str:
     """A force's symbol as matplotlib writes it."""
-    from sysid_trib.forces.written import symbol_latex
+    from sysid_trib.forces.notation import symbol_latex
 
     return f"${symbol_latex(symbol)}$"
 

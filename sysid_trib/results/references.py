@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.scaling import signal_powers
+from sysid_trib.forces.notation import signal_powers
 from sysid_trib.results.files import identifications_of
 from sysid_trib.results.schema import force_labels, library_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable, with_error

@@ -19,7 +19,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.forces.scaling import Powers, signal_powers
+from sysid_trib.forces.notation import Powers, signal_powers
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.results.variables import PER_FORCE_UNIT
 

@@ -1,14 +1,16 @@
-"""How coefficients and shape parameters change with the unit of the signal and the reference frequency."""
+"""How a force is written: as TOML, in LaTeX, and with which powers of units and reference frequency."""
 
 import itertools
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid_trib.forces.force import Force
+if TYPE_CHECKING:
+    from sysid_trib.forces.force import Force
 
 FACTORS = (2.0, 0.125)
 # Powers of the signal that shape parameters, and states and memory, may have.
@@ -17,6 +19,57 @@ HIDDEN_POWERS = (1.0, 0.0, 2.0)
 # Powers of the reference frequency that these may have, and by how much those of rates, d/d(w t), are less.
 REFERENCE_POWERS = (0.0, -1.0, 1.0, -2.0, 2.0)
 OF_RATES = -1.0
+
+
+def toml(force: "Force") -> str:
+    """The lines of a force in a library's file."""
+    words = {k: getattr(force, k) for k in ("symbol", "name", "family", "meaning", "source")}
+    words |= {"formula": force.formula.text, "kind": force.kind if force.kind != "force" else ""}
+    tables: dict[str, Any] = {
+        k: {name: f.text for name, f in getattr(force, k).items()} for k in ("state", "memory", "start")
+    }
+    tables["shape"] = {name: vars(shape) for name, shape in force.shape.items()}
+    values = {**words, **tables, "passive": force.passive, "coefficient": force.coefficient}
+    values["run"] = force.run
+    return "".join(f"{k} = {toml_value(value)}\n" for k, value in values.items() if value)
+
+
+def toml_value(value: Any) -> str:
+    """A text, number, truth value or table of these in TOML."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
+    # Texts, numbers and truth values of JSON are those of TOML; a number reads back as the same number.
+    # Letters as they are: TOML knows no pairs of escapes for those above U+FFFF.
+    return json.dumps(value, ensure_ascii=False)
+
+
+def symbol_latex(symbol: str) -> str:
+    """A symbol in LaTeX: letters, Greek too, with their index; a word stands upright, without one."""
+    import sympy
+
+    written = str(sympy.latex(sympy.Symbol(symbol)))
+    letter = written.split("_")[0]
+    if len(letter) == 1 or letter.startswith("\\"):
+        return written
+    words = symbol.replace("_", r"\ ")
+    return rf"\mathrm{{{words}}}"
+
+
+def formula_latex(force: "Force") -> str:
+    """The formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
+    import sympy
+
+    names = {k: sympy.Symbol(k, real=True) for f in force.formulas for k in f.names}
+    names |= {"x": sympy.Symbol(r"\theta", real=True), "v": sympy.Symbol(r"\theta'", real=True)}
+
+    def power(base: Any, exponent: Any) -> Any:
+        return base ** sympy.nsimplify(exponent)
+
+    functions = {n: getattr(sympy, n) for n in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")}
+    functions |= {"abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, "power": power}
+    functions["sign"] = sympy.Function(r"\operatorname{sgn}")
+    expression = sympy.nsimplify(force.formula.evaluate(names, functions), rational=True)
+    return str(sympy.latex(expression, mul_symbol=r"\,"))
 
 
 @dataclass(frozen=True)
@@ -35,7 +88,7 @@ class Powers:
 
 
 @lru_cache(maxsize=1024)
-def signal_powers(force: Force) -> Powers | None:
+def signal_powers(force: "Force") -> Powers | None:
     """Powers of the signal's unit in a coefficient and its shape parameters; None if it has none.
 
     Parameters
@@ -51,7 +104,7 @@ def signal_powers(force: Force) -> Powers | None:
 
 
 @lru_cache(maxsize=1024)
-def reference_powers(force: Force) -> Powers | None:
+def reference_powers(force: "Force") -> Powers | None:
     """Powers of the reference frequency w of a coefficient and its shape parameters; None if it has none.
 
     Parameters
@@ -69,7 +122,7 @@ def reference_powers(force: Force) -> Powers | None:
 
 
 def _powers(
-    force: Force,
+    force: "Force",
     motion: Mapping[str, float],
     of_shapes: Sequence[float],
     of_hidden: Sequence[float],
@@ -87,14 +140,16 @@ def _powers(
     return None
 
 
-def _points(force: Force, shapes: dict[str, float]) -> list[dict[str, Any]]:
+def _points(force: "Force", shapes: dict[str, float]) -> list[dict[str, Any]]:
     """Test points with pure numbers at their default and at either end."""
     ends = ("default", "low", "high")
     pure = [{k: getattr(force.shape[k], end) for k, p in shapes.items() if p == 0.0} for end in ends]
     return [force.test_points | values for values in (pure if pure[0] else pure[:1])]
 
 
-def _degree(force: Force, powers: dict[str, float], points: dict[str, Any], of_rates: float) -> float | None:
+def _degree(
+    force: "Force", powers: dict[str, float], points: dict[str, Any], of_rates: float
+) -> float | None:
     """Degree of the force if states and memory keep their powers, else None."""
     rates = [(formula, powers[name] + of_rates) for name, formula in force.state.items()]
     values = [(f, powers[name]) for name, f in (*force.memory.items(), *force.start.items())]
