@@ -5,15 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discovery.simulated_gains import TestedRun, p_value_by_simulation
 from sysid_trib.discovery.single_columns import each_column, strengths
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_products import RunProducts
+from sysid_trib.likelihood.run_rows import RunRows
+from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
@@ -24,6 +26,8 @@ FAMILIES = 2
 OMNIBUS_TESTS = 4
 TRIAL_POWERS = range(4)
 TRIAL_HARMONICS = range(1, 5)
+# Draws from which mean and variance of the gain are known to a sixth.
+ROWS_OF_NOISE = 60
 
 
 @dataclass(frozen=True)
@@ -122,11 +126,8 @@ def omnibus(
         gain = max(0.0, whole.deviance - together.deviance)
         # Chance gains more than a chi-square of their number: simulated where that would decide.
         if corrected(float(chi2.sf(gain, mixtures.shape[1]))) < model.settings.level:
-            runs = [
-                TestedRun(rows, np.column_stack([table, columns @ mixtures]), of_run)
-                for rows, table, columns, of_run in zip(model.rows, model.tables, along, mixed, strict=True)
-            ]
-            least = p_value_by_simulation(gain, runs, model.columns, whole, model.settings.seed)
+            tried = [columns @ mixtures for columns in along]
+            least = _p_value_by_simulation(gain, model, whole, tried, mixed)
     return OmnibusTest(trial_names(), z, corrected(least))
 
 
@@ -180,3 +181,86 @@ def _largest_part(residuals: Sequence[Array]) -> float:
             tests, least = tests + parts, min(least, float(chi2.sf(np.max(squares), length)))
             length *= 2
     return min(1.0, max(1, tests) * least)
+
+
+def _p_value_by_simulation(
+    gain: float,
+    model: FittedModel,
+    null: Likelihood,
+    tested: Sequence[Array],
+    products: Sequence[RunProducts],
+) -> float:
+    """Probability that columns without effect gain as much.
+
+    Parameters
+    ----------
+    gain : float
+        By how much they lower the deviance of the record.
+    model : FittedModel
+    null : Likelihood
+        Of the model.
+    tested : sequence of (row, column) array of float
+        The columns, of each run.
+    products : sequence of RunProducts
+        Of the target, the model's columns and those that are tested.
+
+    Notes
+    -----
+    Many columns take a part of what tells the size of a random force, and are not all independent: their gain
+    is no chi-square of their number. It is one that has the mean and the variance of gains in rows of noise
+    alone (parametric bootstrap; Satterthwaite 1946).
+    """
+    random = np.random.default_rng(model.settings.seed)
+    deviations = np.sqrt(null.variances)
+    tables = [np.column_stack(pair) for pair in zip(model.tables, tested, strict=True)]
+    drawn = [
+        _of_noise(rows, table, of_run, float(ratio), float(deviation), random)
+        for rows, table, of_run, ratio, deviation in zip(
+            model.rows, tables, products, null.ratios, deviations, strict=True
+        )
+    ]
+    every = range(1, 1 + tables[0].shape[1])
+    gains = []
+    for draw in zip(*drawn, strict=True):
+        without = likelihood(draw, every[: model.columns]).deviance
+        gains.append(max(0.0, without - likelihood(draw, every).deviance))
+    mean, variance = float(np.mean(gains)), float(np.var(gains, ddof=1))
+    if variance <= 0.0:
+        return 1.0
+    degrees_of_freedom = 2.0 * mean**2 / variance
+    return float(chi2.sf(gain * degrees_of_freedom / mean, degrees_of_freedom))
+
+
+def _of_noise(
+    rows: RunRows,
+    table: Array,
+    products: RunProducts,
+    ratio: float,
+    deviation: float,
+    random: np.random.Generator,
+) -> list[RunProducts]:
+    """Products of a run with noise alone as the target, for each draw."""
+    gram, count = rows.path.form.gram, len(table)
+    lower = cholesky_factor(rows.band, gram, ratio)
+    factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(count, count))
+    noise = deviation * (factor @ random.standard_normal((count, ROWS_OF_NOISE)))
+    squares, cross = [], []
+    for tried in products.ratios:
+        white = whiten(cholesky_factor(rows.band, gram, float(tried)), np.column_stack([table, noise]))
+        columns, targets = white[:, : table.shape[1]], white[:, table.shape[1] :]
+        squares.append(np.sum(targets**2, axis=0))
+        cross.append(columns.T @ targets)
+    of_squares, of_cross = np.array(squares), np.array(cross)
+    # The level that the spectrum gives scatters as well.
+    level_rows = products.level_rows
+    scatter = (
+        random.chisquare(level_rows, ROWS_OF_NOISE) / level_rows if level_rows else np.ones(ROWS_OF_NOISE)
+    )
+    of_draws = []
+    for draw in range(ROWS_OF_NOISE):
+        whole = products.products.copy()
+        whole[:, 0, 0] = of_squares[:, draw]
+        whole[:, 0, 1:] = whole[:, 1:, 0] = of_cross[:, :, draw]
+        level = deviation * float(np.sqrt(scatter[draw]))
+        of_draws.append(replace(products, products=whole, level=level))
+    return of_draws

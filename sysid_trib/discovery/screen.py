@@ -11,9 +11,9 @@ from scipy.signal import find_peaks
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.known_columns import are_known_finely, known_directions, known_finely
 from sysid_trib.discovery.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
-from sysid_trib.discovery.simulated_gains import are_known_finely, known_directions, known_finely
 from sysid_trib.discovery.single_columns import (
     are_physical,
     correlation_of,

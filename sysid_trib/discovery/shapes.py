@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.simulated_gains import base_of, outside_of
+from sysid_trib.discovery.known_columns import base_of, outside_of
 from sysid_trib.discovery.single_columns import are_physical, each_column, strengths
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel

@@ -151,28 +151,7 @@ HARMONICS = (2, 3)
 HELD = 1e-9
 
 
-@dataclass(frozen=True)
-class TrialForces:
-    """Accelerations along a path, and what they do within each step.
-
-    Attributes
-    ----------
-    by_column : (step, 2, column) array of float
-        What each adds to x and v by the end of a step.
-    stiffness : (step, 2, 1) array of float
-        The same of the acceleration -x: as a change of the frequency does, but what pushes the motion within
-        a step has no part in it.
-    on : (column,) array of str
-        What each depends on: `angle` in phase with the angle (a stiffness), `speed` in phase with the speed
-        (a friction), `time` at the same amplitude.
-    """
-
-    by_column: Array
-    stiffness: Array
-    on: Array
-
-
-def trial_forces(linear: LinearModel, tau: Array) -> TrialForces:
+def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     """Harmonics of the motion's phase times polynomials of its amplitude, the resonant one drifting too.
 
     Parameters
@@ -181,6 +160,14 @@ def trial_forces(linear: LinearModel, tau: Array) -> TrialForces:
         About the path, x = a cos(phase), v = -a sin(phase).
     tau : (sample,) array of float
         Instants, reference frequency times time.
+
+    Returns
+    -------
+    by_column : (step, 2, column) array of float
+        What each acceleration adds to x and v by the end of a step; the first is the angle itself.
+    on : (column,) array of str
+        What each depends on: `angle` in phase with the angle (a stiffness), `speed` in phase with the speed
+        (a friction), `time` at the same amplitude.
 
     Notes
     -----
@@ -208,7 +195,7 @@ def trial_forces(linear: LinearModel, tau: Array) -> TrialForces:
     moves = linear.steps.diffusion[:, 1, 1] > HELD * step
     # Steps longer than this (rad of tau) are gaps: no path is known within them.
     by_column = np.stack([by_x, by_v], axis=1) * (moves & (step < 1.6))[:, None, None]
-    return TrialForces(by_column, -by_column[:, :, :1], np.array(on))
+    return by_column, np.array(on)
 
 
 def _polar(states: Array) -> Array:

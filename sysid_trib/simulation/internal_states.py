@@ -197,11 +197,11 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
     if missing:
         values = dict(zip(force.shape, np.array([key[1] for key in missing]).T, strict=True))
         with np.errstate(all="ignore"):
-            memory = _History(motion, force, values).memory_at_samples(len(missing))
+            memory = _memory_at_samples(motion, force, values, len(missing))
             # Column by column: what is not finite in one leaves the others alone.
             for i, key in enumerate(missing):
-                history = _History(motion, force, {k: q[i] for k, q in values.items()})
-                followed[key] = history.stepped_value({k: m[:, i] for k, m in memory.items()})
+                column, held = ({k: q[i] for k, q in values.items()}, {k: m[:, i] for k, m in memory.items()})
+                followed[key] = _stepped_value(motion, force, column, held)
     return np.stack([followed[key] for key in keys]).T
 
 
@@ -243,51 +243,52 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     return np.nan_to_num(of_x, posinf=0.0, neginf=0.0), np.nan_to_num(of_v, posinf=0.0, neginf=0.0)
 
 
-class _History:
-    """States and memory of a force along a motion, for one value of each shape parameter or for many."""
+def _start_of(motion: GivenMotion, force: Force, shapes: Mapping[str, Any]) -> dict[str, Any]:
+    """States and memory of a force at the first sample."""
+    return force.start_values({k: value[0] for k, value in motion.at_samples.items()} | dict(shapes))
 
-    def __init__(self, motion: GivenMotion, force: Force, shapes: dict[str, Any]) -> None:
-        self.motion, self.force, self.shapes = motion, force, shapes
-        here = {k: value[0] for k, value in motion.at_samples.items()}
-        self.start = force.start_values(here | shapes)
 
-    def memory_at_samples(self, count: int) -> dict[str, Array]:
-        """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
-        if not self.force.memory:
-            return {}
-        rows, segment = self.motion.reversals.size + 1, self.motion.segment(self.motion.tau)
-        memory = {k: np.reshape(m, (rows, -1)) for k, m in self.memory().items()}
-        return {k: np.broadcast_to(m, (rows, count))[segment] for k, m in memory.items()}
+def _memory_at_samples(
+    motion: GivenMotion, force: Force, shapes: Mapping[str, Any], count: int
+) -> dict[str, Array]:
+    """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
+    if not force.memory:
+        return {}
+    rows, segment = motion.reversals.size + 1, motion.segment(motion.tau)
+    memory = {k: np.reshape(m, (rows, -1)) for k, m in _memory(motion, force, shapes).items()}
+    return {k: np.broadcast_to(m, (rows, count))[segment] for k, m in memory.items()}
 
-    def stepped_value(self, memory: Mapping[str, Array]) -> Array:
-        """The force at the samples, its states followed by steps from sample to sample."""
-        # A step lies between two reversals but for the one that holds it; there the new memory rules.
-        names = self.motion.at_stages | self.shapes | {k: m[1:] for k, m in memory.items()}
-        states = stepped_states(self.force, np.diff(self.motion.tau), names, self.start)
-        here = self.motion.at_samples | self.shapes | dict(memory) | states
-        return np.broadcast_to(self.force.formula.evaluate(here), self.motion.tau.shape)
 
-    def memory(self) -> dict[str, Array]:
-        """Memory in each segment of the motion, (segment, ...)."""
-        force, tau = self.force, self.motion.reversals
-        if not force.memory:
-            return {}
-        given = self.motion.names(tau) | {"v": np.zeros(tau.size)}
-        rows, columns = 1 + tau.size, np.broadcast_shapes(*map(np.shape, self.shapes.values()))
-        given = {k: np.reshape(value, (-1, *[1] * len(columns))) for k, value in given.items()}
-        held = {k: np.empty((rows, *columns)) for k in force.memory}
-        for k in force.memory:
-            held[k][0] = self.start[k]
-        after_held = {k: f for k, f in force.memory.items() if f.names & set(force.memory)}
-        used = frozenset[str]().union(*(formula.names for formula in after_held.values()))
-        # What is not finite is refused by whoever asks.
-        with np.errstate(all="ignore"):
-            # What does not depend on what was held is replaced at all reversals at once.
-            for k in force.memory.keys() - after_held:
-                held[k][1:] = force.memory[k].evaluate(given | self.shapes)
-            series = {k: value for k, value in (given | held).items() if k in used}
-            for i in range(tau.size):
-                here = {k: value[i] for k, value in series.items()} | self.shapes
-                for k, formula in after_held.items():
-                    held[k][i + 1] = formula.evaluate(here)
-        return held
+def _stepped_value(
+    motion: GivenMotion, force: Force, shapes: Mapping[str, Any], memory: Mapping[str, Array]
+) -> Array:
+    """The force at the samples, its states followed by steps from sample to sample."""
+    # A step lies between two reversals but for the one that holds it; there the new memory rules.
+    names = motion.at_stages | dict(shapes) | {k: m[1:] for k, m in memory.items()}
+    states = stepped_states(force, np.diff(motion.tau), names, _start_of(motion, force, shapes))
+    here = motion.at_samples | dict(shapes) | dict(memory) | states
+    return np.broadcast_to(force.formula.evaluate(here), motion.tau.shape)
+
+
+def _memory(motion: GivenMotion, force: Force, shapes: Mapping[str, Any]) -> dict[str, Array]:
+    """Memory in each segment of a motion, (segment, ...), for one value of each shape or for many."""
+    tau, start = motion.reversals, _start_of(motion, force, shapes)
+    given = motion.names(tau) | {"v": np.zeros(tau.size)}
+    rows, columns = 1 + tau.size, np.broadcast_shapes(*map(np.shape, shapes.values()))
+    given = {k: np.reshape(value, (-1, *[1] * len(columns))) for k, value in given.items()}
+    held = {k: np.empty((rows, *columns)) for k in force.memory}
+    for k in force.memory:
+        held[k][0] = start[k]
+    after_held = {k: f for k, f in force.memory.items() if f.names & set(force.memory)}
+    used = frozenset[str]().union(*(formula.names for formula in after_held.values()))
+    # What is not finite is refused by whoever asks.
+    with np.errstate(all="ignore"):
+        # What does not depend on what was held is replaced at all reversals at once.
+        for k in force.memory.keys() - after_held:
+            held[k][1:] = force.memory[k].evaluate(given | dict(shapes))
+        series = {k: value for k, value in (given | held).items() if k in used}
+        for i in range(tau.size):
+            here = {k: value[i] for k, value in series.items()} | dict(shapes)
+            for k, formula in after_held.items():
+                held[k][i + 1] = formula.evaluate(here)
+    return held

@@ -12,7 +12,7 @@ from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, rando
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.linearised import Derivatives, TrialForces, trial_forces
+from sysid_trib.motion_fit.linearised import Derivatives, trial_forces
 from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, linear_about, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable
@@ -140,14 +140,15 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     every = _every(decay, result)
     tracked = followed.tracked(run) if every == 1 else track(decay, result, run, every)
     tau = tracked.model.reference_frequency * (tracked.time - tracked.time[0])
-    forces = trial_forces(tracked.linear, tau)
-    linear = _with_parameters(tracked, result, forces)
+    by_column, depends_on = trial_forces(tracked.linear, tau)
+    # As a change of the frequency does, but what pushes the motion within a step has no part in it.
+    linear = _with_parameters(tracked, result, stiffness=-by_column[:, :, :1])
     # All parameters are free.
     null = likely_ratio(linear)
     records = simulated_records(linear, null.ratio, NULL_DRAWS, np.random.default_rng(seed))
-    trial = trial_model(linear, forces.by_column, records)
-    sets = {on: np.flatnonzero(forces.on == on) for on in ("angle", "speed", "time")}
-    gains = likelihood_gains(trial, sets | {"any": np.arange(len(forces.on))}, null)
+    trial = trial_model(linear, by_column, records)
+    sets = {on: np.flatnonzero(depends_on == on) for on in ("angle", "speed", "time")}
+    gains = likelihood_gains(trial, sets | {"any": np.arange(len(depends_on))}, null)
     of_force = dict.fromkeys(ON, 1.0) | {on: gain.p_value for on, gain in gains.items()}
     # Free coefficients may leave no random force at all, and nothing that has a size.
     of_size = dict.fromkeys(ON, 1.0)
@@ -177,8 +178,11 @@ def _every(decay: xr.Dataset, result: xr.Dataset) -> int:
     return max(1, min(-(-samples // MOST_SAMPLES), int(per_period / LEAST_PER_PERIOD)))
 
 
-def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, forces: TrialForces) -> LinearModel:
-    """The record about the smoothed motion with columns for all that was free in the identification."""
+def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> LinearModel:
+    """The record about the smoothed motion with columns for all that was free in the identification.
+
+    `stiffness` is what the acceleration -x adds to x and v by the end of a step, (step, 2, 1).
+    """
     model = tracked.model
     offered, covariance = parameters_of(result)
     kept = [at for at, name in enumerate(offered) if name in model.coefficients]
@@ -191,7 +195,7 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, forces: TrialFo
     basis[:count, :directions] = free[:-1]
     basis[count:, directions:] = np.eye(by.count - count)
     by_column = linear.by_column @ basis
-    by_column[:, :2, :directions] += forces.stiffness * free[-1]
+    by_column[:, :2, :directions] += stiffness * free[-1]
     return replace(
         linear,
         start=linear.start @ basis,
