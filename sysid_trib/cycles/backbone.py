@@ -9,10 +9,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.impulse_response import half_period_responses
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, NoisyRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
-from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.half_sines import envelope, half_period_responses
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.variables import Variables, variable, with_error
 

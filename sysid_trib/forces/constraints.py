@@ -1,6 +1,5 @@
 """What a user asks of parameters: values held fixed, bounds, and ties of one parameter to others."""
 
-import re
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import InitVar, dataclass, field
@@ -13,9 +12,8 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
-from sysid_trib.forces.ties import Tie, parse_tie
+from sysid_trib.forces.ties import Tie, parse_number, parse_pairs, parse_range, parse_tie
 
-PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
 Bounds: TypeAlias = tuple[float | None, float | None]
 # A number holds a parameter, a pair bounds it, a formula ties it to others.
 Constraint: TypeAlias = float | Bounds | str
@@ -140,9 +138,11 @@ class Constraints:
         UsageError
             A text is not of this form, or names a parameter for the second time.
         """
-        fixed = {k: _number(v, f"--fix '{k}={v}'") for k, v in _pairs(fix, "--fix", "lambda=0").items()}
-        bounds = {k: _range(v, f"--bound '{k}={v}'") for k, v in _pairs(bound, "--bound", "zeta=0:1").items()}
-        return cls.merged(fixed, bounds, _pairs(tie, "--tie", '"nu=-2.356*delta"'))
+        held = parse_pairs(fix, "--fix", "lambda=0")
+        fixed = {k: parse_number(v, f"--fix '{k}={v}'") for k, v in held.items()}
+        ranges = parse_pairs(bound, "--bound", "zeta=0:1")
+        bounds = {k: parse_range(v, f"--bound '{k}={v}'") for k, v in ranges.items()}
+        return cls.merged(fixed, bounds, parse_pairs(tie, "--tie", '"nu=-2.356*delta"'))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -296,29 +296,3 @@ def without_old_arguments(
 def parameters_of(library: ForceLibrary) -> tuple[str, ...]:
     """Names of the coefficients of a library, then of its shape parameters."""
     return (*library.symbols, *library.shape_values())
-
-
-def _pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
-    pairs: dict[str, str] = {}
-    for text in texts:
-        name, sign, value = (part.strip() for part in text.partition("="))
-        if not sign or not value or not PARAMETER.fullmatch(name):
-            raise UsageError(f"{option} '{text}' must be of the form {example}.")
-        if name in pairs:
-            raise UsageError(f"{option} is given twice for {name}; choose one.")
-        pairs[name] = value
-    return pairs
-
-
-def _range(text: str, where: str) -> tuple[float, float]:
-    low, sign, high = (part.strip() for part in text.partition(":"))
-    if not sign or not (low or high):
-        raise UsageError(f"{where} must be LOW:HIGH, of which one side may be empty.")
-    return _number(low, where) if low else -np.inf, _number(high, where) if high else np.inf
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise UsageError(f"{where}: '{text}' is not a number.") from None

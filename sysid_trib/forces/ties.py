@@ -1,7 +1,7 @@
-"""A tie: the formula of one parameter in terms of others, read by the whitelist of force formulas."""
+"""What texts say of parameters: values, ranges, and ties by the whitelist of force formulas."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula, parse
 
 # A word, with the shape parameter behind a point: not the exponent of a number such as 1e-3.
 WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
+PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -127,3 +128,32 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
             f"{' '.join((*SWITCHING, *SMOOTH))}."
         ) from None
     return Tie(name, text, formula, names)
+
+
+def parse_pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
+    """Names and values of texts `NAME=VALUE` of an option."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, sign, value = (part.strip() for part in text.partition("="))
+        if not sign or not value or not PARAMETER.fullmatch(name):
+            raise UsageError(f"{option} '{text}' must be of the form {example}.")
+        if name in pairs:
+            raise UsageError(f"{option} is given twice for {name}; choose one.")
+        pairs[name] = value
+    return pairs
+
+
+def parse_range(text: str, where: str) -> tuple[float, float]:
+    """Both ends of `LOW:HIGH`, infinite where left out."""
+    low, sign, high = (part.strip() for part in text.partition(":"))
+    if not sign or not (low or high):
+        raise UsageError(f"{where} must be LOW:HIGH, of which one side may be empty.")
+    return parse_number(low, where) if low else -np.inf, parse_number(high, where) if high else np.inf
+
+
+def parse_number(text: str, where: str) -> float:
+    """A number, refused with where it stands."""
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f"{where}: '{text}' is not a number.") from None

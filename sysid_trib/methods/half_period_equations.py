@@ -10,7 +10,6 @@ import xarray as xr
 from scipy.linalg import cho_solve_banded
 
 from sysid_trib.arrays import Array, Index
-from sysid_trib.cycles.impulse_response import half_period_responses
 from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
@@ -22,7 +21,7 @@ from sysid_trib.likelihood.variance_ratio import (
     variance_ratio,
 )
 from sysid_trib.likelihood.weak_form import whiten, whitened_by_both, whitener
-from sysid_trib.records.half_sines import EnvelopeCurve
+from sysid_trib.records.half_sines import EnvelopeCurve, half_period_responses
 
 DENSITY = "random_force_density"
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
