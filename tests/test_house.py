@@ -144,7 +144,7 @@ def test_the_house_does_not_grow():
     """What it had when it was last measured (`python tests/house.py`): each landing brings these down."""
     now = numbers()
     assert len(arrows()) <= 141
-    assert now["files"] <= 235
+    assert now["files"] <= 234
     assert now["code lines"] <= 31_450
     assert now["classes"] <= 205
 

@@ -1,30 +1,34 @@
 """Every method on the same runs: what each identifies, how well it predicts, what it neglects."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import Field, fields, is_dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from time import perf_counter
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from sysid_trib.errors import DecayError, Tell, UsageError, silent
+from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import METHODS
-from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.methods.scope import ForceScope, Method, by_unique_label, constrained, force_scope, scope_of
+from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import inputs_for
+from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import group_names
-from sysid_trib.validation.answer import check_method, with_common_noise, with_noise
-from sysid_trib.validation.comparison_table import method_table
+from sysid_trib.validation.answer import check_method, with_common_noise, with_model_in_errors, with_noise
+from sysid_trib.validation.comparison_table import Trial, method_table
 from sysid_trib.validation.cross_check import ties
 from sysid_trib.validation.driven import is_driven
-from sysid_trib.validation.holdout import RunInParts, split
-from sysid_trib.validation.trial import try_method
+from sysid_trib.validation.holdout import RunInParts, predicted, split, up_to_held_out
+from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
+from sysid_trib.validation.verdict import DIVERGES, no_nearer_than_rest
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -123,7 +127,13 @@ def compare(
     library = load_library() if library is None else library
     if not isinstance(library, ForceLibrary):
         raise UsageError(f"compare wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
-    named = _by_label(every_method() if methods is None else methods)
+    given = every_method() if methods is None else methods
+    pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
+    if not pairs:
+        raise UsageError("compare wants at least one method, such as methods.Direct().")
+    for _, method in pairs:
+        check_method(method, "compare")
+    named = by_unique_label(pairs, RESERVED)
     return _compared(decay, library, named, contactless, constraints, tell)
 
 
@@ -154,7 +164,7 @@ def _compared(
     trials = []
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
-        trials.append(try_method(label, method, runs, library, contactless, Constraints(constraints)))
+        trials.append(_try_method(label, method, runs, library, contactless, Constraints(constraints)))
     results = {trial.label: trial.result for trial in trials if trial.result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
@@ -170,43 +180,103 @@ def _compared(
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})
 
 
-def _by_label(methods: Methods) -> dict[str, Method]:
-    """Methods by a unique label that may be the name of a group in a netCDF file."""
-    pairs = list(methods.items()) if isinstance(methods, Mapping) else [("", method) for method in methods]
-    if not pairs:
-        raise UsageError("compare wants at least one method, such as methods.Direct().")
-    by_label: dict[str, Method] = {}
-    for name, method in pairs:
-        check_method(method, "compare")
-        same = [other for _, other in pairs if type(other) is type(method)]
-        label = " ".join(str(name).replace("/", "-").split()) or _label(method, same)
-        label = f"{label} (method)".strip() if label in RESERVED else label
-        number, unique = 1, label
-        while unique in by_label:
-            number += 1
-            unique = f"{label} {number}"
-        by_label[unique] = method
-    return by_label
+def _try_method(
+    label: str,
+    method: Method,
+    runs: Sequence[RunInParts],
+    library: ForceLibrary,
+    contactless: tuple[float, float] | None,
+    constraints: Constraints,
+) -> Trial:
+    """A method on the training parts, on the parts held out, and on the whole."""
+    # The part first: what is imported or compiled at first use is then not in the time of the whole.
+    part, part_reason, _ = _identified(method, [run.train for run in runs], library, constraints)
+    result, reason, seconds = _identified(method, [run.decay for run in runs], library, constraints)
+    amplitude = max(float(np.max(np.abs(run.decay.angle.values))) for run in runs)
+    forces = _force_scope(method, library, result, amplitude)
+    none = ModelResiduals((), tuple(run.noise for run in runs))
+    trial = Trial(label, scope_of(method), forces, result, seconds, none, none, none, reason)
+    if result is None:
+        return trial
+    if not forces.neglects:
+        # Errors of what takes the place of neglected forces would hide its bias.
+        result = with_model_in_errors(result, method, [run.decay for run in runs], library)
+        trial = replace(trial, result=result)
+    whole = _of_all(residual_of, [(run.decay, result, run.envelope, at) for at, run in enumerate(runs)], none)
+    reason = _complaint("its model", whole) if forces.damped else "its model has no damping"
+    if part is not None:
+        train = [(run.train, part, run.envelope, at) for at, run in enumerate(runs)]
+        later = [(run.rest, part, run.envelope, up_to_held_out(run.decay)) for run in runs]
+        holdout = _of_all(predicted, later, none)
+        trial = replace(trial, train=_of_all(residual_of, train, none), holdout=holdout)
+        part_reason = _complaint("on the part held out it", holdout)
+    else:
+        part_reason = f"first two thirds: {part_reason}"
+    if contactless is not None:
+        result = with_contactless_frequency(result, *contactless)
+    # The reason against the whole comes first; the prediction only adds to it.
+    failure = "" if forces.neglects else _failure(runs, whole)
+    return replace(trial, result=result, whole=whole, reason=reason or part_reason, failure=failure)
 
 
-def _label(method: Method, same: Sequence[Method]) -> str:
-    """Label of a method, with the options in which it differs from others of it and from the default."""
-    options = []
-    all_options: tuple[Field[Any], ...] = fields(method) if is_dataclass(method) else ()
-    for option in all_options:
-        value = getattr(method, option.name)
-        default = option.default_factory() if callable(option.default_factory) else option.default
-        alike = all(repr(getattr(other, option.name)) == repr(value) for other in same)
-        if not alike and repr(value) != repr(default):
-            options.append(_option(option.name.replace("_", " "), value))
-    label = scope_of(method).label
-    return f"{label} ({', '.join(options)})".replace("/", "-") if options else label
+def _failure(runs: Sequence[RunInParts], whole: ModelResiduals) -> str:
+    """Why a model that neglects nothing says nothing of the records (see `breakdown`)."""
+    if not whole.runs:
+        return DIVERGES
+    for at, (run, motion) in enumerate(zip(runs, whole.runs, strict=True)):
+        if reason := no_nearer_than_rest(run.decay.angle.values, motion.residual):
+            return reason.format(f" of run {at + 1}" if len(runs) > 1 else "")
+    return ""
 
 
-def _option(name: str, value: Any) -> str:
-    if isinstance(value, bool):
-        return name if value else f"not {name}"
-    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+def _identified(
+    method: Method, decays: Sequence[xr.Dataset], library: ForceLibrary, constraints: Constraints
+) -> tuple[xr.Dataset | None, str, float]:
+    """Identification, or why there is none; the time it took, s."""
+    # The row of a rule for one record is empty for no fault of its own, nor of the records.
+    if len(decays) > 1 and not scope_of(method).several_runs:
+        return None, "takes one record at a time", float("nan")
+    # Direct identifies driven records in its weak form.
+    if is_driven(decays) and not (scope_of(method).driven and getattr(method, "form", "weak") == "weak"):
+        return None, "takes free decays alone, and this record has an input", float("nan")
+    began = perf_counter()
+    try:
+        result = constrained(method, constraints).identify(one_or_all(decays), library)
+    except SysidTribError as error:
+        return None, f"does not apply: {str(error).rstrip('.')}", float("nan")
+    except np.linalg.LinAlgError as error:
+        return None, f"failed: {type(error).__name__}, {str(error).rstrip('.')}", float("nan")
+    seconds = perf_counter() - began
+    if not np.all(np.isfinite(result.coefficient.values)):
+        return None, "failed: its coefficients are not finite", float("nan")
+    return result, "", seconds
+
+
+def _of_all(
+    residual: Callable[..., ModelResidual | None], arguments: Sequence[tuple[Any, ...]], none: ModelResiduals
+) -> ModelResiduals:
+    """Residuals of a model in all runs; `none` where it diverges in one."""
+    of_runs = [residual(*of_run) for of_run in arguments]
+    finite = tuple(run for run in of_runs if run is not None and np.isfinite(run.rms))
+    return replace(none, runs=finite) if len(finite) == len(arguments) else none
+
+
+def _complaint(subject: str, residuals: ModelResiduals) -> str:
+    complaint = residuals.complaint if residuals.runs else "diverges"
+    return f"{subject} {complaint}" if complaint else ""
+
+
+def _force_scope(
+    method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
+) -> ForceScope:
+    fitted = None if result is None else tuple(result.force.values.tolist())
+    stiffness = library.role("x")
+    held = stiffness is None or (fitted is not None and stiffness.symbol in fitted)
+    asked = library.select(s for s in library.symbols if held or library[s] is not stiffness)
+    try:
+        return force_scope(method, asked, fitted, amplitude)
+    except SysidTribError:
+        return ForceScope()
 
 
 def _not_separable(

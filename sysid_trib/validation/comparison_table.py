@@ -1,18 +1,20 @@
-"""The numbers of several methods as one table, at one reference frequency."""
+"""What comes of several methods on the same runs, and its numbers as one table at one reference frequency."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import floor, log10
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.methods.scope import ForceScope, MethodScope
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.references import in_model, reference_factors
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.holdout import diebold_mariano
-from sysid_trib.validation.trial import Trial
+from sysid_trib.validation.residuals import ModelResiduals
 
 # Name of a column, the attribute of a trial, and what it is of.
 PARTS = (
@@ -33,6 +35,43 @@ TEXTS = {
     "white_noise": "its errors hold in white noise only",
 }
 CONTRAST = "difference from the best method over the errors of both"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of one method.
+
+    Attributes
+    ----------
+    label : str
+        Its name in the table.
+    scope : MethodScope
+        What it says of itself.
+    forces : ForceScope
+        What it makes of the forces offered.
+    result : Dataset, or None
+        Its identification.
+    seconds : float, s
+        The time that took.
+    whole, train, holdout : ModelResiduals
+        Of its model on the whole record; of the model of the first two thirds on these, and on the last
+        third. Without runs where there is no motion.
+    reason : str
+        Why there are none, or why they are not to be trusted.
+    failure : str
+        Why its model says nothing of the record although it neglects no force; empty if it does.
+    """
+
+    label: str
+    scope: MethodScope
+    forces: ForceScope
+    result: xr.Dataset | None
+    seconds: float
+    whole: ModelResiduals
+    train: ModelResiduals
+    holdout: ModelResiduals
+    reason: str = ""
+    failure: str = ""
 
 
 def method_table(trials: Sequence[Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
