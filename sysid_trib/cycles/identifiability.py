@@ -98,15 +98,13 @@ def exactly_dependent(
     return [tuple(forces[i].symbol for i in group) for group in groups]
 
 
-def dependent_columns(table: Array, tolerance: float = DEPENDENCE) -> list[tuple[int, ...]]:
+def dependent_columns(table: Array) -> list[tuple[int, ...]]:
     """Groups of linearly dependent columns of a matrix, each as small as can be.
 
     Parameters
     ----------
     table : (row, column) array of float
         Finite. Columns of zeros are in no group.
-    tolerance : float
-        Largest residual of a column of unit length that is fitted by the others of its group.
 
     Returns
     -------
@@ -121,7 +119,7 @@ def dependent_columns(table: Array, tolerance: float = DEPENDENCE) -> list[tuple
     unit = {i: table[:, i] / norm for i, norm in enumerate(norms) if norm > floor}
     groups: list[list[int]] = []
     for i, column in unit.items():
-        like = next((g for g in groups if _residual_norm(column, [unit[g[0]]]) < tolerance), None)
+        like = next((g for g in groups if _residual_norm(column, [unit[g[0]]]) < DEPENDENCE), None)
         if like is None:
             groups.append([i])
         else:
@@ -129,19 +127,19 @@ def dependent_columns(table: Array, tolerance: float = DEPENDENCE) -> list[tuple
     basis: list[int] = []
     combined = []
     for i in (group[0] for group in groups):
-        if basis and _residual_norm(unit[i], [unit[j] for j in basis]) < tolerance:
-            combined.append(tuple(sorted((*_fewest(i, basis, unit, tolerance), i))))
+        if basis and _residual_norm(unit[i], [unit[j] for j in basis]) < DEPENDENCE:
+            combined.append(tuple(sorted((*_fewest(i, basis, unit), i))))
         else:
             basis.append(i)
     return [tuple(group) for group in groups if len(group) > 1] + combined
 
 
-def _fewest(i: int, basis: list[int], unit: Mapping[int, Array], tolerance: float) -> list[int]:
+def _fewest(i: int, basis: list[int], unit: Mapping[int, Array]) -> list[int]:
     """Columns of the basis that are needed for column i: the others are dropped one by one."""
     needed = list(basis)
     for j in reversed(basis):
         fewer = [k for k in needed if k != j]
-        if fewer and _residual_norm(unit[i], [unit[k] for k in fewer]) < tolerance:
+        if fewer and _residual_norm(unit[i], [unit[k] for k in fewer]) < DEPENDENCE:
             needed = fewer
     return needed
 

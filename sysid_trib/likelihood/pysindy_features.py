@@ -129,9 +129,7 @@ class ForceFeatures(BaseFeatureLibrary):
                     f"Force '{force.symbol}' depends on time: give ForceFeatures a positive {name}."
                 )
 
-    def evaluate(
-        self, time: Array, angle: Array, rate: Array, internal: Mapping[str, Array] | None = None
-    ) -> Array:
+    def evaluate(self, time: Array, angle: Array, rate: Array) -> Array:
         """Value of every force along a motion at times of its own.
 
         Parameters
@@ -140,9 +138,6 @@ class ForceFeatures(BaseFeatureLibrary):
             From the first sample.
         angle, rate : (sample,) array of float, rad
             theta and theta'.
-        internal : mapping of str to (sample,) array of float, optional
-            Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
-            along the motion.
 
         Returns
         -------
@@ -150,11 +145,16 @@ class ForceFeatures(BaseFeatureLibrary):
         """
         columns = np.empty((*angle.shape, len(self._forces)))
         for i, force in enumerate(self._forces):
-            columns[..., i] = self._value(force, time, angle, rate, internal)
+            columns[..., i] = self._value(force, time, angle, rate)
         return columns
 
     def _value(
-        self, force: Force, time: Array, angle: Array, rate: Array, internal: Mapping[str, Array] | None
+        self,
+        force: Force,
+        time: Array,
+        angle: Array,
+        rate: Array,
+        internal: Mapping[str, Array] | None = None,
     ) -> Array:
         """Value of one force along a motion, its states as far as they are known."""
         known = internal or {}
@@ -196,7 +196,8 @@ class ForceFeatures(BaseFeatureLibrary):
         rate_error : float, rad
             Standard deviation of a rate that is not known exactly: the average is over its normal law too.
         internal : mapping of str to (sample,) array of float, optional
-            As of `evaluate`.
+            Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
+            along the motion.
 
         Returns
         -------

@@ -154,16 +154,16 @@ def _detectable(detectable: xr.Dataset, symbol: str) -> str:
     return with_unit(f"{value:.2g}", candidate.unit.item()) if np.isfinite(value) else "-"
 
 
-def residual_text(tree: xr.DataTree, model: str) -> str:
-    """How large the gap of a model is; one that diverges has none."""
-    ratio = residual_over_noise(tree, model)
+def residual_text(tree: xr.DataTree) -> str:
+    """How large the gap of the final model is; one that diverges has none."""
+    ratio = residual_over_noise(tree, "after")
     if not np.isfinite(ratio):
         return "the motion of the model leaves the record"
     runs = [tree[name].to_dataset() for name in record_groups(tree)]
     if not any(map(inputs_of, runs)):
         return f"the gap is {times_noise(ratio)}"
     # No spline tells the noise of a driven motion: whether the gap is more, its colour says.
-    part = residual_of(tree, model) / root_mean_square([float(run.angle.std()) for run in runs])
+    part = residual_of(tree, "after") / root_mean_square([float(run.angle.std()) for run in runs])
     p_value, level = float(tree.attrs["noise_p_value"]), tree["ranking"].significance_level.item()
     colour = "" if np.isnan(p_value) else ", and white" if p_value >= level else ", and not white"
     return f"the gap is {100.0 * part:.2g} % of the motion (RMS){colour}"

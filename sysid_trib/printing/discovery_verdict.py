@@ -51,7 +51,7 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 def _closed(tree: xr.DataTree) -> list[str]:
     """Nothing more stands out of the residual."""
     effects = " and ".join(effect_with_ties(step) for step in steps_of(tree))
-    after, residual = tree["after"].to_dataset(), residual_text(tree, "after")
+    after, residual = tree["after"].to_dataset(), residual_text(tree)
     if not determines(after):
         return [UNDECIDED, UNSEEN]
     if closing := tree.attrs.get("closing_effect"):
@@ -73,7 +73,7 @@ def _closed(tree: xr.DataTree) -> list[str]:
 
 def _unknown_effect(tree: xr.DataTree) -> list[str]:
     """What remains was not named, or was named by effects that may imitate another."""
-    residual, omnibus, added = residual_text(tree, "after"), _last(tree, "omnibus"), added_effects(tree)
+    residual, omnibus, added = residual_text(tree), _last(tree, "omnibus"), added_effects(tree)
     said = f"Unknown effect: {residual}, but"
     if misnamed := misnamed_effects(tree):
         known = " and ".join(f"{symbol} {value:g}" for symbol, value in misnamed.items())

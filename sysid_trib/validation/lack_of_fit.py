@@ -128,11 +128,11 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
     return sorted(those, key=lambda departure: -abs(departure.largest))
 
 
-def departure_sentence(ranges: Sequence[Departure], unit: str, most: int = 2) -> str:
+def departure_sentence(ranges: Sequence[Departure], unit: str) -> str:
     """Where a model misses the backbone: its farthest departure of each curve, joined by "and"."""
     farthest = {departure.curve: departure for departure in reversed(ranges)}
     ordered = sorted(farthest.values(), key=lambda departure: -abs(departure.largest))
-    return " and ".join(departure.sentence(unit) for departure in ordered[:most])
+    return " and ".join(departure.sentence(unit) for departure in ordered)
 
 
 def _against(
