@@ -184,6 +184,13 @@ def _steps(
     data |= _competition(search, offered, stability) | _pairs(search) | _step_shapes(search)
     data |= _in_parts(search, stability)
     shaped = {"shape_parameter": list(_shapes(final))} if "shape" in data else {}
+    competing = _competing_shapes(search)
+    if competing:
+        # netCDF has no empty axis.
+        shaped["competing_shape_parameter"] = list(competing)
+        text = "shape parameter of a candidate in the effect's place, nan of one that is not in the set"
+        dims = ("step", "competing_shape_parameter")
+        data["competing_shape"] = variable(dims, np.transpose([*competing.values()]), text)
     return xr.Dataset(data, {"candidate": list(offered.symbols)} | shaped, {"count": len(forces)})
 
 
@@ -285,6 +292,18 @@ def _pairs(search: Search) -> Variables:
 
 def _shapes(model: FittedModel) -> dict[str, float]:
     return {k: value for trial in model.trials for k, value in trial.shapes.items()}
+
+
+def _competing_shapes(search: Search) -> dict[str, Array]:
+    """Shape parameters (step,) of the candidates that were fitted in the place of each effect."""
+    competing: dict[str, Array] = {}
+    for at, symbol in enumerate(search.effects):
+        for name in search.rivals[symbol]:
+            fitted = search.fits.kept.get(frozenset(search.effects) - {symbol} | {name})
+            shapes = {} if fitted is None else _shapes(fitted)
+            for key in (key for key in shapes if key.startswith(f"{name}.")):
+                competing.setdefault(key, np.full(len(search.effects), np.nan))[at] = shapes[key]
+    return competing
 
 
 def _step_shapes(search: Search) -> Variables:

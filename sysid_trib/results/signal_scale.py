@@ -187,11 +187,9 @@ class _SignalScale:
         return signal + slash + of_inputs
 
     def _shapes(self, data: xr.Dataset, factor: float) -> xr.Dataset:
-        if "shape" not in data or "shape_parameter" not in data["shape"].dims:
-            return data
-        powers = np.array([self._shape_power(str(name)) for name in data.shape_parameter.values])
-        for name in ("shape", "shape_standard_error"):
-            if name in data:
+        for name in ("shape", "shape_standard_error", "competing_shape"):
+            if name in data and str(dim := data[name].dims[-1]).endswith("shape_parameter"):
+                powers = np.array([self._shape_power(str(key)) for key in data[dim].values])
                 data[name] = data[name] * factor**powers
         return data
 
