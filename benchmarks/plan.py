@@ -1,6 +1,9 @@
 """Loops of discover, plan, run, discover again: runs until one right name, and if what is stated holds.
 
 usage: python benchmarks/plan.py [--loops 20] [--out FILE]     with FILE resumable, a line of JSON a loop
+       python benchmarks/plan.py --reliability [--drawn] [--first 1000] [--loops 60] [--out FILE]
+With --reliability a loop is one step: the run that is planned, and another row of the table. With --drawn the
+hidden effect is drawn from all candidates, as probabilities suppose.
 """
 
 import argparse
@@ -13,9 +16,13 @@ import xarray as xr
 from scipy.stats import beta
 
 import sysid_trib as st
-from sysid_trib.validation.next_run import ODDS
+from sysid_trib.errors import SysidTribError
+from sysid_trib.likelihood.trials import from_unit
+from sysid_trib.validation.rivals import ODDS
 
 LIMITS, DURATION, RATE, NOISE, MOST_RUNS = (0.1, 0.8), 12.0, 50.0, 2e-3, 5
+# Release of the first run (rad), frequency (rad/s); strengths that are drawn, over what that run detects.
+FIRST, FREQUENCY, STRENGTHS = 0.25, 9.9, (1.0, 6.0)
 # Between which probabilities stated ones are counted together.
 BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 # What is hidden beside viscous friction: symbol, coefficient.
@@ -50,16 +57,62 @@ def odds_came(tree: xr.DataTree, symbol: str, models: list[str]) -> bool:
     )
 
 
-def loop(symbol: str, seed: int, planned: bool) -> tuple[int, list[tuple[float, int, int]]]:
+def hidden_in(seed: int, drawn: bool) -> tuple[str, st.Model]:
+    """The effect that a loop hides: of four in turn, or any that a first run shows, of either sign."""
+    library, rng = st.load_library(), np.random.default_rng([seed, 11])
+    symbol = list(HIDDEN)[seed % len(HIDDEN)]
+    if not drawn:
+        model = {"zeta": 0.01, symbol: HIDDEN[symbol]}
+        return symbol, st.Model(library.select(["zeta", symbol]), model, FREQUENCY)
+    bare = st.Model(library.select(["zeta"]), {"zeta": 0.01}, FREQUENCY)
+    shown = st.discover(decay_of(bare, FIRST, DURATION, 0))["detectability"].to_dataset()
+    offered = [*library, *st.load_library("candidate_effects")]
+    while True:
+        force = offered[rng.integers(len(offered))]
+        shapes = {
+            f"{force.symbol}.{name}": float(from_unit(shape, rng.uniform()))
+            for name, shape in force.shape.items()
+        }
+        if force.symbol == "zeta" or not shown.testable.sel(candidate=force.symbol):
+            continue
+        size = shown.detectable.sel(candidate=force.symbol).item() * np.exp(rng.uniform(*np.log(STRENGTHS)))
+        sign = 1.0 if force.passive else rng.choice([-1.0, 1.0])
+        coefficient = sign * size if force.coefficient is None else force.coefficient
+        forces = st.forces.ForceLibrary("hidden", (library["zeta"], force))
+        model = st.Model(forces, {"zeta": 0.01, force.symbol: coefficient}, FREQUENCY, shapes)
+        try:
+            for amplitude in (FIRST, *LIMITS):
+                decay_of(model, amplitude, DURATION, 0)
+        except SysidTribError:
+            continue
+        return force.symbol, model
+
+
+def step(seed: int, drawn: bool) -> tuple[str, list[tuple[float, int, int, bool]]]:
+    """What is hidden, and of two runs of a plan what is stated and came true, and whether it is the best."""
+    (symbol, model), rng = hidden_in(seed, drawn), np.random.default_rng([seed, 3])
+    first = decay_of(model, FIRST, DURATION, 1000 * seed)
+    tree, said = st.discover(first), []
+    if len(named(tree)) > 1:
+        table = st.validation.plan(tree, amplitude=LIMITS, duration=(DURATION, DURATION))
+        models = table.attrs["models"]
+        for at in (0, int(rng.integers(1, table.sizes["run"]))) if len(models) > 1 else ():
+            row = table.isel(run=at)
+            second = decay_of(model, row.amplitude.item(), DURATION, 1000 * seed + 1 + at)
+            again = st.discover([first, second])
+            came = int(odds_came(again, symbol, models)) if symbol in models else -1
+            said.append((row.probability.item(), came, int(named(again) == [symbol]), at == 0))
+    return symbol, said
+
+
+def loop(seed: int, planned: bool) -> tuple[int, list[tuple[float, int, int]]]:
     """Runs until the set is the right name alone.
 
     And of each plan the probability stated, and whether it came true and the name stood alone; -1 where the
     truth was not among its models.
     """
-    library = st.load_library().select(["zeta", symbol])
-    model = st.Model(library, {"zeta": 0.01, symbol: HIDDEN[symbol]}, 9.9)
-    rng = np.random.default_rng([seed, 7])
-    runs, said = [decay_of(model, 0.25, DURATION, 1000 * seed)], []
+    (symbol, model), rng = hidden_in(seed, False), np.random.default_rng([seed, 7])
+    runs, said = [decay_of(model, FIRST, DURATION, 1000 * seed)], []
     tree = st.discover(runs)
     for count in range(1, MOST_RUNS):
         if named(tree) == [symbol]:
@@ -77,10 +130,10 @@ def loop(symbol: str, seed: int, planned: bool) -> tuple[int, list[tuple[float, 
 
 
 def table_of(said: list[tuple[float, int, int]]) -> None:
-    """Print stated probabilities beside how often they came true."""
+    """Print stated probabilities and how often they came true."""
     stated, came, right = np.array(said, dtype=float).reshape(-1, 3).T
     print(
-        f"{len(came)} plans, {np.count_nonzero(came < 0)} without the truth among their models; of the others"
+        f"{len(came)} runs, {np.count_nonzero(came < 0)} without the truth among their models; of the others"
     )
     print("stated probability    runs  stated  came true (95 %)      named alone")
     for low, high in [*itertools.pairwise(BINS), (0.0, 1.0)]:
@@ -93,9 +146,29 @@ def table_of(said: list[tuple[float, int, int]]) -> None:
             print(f"{words}    {interval:20}  {right[there].mean():.2f}")
 
 
+def of_loops(rows: list[list]) -> None:
+    """Print how many runs the loops took, and whether what was stated came true."""
+    for at, words in ((1, "planned"), (2, "at random")):
+        counts = [row[at] for row in rows]
+        print(
+            f"{words}: median {np.median(counts):g}, mean {np.mean(counts):.2f} runs of {len(counts)} loops"
+        )
+    table_of([stated for *_, said in rows for stated in said])
+
+
+def of_steps(rows: list[list]) -> None:
+    """Print whether what was stated of the runs that were planned, and of others, came true."""
+    for best, words in ((True, "the run that is planned"), (False, "another row of the table")):
+        print(f"{words}:")
+        table_of([tuple(run[:3]) for _, said in rows for run in said if run[3] == best])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--loops", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first loop")
+    parser.add_argument("--reliability", action="store_true", help="one step a loop, none at random")
+    parser.add_argument("--drawn", action="store_true", help="what is hidden is drawn from all candidates")
     parser.add_argument(
         "--out", type=Path, default=None, help="a line of JSON a loop; loops in it are not run"
     )
@@ -103,19 +176,17 @@ def main() -> None:
     rows = (
         list(map(json.loads, asked.out.read_text().splitlines())) if asked.out and asked.out.exists() else []
     )
-    for seed in range(len(rows), asked.loops):
-        symbol = list(HIDDEN)[seed % len(HIDDEN)]
-        (planned, said), (random, _) = (loop(symbol, seed, planned) for planned in (True, False))
-        rows.append([symbol, planned, random, said])
-        print(f"{seed}: {symbol}: {planned} runs planned, {random} at random; {said}", flush=True)
+    for seed in range(asked.first + len(rows), asked.first + asked.loops):
+        if asked.reliability:
+            rows.append(list(step(seed, asked.drawn)))
+        else:
+            (planned, said), (random, _) = (loop(seed, planned) for planned in (True, False))
+            rows.append([hidden_in(seed, False)[0], planned, random, said])
+        print(f"{seed}: {rows[-1]}", flush=True)
         if asked.out:
-            asked.out.open("a").write(json.dumps(rows[-1]) + "\n")
-    for at, words in ((1, "planned"), (2, "at random")):
-        counts = [row[at] for row in rows]
-        print(
-            f"{words}: median {np.median(counts):g}, mean {np.mean(counts):.2f} runs of {len(counts)} loops"
-        )
-    table_of([stated for *_, said in rows for stated in said])
+            with asked.out.open("a") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+    (of_steps if asked.reliability else of_loops)(rows)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,10 @@ from sysid_trib.forces.selection import (
 )
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    import xarray as xr
+
     from sysid_trib.commands.discover import StartOptions
     from sysid_trib.forces.constraints import Constraints
     from sysid_trib.forces.force import ForceLibrary
@@ -295,3 +299,16 @@ def parse_number(text: str, option: str) -> float:
     if not isfinite(value):
         raise UsageError(f"{option}: '{text.strip()}' is not a finite number.")
     return value
+
+
+def model_of_file(result: "Path", tree: "xr.DataTree") -> "xr.Dataset":
+    """The identification that stands for a saved result; refused where there is none."""
+    from sysid_trib.results.files import kind_of
+    from sysid_trib.validation.findings import main_result
+
+    answer = main_result(tree)
+    if answer is None and kind_of(tree) == "difference":
+        raise UsageError(f"{result} compares samples and is no model of either; give what identify wrote.")
+    if answer is None:
+        raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
+    return answer

@@ -204,7 +204,6 @@ def plan(
         from sysid_trib.commands.record_inputs import read_decays
         from sysid_trib.printing.planned import plan_blocks, plan_json
         from sysid_trib.results import files
-        from sysid_trib.validation.findings import main_result
         from sysid_trib.validation.identify import identify
         from sysid_trib.validation.next_run import plan
 
@@ -221,9 +220,8 @@ def plan(
             of_model = checks.asked_model(model, constraint, given.system)
             decays, _ = read_decays(given, model)
             tree = identify(decays, of_model.library, constraints=of_model.constraints.table, tell=tell)
-        main = main_result(tree)
-        if main is None:
-            raise UsageError("No model of this result follows its record; plan wants one that does.")
+        source = given.records[0] if given.records else Path("the example")
+        main = checks.model_of_file(source, tree)
         data = plan(tree, **limits, sampling_rate=asked.rate, repeats=asked.repeats, wanted=wanted, tell=tell)
         shown.draw(lambda plots: [("plan", lambda: plots.plan(data))], tell)
     shown.say(lambda: plan_json(data), lambda: plan_blocks(data, main))
@@ -264,10 +262,9 @@ def response(result: RESULT_FILE, *, sweep: SweepOptions, files: Files) -> None:
         import numpy as np
         import xarray as xr
 
-        from sysid_trib.commands.checks import check_positive, parse_window
+        from sysid_trib.commands.checks import check_positive, model_of_file, parse_window
         from sysid_trib.printing.driven import response_blocks, response_csv, response_json
         from sysid_trib.results.files import load
-        from sysid_trib.validation.findings import main_result
         from sysid_trib.validation.steady_response import forced_response
 
         check_positive(sweep.drive, "--drive")
@@ -276,9 +273,7 @@ def response(result: RESULT_FILE, *, sweep: SweepOptions, files: Files) -> None:
             raise UsageError(f"--frequencies '{sweep.frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
         files.check([result])
         tell("reading")
-        answer = main_result(load(result))
-        if answer is None:
-            raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
+        answer = model_of_file(result, load(result))
         tell("response")
         w = answer.asymptotic_frequency.item() * np.linspace(low, high, sweep.points)
         data = forced_response(answer, sweep.drive, w, driven_by=sweep.driven_by, base=sweep.base)

@@ -136,16 +136,13 @@ def export(
     from sysid_trib.commands.terminal import print_written, progress
 
     with progress():
+        from sysid_trib.commands.checks import model_of_file
         from sysid_trib.commands.destination import check_output
         from sysid_trib.printing.as_code import model_code
         from sysid_trib.results.files import load, write_file
-        from sysid_trib.validation.findings import main_result
 
         check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
-        answer = main_result(load(result))
-        if answer is None:
-            raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
-        text = model_code(answer, language)
+        text = model_code(model_of_file(result, load(result)), language)
         if output is not None:
             write_file(output, text.encode())
     if output is None:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.random_force import RandomForce
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_along
+from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results.variables import variable
 from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.model import Model
@@ -65,11 +65,8 @@ def cramer_rao_bound(
     time = np.asarray(time, dtype=float)
     symbols = list(model.coefficients)
     start = np.array([angle, rate], dtype=float)
-    if random_force:
-        ratio = RandomForce(random_force).per_tau(model.reference_frequency) / noise**2
-        sensitivity = _white_sensitivities(model, time, start, free, ratio)
-    else:
-        sensitivity = sensitivities(model, time, start, free)
+    ratio = RandomForce(random_force).per_tau(model.reference_frequency) / noise**2
+    sensitivity = whitened(model, time, (angle, rate), ratio, sensitivities(model, time, start, free))
     # Parameters differ by orders of magnitude: without scaling the matrix is singular to rounding.
     size = np.linalg.norm(sensitivity, axis=0)
     _, singular, axes = np.linalg.svd(sensitivity / size, full_matrices=False)
@@ -102,13 +99,3 @@ def sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
         if not column.any():
             raise UsageError(f"Force {name} does not act on this motion; leave it out.")
     return columns
-
-
-def _white_sensitivities(model: Model, time: Array, start: Array, free: bool, ratio: float) -> Array:
-    """Sensitivities as innovations of a motion with a random force, over their size."""
-    motion = trajectory(model, time, *start.tolist())
-    linear = linearised_along(model, time, motion, Derivatives(tuple(model.coefficients), free))
-    columns = linear.rows(ratio).design
-    count = len(model.coefficients)
-    # Start angle and rate, then the frequency; the sensor's zero is known.
-    return columns[:, [*range(count), count + free, count + free + 1, *([count] if free else [])]]

@@ -1,6 +1,6 @@
 """A record about a path, linear in states and parameters, and further accelerations as columns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial, legendre
@@ -13,6 +13,7 @@ from sysid_trib.records.smoothing import smooth
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model, Motion
 from sysid_trib.simulation.motions import SimulatedMotion, sensor_error
+from sysid_trib.simulation.simulate import trajectory
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,27 @@ def linearised_along(model: Model, time: Array, motion: SimulatedMotion, by: Der
     )
     at_start = np.array([motion.position[0], motion.rate[0], 0.0])
     return linearised_about(model, time, motion.angle, path, at_start, by)
+
+
+def whitened(model: Model, time: Array, start: tuple[float, float], ratio: float, columns: Array) -> Array:
+    """Differences of a motion, (sample, column), as innovations over their size, where a random force acts.
+
+    Parameters
+    ----------
+    model, time, start
+        The motion that is pushed: times in s, angle in rad and rate in rad/s.
+    ratio : float
+        Of the random force to the noise of a sample, `RandomForce.per_tau` over its variance; 0 of none.
+    columns : (sample, column) array of float
+        They are what the sensor shows besides the motion; the Kalman filter about it has no data in it.
+    """
+    if not ratio:
+        return columns
+    linear = linearised_along(model, time, trajectory(model, time, *start), Derivatives((), False))
+    steps, size = linear.path.shape[0] - 1, linear.path.shape[1]
+    nothing = np.zeros((steps + 1, size, columns.shape[1]))
+    shown = replace(linear, observed_parameters=columns, start=nothing[0], by_column=nothing[1:])
+    return shown.rows(ratio).design
 
 
 def linearised_about(

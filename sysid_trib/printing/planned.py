@@ -37,14 +37,15 @@ def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
             for symbol in symbols
         ]
         said.append(f"{run}: {', '.join(parts)}, by all records together.")
-    if data.attrs["random_force"]:
-        said.append(
-            "A random force pushes the record, and only the sensor's noise is counted: errors will be larger "
-            "and probabilities lower than stated."
-        )
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         said.append(f"No run within the limits reaches {asked}; widen them, or repeat the run.")
+    rows = _rows(data)
+    if equal := len(rows) - len(_distinct(rows)):
+        runs = "One run tells" if equal == 1 else f"{equal} runs tell"
+        said.append(
+            f"{runs} as much as another by the digits shown; of such runs the table has the shortest."
+        )
     return said
 
 
@@ -52,17 +53,29 @@ def _unit(data: xr.Dataset) -> str:
     return str(data.amplitude.attrs["units"])
 
 
-def _table(data: xr.Dataset) -> Any:
-    """The best runs, a row each."""
+def _rows(data: xr.Dataset) -> list[list[str]]:
+    """What is printed of each run: release, duration, and what it tells."""
     several, rows = len(data.attrs["models"]) > 1, []
-    for at in range(min(MOST_RUNS, data.sizes["run"])):
+    for at in range(data.sizes["run"]):
         row = data.isel(run=at)
         by_names = [f"{row.probability.item():.2f}", f"{row.entropy.item():.3f}"] if several else []
         errors = [f"{error:.2g}" for error in row.standard_error.values]
         rows.append([f"{row.amplitude.item():.3g}", f"{row.duration.item():.3g}", *by_names, *errors])
+    return rows
+
+
+def _distinct(rows: list[list[str]]) -> list[list[str]]:
+    """The runs of which none before them, which is the shorter one, is said to tell as much."""
+    seen = {tuple(row[2:]): row for row in reversed(rows)}
+    return [row for row in rows if seen[tuple(row[2:])] is row]
+
+
+def _table(data: xr.Dataset) -> Any:
+    """The best runs, a row each."""
+    several = len(data.attrs["models"]) > 1
     heads = [f"release ({_unit(data)})", "duration (s)", *(["probability", "entropy"] if several else [])]
     heads += [f"error of {symbol}" for symbol in data.force.values.tolist()]
-    return text_table(heads, rows, numbers=tuple(range(len(heads))))
+    return text_table(heads, _distinct(_rows(data))[:MOST_RUNS], numbers=tuple(range(len(heads))))
 
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
