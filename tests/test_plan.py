@@ -12,6 +12,7 @@ from scipy.stats import norm
 from benchmarks.plan import step
 from sysid_trib import Model, free_decay, identify, save, simulate
 from sysid_trib.errors import UsageError
+from sysid_trib.methods import Direct
 from sysid_trib.validation import plan
 from sysid_trib.validation.rivals import ODDS, Rival, RunPrediction, informed, log_odds, parting_of
 
@@ -51,6 +52,20 @@ def test_what_is_wanted_is_had_by_the_shortest_run_that_has_it(tree):
     assert found.duration.values[0] == found.duration.values[met].min()
     nothing = plan(tree, wanted={"delta": 1e-3 * stated})
     assert not nothing.meets.any()
+
+
+def test_a_displacement_in_micrometres_plans_as_its_angle():
+    record = RUN.decay(1)
+    displacement = record.assign(angle=("time", 1e4 * record.angle.values, {"units": "µm"}))
+    known, same = (identify(run, RUN.model.library, Direct()) for run in (displacement, record))
+    found, expected = (
+        plan(result, amplitude=limits, duration=(8.0, 16.0), sampling_rate=100.0)
+        for result, limits in ((known, (500.0, 4000.0)), (same, (0.05, 0.4)))
+    )
+    assert found.amplitude.values == pytest.approx(1e4 * expected.amplitude.values, rel=1e-6)
+    # (1e4 micrometres)^(1 - p) for each force of degree p.
+    factors = 1e4 ** np.array([1.0, 0.0, -1.0, -1.0, -2.0])
+    assert found.standard_error.values == pytest.approx(factors * expected.standard_error.values, rel=0.01)
 
 
 TIME = np.arange(0.0, 15.0, 0.01)

@@ -14,13 +14,13 @@ MOST_RUNS = 8
 
 def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
     """What is said of runs that may be made next; `stated` is the identification that is known."""
-    return [Block(_sentences(data, stated), ALWAYS), Block(table=_table(data), layers=ALWAYS)]
+    return [Block(_sentences(data, stated), ALWAYS), Block(table=_table(data, stated), layers=ALWAYS)]
 
 
 def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
     """The best run, and what it is expected to tell."""
     best, unit, repeats = data.isel(run=0), _unit(data), int(data.attrs["repeats"])
-    run = f"Release at {best.amplitude.item():.3g} {unit} and record {best.duration.item():.3g} s"
+    run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""
     models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
     said = []
@@ -53,6 +53,11 @@ def _unit(data: xr.Dataset) -> str:
     return str(data.amplitude.attrs["units"])
 
 
+def _size(run: xr.Dataset) -> str:
+    """The release of a run to three digits, micrometres too without a power of ten."""
+    return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
+
+
 def _rows(data: xr.Dataset) -> list[list[str]]:
     """What is printed of each run: release, duration, and what it tells."""
     several, rows = len(data.attrs["models"]) > 1, []
@@ -60,7 +65,7 @@ def _rows(data: xr.Dataset) -> list[list[str]]:
         row = data.isel(run=at)
         by_names = [f"{row.probability.item():.2f}", f"{row.entropy.item():.3f}"] if several else []
         errors = [f"{error:.2g}" for error in row.standard_error.values]
-        rows.append([f"{row.amplitude.item():.3g}", f"{row.duration.item():.3g}", *by_names, *errors])
+        rows.append([_size(row), f"{row.duration.item():.3g}", *by_names, *errors])
     return rows
 
 
@@ -70,11 +75,13 @@ def _distinct(rows: list[list[str]]) -> list[list[str]]:
     return [row for row in rows if seen[tuple(row[2:])] is row]
 
 
-def _table(data: xr.Dataset) -> Any:
+def _table(data: xr.Dataset, stated: xr.Dataset) -> Any:
     """The best runs, a row each."""
     several = len(data.attrs["models"]) > 1
     heads = [f"release ({_unit(data)})", "duration (s)", *(["probability", "entropy"] if several else [])]
-    heads += [f"error of {symbol}" for symbol in data.force.values.tolist()]
+    for symbol in data.force.values.tolist():
+        unit = stated.unit.sel(force=symbol).item()
+        heads.append(f"error of {symbol}{'' if unit == '1' else f' ({unit})'}")
     return text_table(heads, _distinct(_rows(data))[:MOST_RUNS], numbers=tuple(range(len(heads))))
 
 

@@ -12,7 +12,14 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.results.files import is_of_driven
-from sysid_trib.results.variables import Variables, record_groups, signal_units, variable
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import (
+    PER_FORCE_UNIT,
+    Variables,
+    record_groups,
+    signal_units,
+    variable,
+)
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.holdout import first_held_out
 from sysid_trib.validation.model_error import error_parts
@@ -125,19 +132,41 @@ def plan(
     """
     if isinstance(result, xr.DataTree) and is_of_driven(result):
         raise UsageError("A plan is of releases of a free decay; the records of this result are driven.")
+    wanted, unit = dict(wanted or {}), signal_units(result)
+    given = {
+        "release": variable("end", np.array(amplitude, dtype=float), "limits of the release", unit),
+        "wanted": variable("force", [*map(float, wanted.values())], "wanted errors", PER_FORCE_UNIT),
+    }
+    asked = xr.Dataset(given, {"force": [*wanted]})
+    planned = _planned(result, asked, duration, sampling_rate, repeats, tell)
+    return planned.assign_attrs(wanted=wanted)
+
+
+@in_units_of_the_motion
+def _planned(
+    result: xr.Dataset | xr.DataTree,
+    asked: xr.Dataset,
+    duration: Span,
+    sampling_rate: float | None,
+    repeats: int,
+    tell: Tell,
+) -> xr.Dataset:
+    """`plan`, whose limits of releases and wanted errors are those of the scaled motion."""
     rivals = rivals_of(result)
     main = main_result(result) if isinstance(result, xr.DataTree) else result
     assert main is not None
-    known, wanted = stated_rival(main), dict(wanted or {})
+    known = stated_rival(main)
+    wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
     _check_wanted(wanted, known)
     release, length, rates = _first_record(result)
-    releases = _between(amplitude, AMPLITUDE_LIMITS, release, RELEASES, "amplitude")
+    low, high = (None if np.isnan(end) else end for end in asked.release.values.tolist())
+    releases = _between((low, high), AMPLITUDE_LIMITS, release, RELEASES, "amplitude")
     durations = _between(duration, DURATION_LIMITS, length, DURATIONS, "duration")
     sensor = _sensor(result, main, rates, sampling_rate, repeats, durations[-1])
     runs = list(itertools.product(releases, durations))
     rows = []
     for at, release in enumerate(releases):
-        tell(f"release {release:.3g}", at / len(releases))
+        tell(f"release {at + 1} of {len(releases)}", at / len(releases))
         motions = [_predicted(rival, sensor, release, durations) for rival in (known, *rivals)]
         for length, *predictions in zip(durations, *motions, strict=True):
             time, ratio = sensor.times(length)[0], sensor.ratio(known)
@@ -273,7 +302,7 @@ def _dataset(
         "entropy": variable("run", entropy[order], "entropy of the models that is left", "nat"),
         "probability": variable("run", probability[order], "probability of odds for the right model", "1"),
         "standard_error": variable(
-            ("run", "force"), errors[order], "standard error by all records", "of the force"
+            ("run", "force"), errors[order], "standard error by all records", PER_FORCE_UNIT
         ),
         "meets": variable("run", meets[order], "whether it meets what is wanted"),
     }
@@ -293,5 +322,4 @@ def _dataset(
         odds=ODDS,
         sampling_rate=sensor.rate,
         repeats=sensor.repeats,
-        wanted=dict(wanted),
     )
