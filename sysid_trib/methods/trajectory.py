@@ -157,14 +157,16 @@ class Trajectory(Constrained):
             fit = fitted(problem, fit.values)
         return _identification(self, problem, runs, library, fit)
 
-    def likelihood(self, decay: Decays, library: ForceLibrary) -> FreeLikelihood:
-        """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none."""
+    def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> FreeLikelihood:
+        """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none.
+
+        The fit starts from a result: a motion that stops may have a minimum for each number of swings.
+        """
         runs = as_runs(decay, driven=True)
         problem = self._problem(runs, library.with_own(self.own, len(runs)))
-        quick = None if self.start else _quick(self, problem, runs)
-        first = _first_values(self, problem, quick)
+        first = _first_values(self, problem, near)
         problem, fit = self._fitted_freely(problem, first)
-        # In strong noise a start model may be nearer than what a growing window leads to.
+        # In strong noise the result may be nearer than what a growing window leads to.
         fit = min(fit, fitted(problem, first), key=lambda tried: float(tried.residual @ tried.residual))
         _residuals(problem, fit)
         return FreeLikelihood.of_fit(problem, fit)
@@ -256,9 +258,12 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
         assert quick is not None
         start = model_of(quick)
     w, free = start.reference_frequency, is_free_to_move(parameters.library, parameters.constraints.fixed)
-    if quick is None or method.start is not None or free:
+    # A result need not have starts, or those of other runs.
+    no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
+    if no_start or method.start is not None or free:
         per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
     else:
+        assert quick is not None
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
         # The zero of what was integrated is none of the sensor's.
         per_run[:, -1] *= [record.observation.quantity == "angle" for record in problem.records]

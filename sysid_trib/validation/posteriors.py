@@ -1,13 +1,16 @@
 """Draws of an identification's parameters from their posterior, as arviz takes them."""
 
+import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy.special import logsumexp, softmax
 from scipy.stats import genpareto, multivariate_t
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import Tell, silent
+from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
@@ -16,23 +19,29 @@ from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable
 from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.validation.profiles import free_likelihood
 
-# Degrees of freedom of the proposal, whose tails are heavier than the posterior's, and rounds in which its
-# mean and covariance follow the weighted draws of the one before, so many in each.
-PROPOSAL_TAILS, PROPOSALS, DRAWS_A_PROPOSAL = 5.0, 3, 600
+# Degrees of freedom of the proposal's parts, whose tails are heavier than the posterior's; draws of the two
+# rounds that add a part each, and the least of the last; the fraction of draws from the part added last.
+PROPOSAL_TAILS, FIRST_DRAWS, LEAST_DRAWS, NEW_PART = 10.0, (600, 600), 2000, 0.3
+# The first step along a shape parameter, in errors, the growth of the next, the deviance at which the last is
+# made, and how many there are each way.
+SHAPE_STEP, SHAPE_GROWTH, FARTHEST_DEVIANCE, MOST_SHAPE_STEPS = 0.5, 1.15, 16.0, 30
+
+
+class ProposalPart(NamedTuple):
+    """A multivariate t from which free parameters are drawn, and how often (not normalised)."""
+
+    centre: Array
+    covariance: Array
+    mass: float
 
 
 class WeightedDraws(NamedTuple):
-    """Draws of the free parameters, (draw, free), with the logarithms of their likelihood and weights."""
+    """Draws of the free parameters, (draw, free), their log likelihoods and weights; each part's share."""
 
     values: Array
     log_likelihood: Array
-    log_weight: Array
-
-    @property
-    def weight(self) -> Array:
-        """Normalised."""
-        weight = np.exp(self.log_weight - self.log_weight.max())
-        return np.asarray(weight / weight.sum())
+    weight: Array
+    shares: Array
 
 
 @in_units_of_the_motion
@@ -70,25 +79,35 @@ def posterior(
 
     Raises
     ------
+    UsageError
+        No draws, or no chains.
     DecayError
         A random force pushes the motion, or no motion follows the record.
 
     Notes
     -----
-    The likelihood is that of `profile`. Draws come from a multivariate t about the best fit (Laplace), are
-    weighted by the likelihood over its density, which is fitted to the weighted draws in two further rounds
-    (Cappé et al. 2004), and are drawn again by their weights. Beyond a shape of 0.7 of the generalised Pareto
-    distribution of the largest weights (Vehtari et al. 2024) the draws are not to be trusted.
+    The likelihood is that of `profile`. Draws come from a mixture of multivariate t: about the best fit
+    (Laplace), and about the best fit at each of some values of a shape parameter, along which the posterior
+    need not be an ellipse (Tierney and Kadane 1986). They are weighted by the likelihood over the density of
+    the mixture. Two rounds add a part with the mean and covariance of the weighted draws, and weigh the parts
+    anew (Cappé et al. 2008); the draws of a third are drawn again by their weights. Beyond a shape of
+    0.7 of the generalised Pareto distribution of the largest weights (Vehtari et al. 2024) the draws are not
+    to be trusted.
     """
+    if min(draws, chains) < 1:
+        raise UsageError(f"A posterior has at least one draw and one chain, not {draws} in {chains}.")
     likelihood, rng = free_likelihood(decay, result), np.random.default_rng(seed)
-    free = likelihood.parameters.free
-    centre, covariance = likelihood.best.values[free], likelihood.covariance[np.ix_(free, free)]
-    for at in range(PROPOSALS):
-        tell(f"round {at + 1}", at / PROPOSALS)
-        count = max(DRAWS_A_PROPOSAL, draws * chains if at == PROPOSALS - 1 else 0)
-        weighted = _weighted(likelihood, centre, covariance, count, rng)
-        centre = weighted.weight @ weighted.values
+    tell("fits along the shape parameters", 0.0)
+    parts = _parts(likelihood)
+    for at, count in enumerate((*FIRST_DRAWS, max(LEAST_DRAWS, draws * chains))):
+        tell(f"round {at + 1}", 0.1 + 0.2 * at)
+        weighted = _weighted(likelihood, parts, count, rng)
+        # Roots: parts that hold little of the posterior are tried more often than they count.
+        masses = np.sqrt(weighted.shares)
+        masses *= (1.0 - NEW_PART) / masses.sum()
+        parts = [part._replace(mass=mass) for part, mass in zip(parts, masses.tolist(), strict=True)]
         covariance = np.cov(weighted.values.T, aweights=weighted.weight)
+        parts.append(ProposalPart(weighted.weight @ weighted.values, covariance, NEW_PART))
     # Systematic drawing by the weights, in an order that is none.
     cumulated = np.cumsum(weighted.weight)
     positions = (np.arange(draws * chains) + rng.uniform()) / (draws * chains)
@@ -104,20 +123,59 @@ def posterior(
     return xr.DataTree.from_dict({name: group.assign_attrs(attrs) for name, group in groups.items()})
 
 
+def _parts(likelihood: FreeLikelihood) -> list[ProposalPart]:
+    """The proposal: parts about the best fit, and about those with a shape parameter held, far enough out."""
+    parameters, best = likelihood.parameters, likelihood.best
+    free = parameters.free
+    parts = [ProposalPart(best.values[free], likelihood.covariance[np.ix_(free, free)], 1.0)]
+    size = np.sqrt(np.diag(parts[0].covariance))
+    whole = np.linalg.slogdet(parts[0].covariance / np.outer(size, size))[1]
+    shapes = [name for name in parameters.fit_shapes if parameters.index(name) in free]
+    for name, sign in itertools.product(shapes, (-1.0, 1.0)):
+        place, fit = parameters.index(name), best
+        low, high = (limit[place] for limit in parameters.limits)
+        step = sign * SHAPE_STEP * np.sqrt(likelihood.covariance[place, place])
+        for _ in range(MOST_SHAPE_STEPS):
+            held, before = {name: fit.values[place] + step}, fit.values
+            if not low < held[name] < high or likelihood.deviance_of(fit) > FARTHEST_DEVIANCE:
+                break
+            fit, step = likelihood.holding(held, before), SHAPE_GROWTH * step
+            # The others given the shape, which is as wide as the step to it.
+            given = parameters.fix(held).covariance(fit.sensitivity, fit.values)
+            given = (given + np.outer(fit.values - before, fit.values - before))[np.ix_(free, free)]
+            # The root of the mass by Laplace, relative to that of the best fit.
+            volume = np.linalg.slogdet(given / np.outer(size, size))[1] - whole
+            mass = np.exp(0.25 * (volume - likelihood.deviance_of(fit)))
+            parts.append(ProposalPart(fit.values[free], given, float(mass)))
+    return parts
+
+
 def _weighted(
-    likelihood: FreeLikelihood, centre: Array, covariance: Array, count: int, rng: np.random.Generator
+    likelihood: FreeLikelihood, parts: Sequence[ProposalPart], count: int, rng: np.random.Generator
 ) -> WeightedDraws:
-    """Draws from a multivariate t with this centre and covariance, weighted by the likelihood."""
-    parameters, size = likelihood.parameters, np.sqrt(np.diag(covariance))
+    """Draws from a mixture of multivariate t, weighted by the likelihood over its density."""
+    parameters = likelihood.parameters
     low, high = (limit[parameters.free] for limit in parameters.limits)
-    proposal = multivariate_t(None, covariance / np.outer(size, size), PROPOSAL_TAILS, allow_singular=True)
-    units = proposal.rvs(count, random_state=rng)
-    values = centre + size * units
-    inside = np.all((values >= low) & (values <= high), axis=1)
+    size = np.sqrt(np.diag(parts[0].covariance))
+    proposals = [
+        multivariate_t(
+            part.centre / size, part.covariance / np.outer(size, size), PROPOSAL_TAILS, allow_singular=True
+        )
+        for part in parts
+    ]
+    masses = np.array([part.mass for part in parts]) / sum(part.mass for part in parts)
+    pairs = zip(proposals, rng.multinomial(count, masses), strict=True)
+    units = np.concatenate(
+        [np.reshape(part.rvs(several, random_state=rng), (several, len(size))) for part, several in pairs]
+    )
+    log_parts = np.array([part.logpdf(units) for part in proposals])
+    density = logsumexp(log_parts, axis=0, b=masses[:, None])
+    values = size * units
     log_likelihood = np.full(count, -np.inf)
-    for at in np.flatnonzero(inside):
+    for at in np.flatnonzero(np.all((values >= low) & (values <= high), axis=1)):
         log_likelihood[at] = -0.5 * likelihood.deviance(parameters.expand(values[at]))
-    return WeightedDraws(values, log_likelihood, log_likelihood - proposal.logpdf(units))
+    weight = softmax(log_likelihood - density)
+    return WeightedDraws(values, log_likelihood, weight, masses * (np.exp(log_parts - density) @ weight))
 
 
 def _pareto_k(weight: Array) -> float:

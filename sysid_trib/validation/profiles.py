@@ -1,7 +1,7 @@
 """Profile likelihood of a parameter: how much worse the motion fits where it is held off its estimate."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,7 @@ from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Trajectory, method_of
 from sysid_trib.motion_fit.least_squares import Fit, FreeLikelihood
 from sysid_trib.records.decay import Decays, as_runs
-from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import PER_FORCE_UNIT, variable
 
@@ -35,38 +35,39 @@ BETTER, MOST_FITS = -0.02, 3
 
 @dataclass
 class Profile:
-    """A line through the best fit, along which parameters are held: the signed root of the deviance on it.
+    """Fits with a parameter held: the signed root of their deviance, by errors from the best fit.
 
     Attributes
     ----------
     likelihood : FreeLikelihood
-    direction : mapping of str to float
-        How far each parameter goes in a unit of the line.
+    name : str
+    error : float
+        Standard error of the parameter, the unit of places.
     roots : dict of float to float
-        By the position on the line; zero at the best fit, which is at zero.
+        By the place; zero at the best fit, which is at zero.
     fits : dict of float to Fit
         There.
     """
 
     likelihood: FreeLikelihood
-    direction: Mapping[str, float]
+    name: str
+    error: float
     roots: dict[float, float] = field(default_factory=lambda: {0.0: 0.0})
     fits: dict[float, Fit] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.fits[0.0] = self.likelihood.best
 
-    def estimate(self, name: str) -> float:
-        """The best fit's value of a parameter."""
-        return float(self.likelihood.best.values[self.likelihood.parameters.index(name)])
+    @property
+    def estimate(self) -> float:
+        """The best fit's value."""
+        return float(self.likelihood.best.values[self.likelihood.parameters.index(self.name)])
 
     def limit(self, sign: float) -> float:
-        """Give the place on the line where a parameter is at a limit, on one side."""
-        parameters, ends = self.likelihood.parameters, [np.inf]
-        for name, step in self.direction.items():
-            limits = [limit[parameters.index(name)] for limit in parameters.limits]
-            ends += [(limits[int(sign * step > 0.0)] - self.estimate(name)) / (sign * step)]
-        return sign * max(0.0, min(ends))
+        """Give the place of the parameter's limit on one side."""
+        parameters = self.likelihood.parameters
+        limit = float(parameters.limits[int(sign > 0.0)][parameters.index(self.name)])
+        return sign * max(0.0, sign * (limit - self.estimate) / self.error)
 
     def end(self, sign: float, root: float = END_ROOT) -> float:
         """Where the root of the deviance is so large on one side; infinite, or the limit, where it is not."""
@@ -88,7 +89,7 @@ class Profile:
         return self._by_root(sign * root)
 
     def better(self) -> Fit | None:
-        """A fit on the line that is better than the best, if there is one."""
+        """A fit that is better than the best, if there is one."""
         fit = min(self.fits.values(), key=self.likelihood.deviance_of)
         return fit if self.likelihood.deviance_of(fit) < BETTER else None
 
@@ -96,7 +97,7 @@ class Profile:
         """The root of the deviance at a place, by a fit from the nearest one towards the best."""
         if at not in self.roots:
             near = max((other for other in self.fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
-            held = {name: self.estimate(name) + at * step for name, step in self.direction.items()}
+            held = {self.name: self.estimate + at * self.error}
             self.fits[at] = self.likelihood.holding(held, self.fits[near].values)
             self.roots[at] = float(
                 np.copysign(np.sqrt(max(0.0, self.likelihood.deviance_of(self.fits[at]))), at)
@@ -151,7 +152,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         profiles, ends = [], []
         for at, name in enumerate(names):
             tell(f"profile of {name}", at / len(names))
-            profiles.append(Profile(likelihood, {name: _error(likelihood, name)}))
+            profiles.append(Profile(likelihood, name, _error(likelihood, name)))
             ends.append([profiles[-1].end(sign) for sign in (-1.0, 1.0)])
         others = [better for profiled in profiles if (better := profiled.better()) is not None]
         if not others:
@@ -259,10 +260,9 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
         reference_frequency=asked.reference_frequency,
         constraints=asked.constraints,
         random_force="off",
-        start=model_of(result),
         fit_shapes=tuple(dict.fromkeys(shapes)),
     )
-    return method.likelihood(runs, library)
+    return method.likelihood(runs, library, result)
 
 
 def _error(likelihood: FreeLikelihood, name: str) -> float:
@@ -280,9 +280,10 @@ def _error(likelihood: FreeLikelihood, name: str) -> float:
 
 def _dataset(profiles: Sequence[Profile], ends: Array) -> xr.Dataset:
     """The Dataset of `profile`; ends are counted in errors, (parameter, 2)."""
-    steps = dict(pair for profiled in profiles for pair in profiled.direction.items())
-    names, error = list(steps), np.array([*steps.values()])
-    estimate = np.array([profiled.estimate(name) for profiled, name in zip(profiles, names, strict=True)])
+    names = [profiled.name for profiled in profiles]
+    estimate, error = (
+        np.array([getattr(profiled, word) for profiled in profiles]) for word in ("estimate", "error")
+    )
     points: Array = np.full((2, len(profiles), max(len(profiled.roots) for profiled in profiles)), np.nan)
     for at, profiled in enumerate(profiles):
         values = sorted(profiled.roots)

@@ -143,7 +143,8 @@ def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
     middle = np.nanmedian(curves, axis=0)
     width = np.where(curves > middle, high - middle, middle - low)
     apart = (curves - middle) / np.where(width > 0.0, width, np.inf)
-    factor = np.array([simultaneous_factor(of_sweep) for of_sweep in apart.swapaxes(0, 1)])[:, None]
+    # The quantile of few draws may be a little below the pointwise one.
+    factor = np.array([max(1.0, simultaneous_factor(of_sweep)) for of_sweep in apart.swapaxes(0, 1)])[:, None]
     return middle + factor * (low - middle), middle + factor * (high - middle)
 
 

@@ -6,15 +6,15 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.envelope_prediction import Averaged, predict_envelope
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
-from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.motion_fit.least_squares import FreeLikelihood
-from sysid_trib.records.decay import Decays
+from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error
 from sysid_trib.validation.profiles import free_likelihood
 
-# Draws of the parameters, and points of the curves that are no motion.
-CURVE_DRAWS, CURVE_GRID = 400, 60
+# Draws of a band's factor, and points of the curves that are no motion.
+CURVE_DRAWS, CURVE_GRID = 4000, 60
 # Name, dimension, long name and unit of each curve.
 MODEL_CURVES = (
     ("angle", "time", "angle of the model", "rad"),
@@ -48,34 +48,45 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
 
     Raises
     ------
+    UsageError
+        There is no such run.
     DecayError
-        A random force pushes the motion, no motion follows the record, or draws of the model have no motion.
+        A random force pushes the motion, no motion follows the record, or a model within the errors has none.
 
     Notes
     -----
-    The fit of the motion, its parameters drawn with their covariance, also the start and the sensor's zero.
-    A band is the curve ± a multiple of its pointwise standard error, which 95 % of the drawn curves do not
-    exceed anywhere (sup-t; Montiel Olea and Plagborg-Møller 2019). Curves but the motion are averages over a
-    cycle. The bands know the error of the noise, not that of the model.
+    The fit of the motion, its parameters drawn with their covariance, also the start and the sensor's zero;
+    curves follow them by differences of a standard error each way. A band is the curve ± a multiple of its
+    pointwise standard error, which 95 % of the drawn curves do not exceed anywhere (sup-t; Montiel Olea and
+    Plagborg-Møller 2019). Curves but the motion are averages over a cycle. The bands know the error of the
+    noise, not that of the model: of a model that lacks something they hold its own curves, not the system's.
     """
-    likelihood = free_likelihood(decay, result)
-    normal = np.random.default_rng(seed).standard_normal((CURVE_DRAWS, len(likelihood.parameters)))
-    steps = normal @ likelihood.root.T
+    likelihood, runs = free_likelihood(decay, result), len(as_runs(decay, driven=True))
+    if run not in range(runs):
+        raise UsageError(f"There is no run {run}; the runs of these records are 0 to {runs - 1}.")
     time = likelihood.problem.records[run].time
     coarse = np.linspace(time[0], time[-1], CURVE_GRID)
     values = likelihood.best.values
-    best = _curves(likelihood, values, run, coarse, None)
+    # One standard error each way along the axes of the covariance: a kink counts as in the mean.
+    steps = likelihood.root.T[np.any(likelihood.root != 0.0, axis=0)]
     try:
-        drawn = [_curves(likelihood, values + step, run, coarse, best[-1]) for step in steps]
+        best = _curves(likelihood, values, run, coarse, None)
+        up, down = (
+            [_curves(likelihood, values + sign * step, run, coarse, best[-1]) for step in steps]
+            for sign in (1.0, -1.0)
+        )
     except SysidTribError as why:
         raise DecayError(f"Within its errors this model need not have a motion: {why}") from None
     amplitudes = variable("amplitude", best[-1], "amplitude", "rad")
     coords = {"time": time, "envelope_time": coarse, "amplitude": amplitudes}
     made = xr.Dataset(coords=coords, attrs={"confidence": BAND_PROBABILITY})
+    normal = np.random.default_rng(seed).standard_normal((CURVE_DRAWS, len(steps)))
     for at, (name, dim, words, units) in enumerate(MODEL_CURVES):
-        table = np.array([curves[at] for curves in drawn])
-        error = table.std(axis=0)
-        factor = simultaneous_factor((table - best[at]) / np.where(error > 0.0, error, np.inf))
+        root = 0.5 * np.array([more[at] - less[at] for more, less in zip(up, down, strict=True)])
+        error = np.linalg.norm(root, axis=0)
+        unit = root / np.where(error > 0.0, error, np.inf)
+        # Draw by draw: a table of all draws of a long record would not fit.
+        factor = simultaneous_factor(np.array([[np.max(np.abs(draw @ unit))] for draw in normal]))
         made = made.assign(with_error(name, dim, (best[at], error), words, units))
         for end, sign in (("low", -1.0), ("high", 1.0)):
             text = f"{end} end of the 95 % band of the whole {words}"
