@@ -27,12 +27,8 @@ PROPOSAL_TAILS, FIRST_DRAWS, LEAST_DRAWS, NEW_PART = 10.0, (600, 600), 2000, 0.3
 SHAPE_STEP, SHAPE_GROWTH, FARTHEST_DEVIANCE, MOST_SHAPE_STEPS = 0.5, 1.15, 16.0, 30
 
 
-class ProposalPart(NamedTuple):
-    """A multivariate t from which free parameters are drawn, and how often (not normalised)."""
-
-    centre: Array
-    covariance: Array
-    mass: float
+# Centre and covariance of the free parameters in a part of the proposal, a multivariate t.
+ProposalPart = tuple[Array, Array]
 
 
 class WeightedDraws(NamedTuple):
@@ -99,15 +95,15 @@ def posterior(
     likelihood, rng = free_likelihood(decay, result), np.random.default_rng(seed)
     tell("fits along the shape parameters", 0.0)
     parts = _parts(likelihood)
+    masses = np.full(len(parts), 1.0 / len(parts))
     for at, count in enumerate((*FIRST_DRAWS, max(LEAST_DRAWS, draws * chains))):
         tell(f"round {at + 1}", 0.1 + 0.2 * at)
-        weighted = _weighted(likelihood, parts, count, rng)
+        weighted = _weighted(likelihood, parts, masses, count, rng)
         # Roots: parts that hold little of the posterior are tried more often than they count.
-        masses = np.sqrt(weighted.shares)
-        masses *= (1.0 - NEW_PART) / masses.sum()
-        parts = [part._replace(mass=mass) for part, mass in zip(parts, masses.tolist(), strict=True)]
+        roots = np.sqrt(weighted.shares)
+        masses = np.append((1.0 - NEW_PART) * roots / roots.sum(), NEW_PART)
         covariance = np.cov(weighted.values.T, aweights=weighted.weight)
-        parts.append(ProposalPart(weighted.weight @ weighted.values, covariance, NEW_PART))
+        parts.append((weighted.weight @ weighted.values, covariance))
     # Systematic drawing by the weights, in an order that is none.
     cumulated = np.cumsum(weighted.weight)
     positions = (np.arange(draws * chains) + rng.uniform()) / (draws * chains)
@@ -127,9 +123,7 @@ def _parts(likelihood: FreeLikelihood) -> list[ProposalPart]:
     """The proposal: parts about the best fit, and about those with a shape parameter held, far enough out."""
     parameters, best = likelihood.parameters, likelihood.best
     free = parameters.free
-    parts = [ProposalPart(best.values[free], likelihood.covariance[np.ix_(free, free)], 1.0)]
-    size = np.sqrt(np.diag(parts[0].covariance))
-    whole = np.linalg.slogdet(parts[0].covariance / np.outer(size, size))[1]
+    parts = [(best.values[free], likelihood.covariance[np.ix_(free, free)])]
     shapes = [name for name in parameters.fit_shapes if parameters.index(name) in free]
     for name, sign in itertools.product(shapes, (-1.0, 1.0)):
         place, fit = parameters.index(name), best
@@ -142,28 +136,25 @@ def _parts(likelihood: FreeLikelihood) -> list[ProposalPart]:
             fit, step = likelihood.holding(held, before), SHAPE_GROWTH * step
             # The others given the shape, which is as wide as the step to it.
             given = parameters.fix(held).covariance(fit.sensitivity, fit.values)
-            given = (given + np.outer(fit.values - before, fit.values - before))[np.ix_(free, free)]
-            # The root of the mass by Laplace, relative to that of the best fit.
-            volume = np.linalg.slogdet(given / np.outer(size, size))[1] - whole
-            mass = np.exp(0.25 * (volume - likelihood.deviance_of(fit)))
-            parts.append(ProposalPart(fit.values[free], given, float(mass)))
+            given += np.outer(fit.values - before, fit.values - before)
+            parts.append((fit.values[free], given[np.ix_(free, free)]))
     return parts
 
 
 def _weighted(
-    likelihood: FreeLikelihood, parts: Sequence[ProposalPart], count: int, rng: np.random.Generator
+    likelihood: FreeLikelihood,
+    parts: Sequence[ProposalPart],
+    masses: Array,
+    count: int,
+    rng: np.random.Generator,
 ) -> WeightedDraws:
-    """Draws from a mixture of multivariate t, weighted by the likelihood over its density."""
-    parameters = likelihood.parameters
+    """Draws from a mixture of parts, so often from each, weighted by the likelihood over its density."""
+    parameters, size = likelihood.parameters, np.sqrt(np.diag(parts[0][1]))
     low, high = (limit[parameters.free] for limit in parameters.limits)
-    size = np.sqrt(np.diag(parts[0].covariance))
     proposals = [
-        multivariate_t(
-            part.centre / size, part.covariance / np.outer(size, size), PROPOSAL_TAILS, allow_singular=True
-        )
-        for part in parts
+        multivariate_t(centre / size, covariance / np.outer(size, size), PROPOSAL_TAILS, allow_singular=True)
+        for centre, covariance in parts
     ]
-    masses = np.array([part.mass for part in parts]) / sum(part.mass for part in parts)
     pairs = zip(proposals, rng.multinomial(count, masses), strict=True)
     units = np.concatenate(
         [np.reshape(part.rvs(several, random_state=rng), (several, len(size))) for part, several in pairs]
