@@ -68,6 +68,18 @@ def test_a_displacement_in_micrometres_plans_as_its_angle():
     assert found.standard_error.values == pytest.approx(factors * expected.standard_error.values, rel=0.01)
 
 
+def test_no_run_is_longer_than_its_motion():
+    model = Model(RUN.model.library.select(["lambda", "zeta"]), {"lambda": 1e-3, "zeta": 0.005}, 9.9)
+    time = np.arange(0.0, 20.0, 0.02)
+    motion = simulate(model, time, 0.2)
+    shown = motion.angle.values + 2e-4 * np.random.default_rng(0).standard_normal(len(time))
+    result = identify(free_decay(np.column_stack([time, shown])), model.library, Direct())
+    found = plan(result, amplitude=(0.1, 0.2), duration=(5.0, 60.0), sampling_rate=50.0)
+    longest = found.duration.where(found.amplitude > 0.19).max()
+    assert longest == pytest.approx(motion.stop_time.item(), abs=0.4)
+    assert longest > found.duration.where(found.amplitude < 0.11).max()
+
+
 TIME = np.arange(0.0, 15.0, 0.01)
 
 

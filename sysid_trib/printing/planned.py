@@ -42,10 +42,8 @@ def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
         said.append(f"No run within the limits reaches {asked}; widen them, or repeat the run.")
     rows = _rows(data)
     if equal := len(rows) - len(_distinct(rows)):
-        runs = "One run tells" if equal == 1 else f"{equal} runs tell"
-        said.append(
-            f"{runs} as much as another by the digits shown; of such runs the table has the shortest."
-        )
+        runs = f"{equal} run{'s' if equal > 1 else ''}"
+        said.append(f"Left out: {runs} longer than another that tells as much, by the digits shown.")
     return said
 
 

@@ -1,8 +1,8 @@
 """The next run: which release and duration tell competing models apart, or give a wanted error."""
 
-import itertools
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -20,6 +20,7 @@ from sysid_trib.results.variables import (
     signal_units,
     variable,
 )
+from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.holdout import first_held_out
 from sysid_trib.validation.model_error import error_parts
@@ -104,11 +105,12 @@ def plan(
     Returns
     -------
     Dataset
-        Over `run`, the best first: `amplitude`, `duration` (s), `samples`; `entropy` that is left of the
-        models (nats; 0 of one model) and the `probability` that the right one has odds of 10 against each
-        other; `standard_error(run, force)` of the coefficients that are not held, by all records together,
-        the error of the model added, and whether it `meets` what is wanted. `parting(time)` of the best run:
-        by how much the two likeliest models part up to each time, as the logarithm of their likelihood ratio.
+        Over `run`, the best first: `amplitude`, `duration` (s; no longer than the motion), `samples`;
+        `entropy` that is left of the models (nats; 0 of one model) and the `probability` that the right one
+        has odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
+        by all records together, the error of the model added, and whether it `meets` what is wanted.
+        `parting(time)` of the best run: by how much the two likeliest models part up to each time, as the
+        logarithm of their likelihood ratio.
         attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
 
     Raises
@@ -155,7 +157,8 @@ def _planned(
     rivals = rivals_of(result)
     main = main_result(result) if isinstance(result, xr.DataTree) else result
     assert main is not None
-    known = stated_rival(main)
+    # Errors of a model that a search left are those of its coefficients and shapes together.
+    known = next((rival for rival in rivals if rival.name in main.force), None) or stated_rival(main)
     wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
     _check_wanted(wanted, known)
     release, length, rates = _first_record(result)
@@ -163,12 +166,13 @@ def _planned(
     releases = _between((low, high), AMPLITUDE_LIMITS, release, RELEASES, "amplitude")
     durations = _between(duration, DURATION_LIMITS, length, DURATIONS, "duration")
     sensor = _sensor(result, main, rates, sampling_rate, repeats, durations[-1])
-    runs = list(itertools.product(releases, durations))
-    rows = []
+    runs, rows = [], []
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
-        motions = [_predicted(rival, sensor, release, durations) for rival in (known, *rivals)]
-        for length, *predictions in zip(durations, *motions, strict=True):
+        moving = np.unique(np.minimum(durations, _stop(known, sensor, release)))
+        runs += [(release, length) for length in moving]
+        motions = [_predicted(rival, sensor, release, moving) for rival in (known, *rivals)]
+        for length, *predictions in zip(moving, *motions, strict=True):
             time, ratio = sensor.times(length)[0], sensor.ratio(known)
             white = in_white_noise(predictions, known.model, time, release, ratio)
             rows.append(_worth(rivals, known, main, white))
@@ -187,7 +191,9 @@ def _sensor(
 ) -> Sensor:
     """How the next run is sampled: what is learnt from it grows with the rate, as white noise lets it."""
     rate = rates[1] if asked is None else asked
-    if not rate > 0.0:
+    if rate <= 0.0:
+        raise UsageError(f"A sampling rate of {rate:g} Hz cannot be had; give one above zero.")
+    if np.isnan(rate):
         raise UsageError("The result keeps no record; give the sampling rate of the next run.")
     kept, measured = (rate, rate) if np.isnan(rates[0]) else rates
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats)
@@ -202,7 +208,8 @@ def _check_wanted(wanted: Mapping[str, float], known: Rival) -> None:
         raise UsageError("All coefficients of this model are held: no run changes an error.")
     for symbol, error in wanted.items():
         if symbol not in known.model.coefficients:
-            raise UsageError(f"There is no coefficient '{symbol}' in this model to want an error of.")
+            there = ", ".join(known.fitted)
+            raise UsageError(f"There is no coefficient '{symbol}' in this model, which has {there}.")
         if symbol not in known.fitted:
             raise UsageError(f"The coefficient '{symbol}' is held in this model: no run changes its error.")
         if not error > 0.0:
@@ -245,6 +252,15 @@ def _worth(
     moving = np.array([rival.probability for rival, _ in pairs])
     entropy, right = informed(moving, log_odds(pairs)) if len(pairs) > 1 else (0.0, moving.sum())
     return entropy, float(right + 1.0 - moving.sum()), _errors_after(known, of_model, main)
+
+
+def _stop(known: Rival, sensor: Sensor, release: float) -> float:
+    """When the motion after a release stops (s); nothing is fitted after it. Infinite if it does not."""
+    with suppress(SysidTribError):
+        time = np.arange(0.0, sensor.longest, 1.0 / sensor.kept)
+        stop = trajectory(known.model, time, release, 0.0).stop_time
+        return float(np.nan_to_num(stop, nan=np.inf))
+    return np.inf
 
 
 def _predicted(
