@@ -53,6 +53,14 @@ def test_runs_that_scatter_widen_the_error_of_their_mean():
     assert not zeta.differs.item()
 
 
+def test_friction_alone_is_no_stiffness():
+    runs = [replace(RUN, model=RUN.model.with_coefficients(FIVE | {"zeta": z})) for z in (0.005, 0.05)]
+    found = difference(*(identify(run.decay(1), LIBRARY, Direct()) for run in runs))
+    assert abs(found.stiffness_difference) < 3.0 * found.stiffness_difference_standard_error
+    # That of the frequencies is 0.05^2 - 0.005^2.
+    assert found.stiffness_difference_standard_error < 2e-4
+
+
 def test_what_both_hold_does_not_differ_at_another_frequency():
     holding = Direct(constraints={"epsilon": FIVE["epsilon"]})
     runs = [replace(RUN, model=replace(RUN.model, reference_frequency=w)) for w in (9.9, 9.8)]

@@ -17,6 +17,7 @@ from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
+from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import (
     PER_FORCE_UNIT,
@@ -91,9 +92,9 @@ def difference(
         ... (what scatters beyond the errors; nan of a single run), `difference` first - second, its
         `standard_error`, `z`, `p_value`, whether it `differs`, and `covariance(force, other_force)`; nan for
         a force without a degree in v where the frequencies differ by more than 1 %. Scalars:
-        `stiffness_difference` = (w_inf/w_inf')^2 - 1, the paper's alpha if the second has no contact, with
-        its standard error; `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`;
-        `reference_frequency` (rad/s). attrs: `verdict`, one of
+        `stiffness_difference`, the ratio of stiffnesses at vanishing amplitude less 1, the paper's alpha if
+        the second has no contact, with its standard error; `chi_square` of all differences,
+        `degrees_of_freedom`, `p_value_of_all`; `reference_frequency` (rad/s). attrs: `verdict`, one of
         `coefficients differ`, `together they differ`, `no difference`.
 
     Raises
@@ -126,6 +127,8 @@ def _difference(
     if not differs and float(variables["p_value_of_all"][1]) < level:
         verdict = "together they differ"
     attrs: dict[str, object] = {"verdict": verdict, "level": level, "signal_units": signal_units(sides[0][0])}
+    stiffness = _stiffness_difference(samples, symbols, library_of(sides[0][0]), reference)
+    variables |= with_error("stiffness_difference", (), stiffness, "ratio of stiffnesses, less 1")
     for name, sample, side in zip(SIDES, samples, sides, strict=True):
         pair = sample.values[:-1], sample.errors[:-1]
         variables |= with_error(name, "force", pair, f"{name} at the reference frequency", PER_FORCE_UNIT)
@@ -135,6 +138,29 @@ def _difference(
         attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(member.attrs["method"]) for member in side))
     variables["reference_frequency"] = variable((), reference, "reference of the coefficients", "rad/s")
     return xr.Dataset(variables, {"force": symbols, "other_force": symbols}, attrs)
+
+
+def _stiffness_difference(
+    samples: Sequence[Sample], symbols: Sequence[str], library: ForceLibrary, reference: float
+) -> tuple[float, float]:
+    """Ratio of the stiffnesses at vanishing amplitude, less 1, and its error.
+
+    A stiffness over the inertia is w_inf^2 + (zeta w)^2: viscous friction lowers the frequency, not the
+    stiffness.
+    """
+    parts = []
+    for sample in samples:
+        squared, gradient = sample.values[-1] ** 2, np.zeros(len(sample.values))
+        gradient[-1] = 2.0 * sample.values[-1]
+        for formula, factor in (("2*v", reference), ("v", 0.5 * reference)):
+            if (force := library.role(formula)) is not None and force.symbol in symbols:
+                at = symbols.index(force.symbol)
+                squared += (factor * sample.values[at]) ** 2
+                gradient[at] = 2.0 * factor**2 * sample.values[at]
+        parts.append((squared, gradient @ (sample.covariance + sample.of_model) @ gradient / squared**2))
+    (first, of_first), (second, of_second) = parts
+    ratio = first / second
+    return ratio - 1.0, ratio * float(np.sqrt(of_first + of_second))
 
 
 def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset]:
@@ -226,9 +252,6 @@ def _contrast(
     freedoms = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
     p_value = np.asarray(2.0 * student.sf(np.abs(z), freedoms))
     differs = _holm(p_value[:count], level)
-    (w, of_w), (other, of_other) = ((sample.values[-1], sample.errors[-1]) for sample in samples)
-    ratio = (w / other) ** 2
-    stiffness = ratio - 1.0, 2.0 * ratio * float(np.hypot(of_w / w, of_other / other))
     variables: Variables = {
         "difference": variable("force", contrast[:count], "first minus second", PER_FORCE_UNIT),
         "standard_error": variable(
@@ -239,9 +262,6 @@ def _contrast(
         "differs": variable("force", differs, "whether it differs, at a level that all forces share"),
         "covariance": variable(
             ("force", "other_force"), covariance[:count, :count], "covariance", PER_FORCE_UNIT
-        ),
-        **with_error(
-            "stiffness_difference", (), stiffness, "ratio of squared asymptotic frequencies, less 1"
         ),
         **_all_together(contrast[:count], covariance[:count, :count]),
     }
