@@ -129,6 +129,34 @@ def test_a_table_for_latex(tree):
     assert len(lines) == len(FIVE) + 2
 
 
+def test_shapes_stand_in_table_csv_and_equation(tmp_path):
+    """With a value in all of them: an equation without one is none."""
+    library = tmp_path / "own.toml"
+    peak = st.load_library("candidate_effects")["stribeck"]
+    offered = st.forces.ForceLibrary("own", (*FORCES.select(["lambda", "zeta"]), peak))
+    library.write_text(offered.to_toml(), encoding="utf-8")
+    record = paper_run({"lambda": 5e-4, "zeta": 0.01}, sampling_rate=50.0, duration=10.0).decay(7)
+    write_csv(tmp_path / "a.csv", record.time, record.angle)
+    table, text = tmp_path / "a_table.csv", tmp_path / "a.tex"
+    asked = ["--library", library, "--set", "stribeck.s=0.05", "--random-force", "off"]
+    assert run("identify", tmp_path / "a.csv", *asked, "--csv", table, "--latex", text).status == 0
+    with table.open(encoding="utf-8") as file:
+        row = next(row for row in csv.DictReader(file) if row["quantity"] == "stribeck.s")
+    assert (row["value"], row["standard_error"], row["constraint"]) == ("0.05", "", "fixed")
+    written = text.read_text(encoding="utf-8")
+    assert "s &= 0.05\n" in written
+    assert "{stribeck.s}$ & $0.05$ (held)" in written
+
+
+@pytest.mark.parametrize("warm_up", ["-1", "1"])
+def test_a_decay_has_no_warm_up(warm_up, tmp_path):
+    record = paper_run(FIVE, sampling_rate=50.0, duration=8.0).decay(7)
+    write_csv(tmp_path / "a.csv", record.time, record.angle)
+    refused = run("identify", tmp_path / "a.csv", "--warm-up", warm_up)
+    assert refused.status == 2
+    assert "--window" in refused.err
+
+
 @pytest.mark.slow
 def test_many_methods_are_rows(tree):
     record = tree["record"].to_dataset()[["angle"]]

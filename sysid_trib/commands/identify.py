@@ -165,6 +165,10 @@ def identify(
             check_length_unit(unit_of_signal(decays[0]))
         if is_driven(decays) and (measured or destination.methods):
             raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
+        if tried.warm_up is not None and not (tried.warm_up >= 0.0 and (is_driven(decays) or tried.test)):
+            raise UsageError(
+                "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
+            )
         own = tuple(name.strip() for name in (constraint.own or "").split(",") if name.strip())
         usual = usual_methods(
             decays, asked.library, asked.reference_frequency, asked.shapes, own, tried.warm_up or 0.0

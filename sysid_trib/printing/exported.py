@@ -12,6 +12,7 @@ import xarray as xr
 
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing.layout import (
     by_label,
@@ -19,6 +20,7 @@ from sysid_trib.printing.layout import (
     error_of,
     quantity,
     reference_sentence,
+    shape_cell,
     value_with_error,
 )
 from sysid_trib.results.files import kind_of
@@ -102,12 +104,15 @@ def equation_latex(result: xr.Dataset) -> str:
         parts.append(f"{_signed(power_of_ten(number))}{times} {written}")
     w = rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
     right = r" \\" "\n" r"    &\quad ".join([x, *parts])
+    values = [rf"\omega &= {w}\,\mathrm{{rad/s}}"]
+    for name, value in shape_values_of(result).items():
+        values.append(f"{symbol_latex(name.partition('.')[2])} &= {power_of_ten(f'{value:.6g}')}")
     return "\n".join(
         [
             r"\begin{equation}",
             r"  \begin{aligned}",
             rf"    \ddot{{{x}}} &= -\omega^2 \Bigl[" + right + r" \Bigr], \\",
-            rf"    \omega &= {w}\,\mathrm{{rad/s}}",
+            ", \\\\\n".join(f"    {value}" for value in values),
             r"  \end{aligned}",
             r"\end{equation}",
         ]
@@ -248,6 +253,11 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
         for force in by_label(with_error_parts(result), "force").values():
             cells = {column: force[name].item() for column, name in COLUMNS.items() if name in force}
             yield {"method": method} | cells
+        for name in _shapes(result):
+            shape = result.sel(shape_parameter=name)
+            value, error = shape["shape"].item(), shape.shape_standard_error.item()
+            words = {"method": method, "quantity": name, "name": "shape", "value": value}
+            yield words | ({"constraint": "fixed"} if np.isnan(error) else {"standard_error": error})
         for name in FREQUENCIES_LATEX:
             value, error = (result[key].item() for key in (name, error_of(name)))
             words = {"method": method, "quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
@@ -259,6 +269,11 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
         yield words | {name: row[name].item() for name in ("standard_error", "z", "p_value")}
     for name, text in about_the_record(tree).items():
         yield {"method": "record", "quantity": name, "value": text}
+
+
+def _shapes(result: xr.Dataset) -> list[str]:
+    """Names of the shape parameters of an identification."""
+    return result.shape_parameter.values.tolist() if "shape" in result else []
 
 
 def _si_rows(values: xr.Dataset) -> Iterator[dict[str, Any]]:
@@ -292,6 +307,9 @@ def latex_text(tree: xr.DataTree) -> str:
             unit = "" if force.unit.item() == "1" else f" {unit_in_latex(force.unit.item())}"
             text = f"{_in_latex(quantity(force, 'coefficient'))}{unit}{constraint_mark(force)}"
             cells.setdefault(f"${library[symbol].latex_symbol}$", {})[method] = text
+        for name in _shapes(result):
+            number, held, _ = shape_cell(result, name).partition(" (held)")
+            cells.setdefault(f"${symbol_latex(name)}$", {})[method] = f"{_in_latex(number)}{held}"
         for name, symbol in FREQUENCIES_LATEX.items():
             cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
     heads, contrasts = [*named], _contrasts(tree)

@@ -233,9 +233,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         with place.open("rb") as file:
             hdf5 = file.read(4) == b"\x89HDF"
         if not hdf5:
-            raise RecordError(
-                f"{place.name}: not a result in netCDF, as identify, compare and discover write with -o."
-            )
+            raise RecordError(f"{place.name}: not a result in netCDF, as commands write with -o.")
         check_binary(place, "read_tree")
         with xr.open_datatree(place, engine="h5netcdf") as tree:
             return current_format(tree.load(), place)
