@@ -211,9 +211,9 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
             continue
         colour = INK if row.differs.item() else GREY
         # What is off the axis points there.
-        beyond = "<o>"[int(np.sign(z[at] - shown)) + 1]
-        width = half if beyond == "o" else 0.0
-        ax.errorbar(shown, at, xerr=width, fmt=beyond, color=colour, markersize=4, linewidth=1.0)
+        marker = "<o>"[int(np.sign(z[at] - shown)) + 1]
+        width = half if marker == "o" else 0.0
+        ax.errorbar(shown, at, xerr=width, fmt=marker, color=colour, markersize=4, linewidth=1.0)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
         # Beside the row, or in a column above it.
