@@ -92,9 +92,10 @@ def difference(
         ... (what scatters beyond the errors; nan of a single run), `difference` first - second, its
         `standard_error`, `z`, `p_value`, whether it `differs`, and `covariance(force, other_force)`; nan for
         a force without a degree in v where the frequencies differ by more than 1 %. Scalars:
-        `stiffness_difference`, the ratio of stiffnesses at vanishing amplitude less 1, the paper's alpha if
-        the second has no contact, with its standard error; `chi_square` of all differences,
-        `degrees_of_freedom`, `p_value_of_all`; `reference_frequency` (rad/s). attrs: `verdict`, one of
+        `stiffness_difference`, the ratio of stiffnesses at vanishing amplitude less 1 (if the second has no
+        contact the paper's alpha, which is of frequencies, to the square of zeta), with its standard error;
+        `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`; `reference_frequency`
+        (rad/s). attrs: `verdict`, one of
         `coefficients differ`, `together they differ`, `no difference`.
 
     Raises
