@@ -20,7 +20,7 @@ from sysid_trib.printing.layout import (
     error_of,
     quantity,
     reference_sentence,
-    shape_cell,
+    shape_and_mark,
     value_with_error,
 )
 from sysid_trib.results.files import kind_of
@@ -308,8 +308,8 @@ def latex_text(tree: xr.DataTree) -> str:
             text = f"{_in_latex(quantity(force, 'coefficient'))}{unit}{constraint_mark(force)}"
             cells.setdefault(f"${library[symbol].latex_symbol}$", {})[method] = text
         for name in _shapes(result):
-            number, held, _ = shape_cell(result, name).partition(" (held)")
-            cells.setdefault(f"${symbol_latex(name)}$", {})[method] = f"{_in_latex(number)}{held}"
+            number, mark = shape_and_mark(result, name)
+            cells.setdefault(f"${symbol_latex(name)}$", {})[method] = f"{_in_latex(number)}{mark}"
         for name, symbol in FREQUENCIES_LATEX.items():
             cells.setdefault(f"${symbol}$ (rad/s)", {})[method] = _in_latex(quantity(result, name))
     heads, contrasts = [*named], _contrasts(tree)

@@ -151,7 +151,7 @@ def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, list[str]]:
         rows[symbol] = [head, force["formula"].item(), *cells]
     shaped = [r.shape_parameter.values.tolist() for r in results.values() if "shape" in r]
     for name in dict.fromkeys(name for names in shaped for name in names):
-        rows[name] = [name, "shape parameter", *(shape_cell(r, name) for r in results.values())]
+        rows[name] = [name, "shape parameter", *(_shape_cell(r, name) for r in results.values())]
     for name, title in FREQUENCY_TITLES.items():
         variable = name.replace(" ", "_")
         rows[name] = [title, name, *(quantity(result, variable) for result in results.values())]
@@ -173,13 +173,18 @@ def constraint_mark(force: xr.Dataset) -> str:
     return MARKS.get(force.constraint.item() if "constraint" in force.coords else "", " (tied)")
 
 
-def shape_cell(result: xr.Dataset, name: str) -> str:
+def _shape_cell(result: xr.Dataset, name: str) -> str:
     """A shape parameter: fitted with an error, or held."""
     if "shape" not in result or name not in result.shape_parameter:
         return "-"
+    return "".join(shape_and_mark(result, name))
+
+
+def shape_and_mark(result: xr.Dataset, name: str) -> tuple[str, str]:
+    """A shape parameter, with its error where it was fitted, and behind it that it is held."""
     shape = result.sel(shape_parameter=name)
     value, error = shape["shape"].item(), shape.shape_standard_error.item()
-    return f"{value:g} (held)" if np.isnan(error) else value_with_error(value, error)
+    return (f"{value:g}", " (held)") if np.isnan(error) else (value_with_error(value, error), "")
 
 
 def reference_sentence(result: xr.Dataset) -> str:
