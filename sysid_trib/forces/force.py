@@ -399,6 +399,12 @@ class ForceLibrary:
         """The force of this formula if the library has one."""
         return next((force for force in self.forces if force.matches(formula)), None)
 
+    @property
+    def damping_factors(self) -> dict[str, float]:
+        """The damping ratio that a unit of each viscous force makes, by symbol."""
+        factors = {"2*v": 1.0, "v": 0.5}
+        return {force.symbol: factors[f] for f in factors if (force := self.role(f)) is not None}
+
     def to_toml(self) -> str:
         """The library as text in the format it is read from."""
         blocks = "".join(f"\n[[force]]\n{notation.toml(force)}" for force in self.forces)

@@ -244,13 +244,12 @@ def _to_coefficients(library: ForceLibrary, parameters: Array, *, given: bool) -
     frequency = parameters[-1]
     jacobian = np.eye(len(parameters))
     if not given:
-        for formula, factor in (("2*v", 1.0), ("v", 0.5)):
-            if force := library.role(formula):
-                at = library.symbols.index(force.symbol)
-                damping = factor * parameters[at]
-                frequency = float(np.hypot(frequency, damping))
-                jacobian[-1, at] = factor * damping / frequency
-                jacobian[-1, -1] = parameters[-1] / frequency
+        for symbol, factor in library.damping_factors.items():
+            at = library.symbols.index(symbol)
+            damping = factor * parameters[at]
+            frequency = float(np.hypot(frequency, damping))
+            jacobian[-1, at] = factor * damping / frequency
+            jacobian[-1, -1] = parameters[-1] / frequency
     coefficients = parameters[:-1] / frequency
     jacobian[:-1, :] -= np.outer(coefficients, jacobian[-1])
     jacobian[:-1, :] /= frequency

@@ -175,14 +175,13 @@ def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: 
     value = dict(zip(library.symbols, coefficients, strict=True))
     gradient = np.zeros(len(library) + 1)
     squared = 1.0
-    for formula, factor in (("x", None), ("2*v", 1.0), ("v", 0.5)):
-        force = library.role(formula)
-        if force is None:
-            continue
-        at = library.symbols.index(force.symbol)
-        # Alpha enters linearly, the damping ratio by its square.
-        squared += value[force.symbol] if factor is None else -((factor * value[force.symbol]) ** 2)
-        gradient[at] = 1.0 if factor is None else -2.0 * factor**2 * value[force.symbol]
+    # Alpha enters linearly, the damping ratio by its square.
+    if (elastic := library.role("x")) is not None:
+        squared += value[elastic.symbol]
+        gradient[library.symbols.index(elastic.symbol)] = 1.0
+    for symbol, factor in library.damping_factors.items():
+        squared -= (factor * value[symbol]) ** 2
+        gradient[library.symbols.index(symbol)] = -2.0 * factor**2 * value[symbol]
     squared = max(squared, 0.0)
     root = np.sqrt(squared)
     gradient *= reference / (2.0 * root) if root > 0 else np.nan

@@ -128,7 +128,10 @@ def _difference(
     if not differs and float(variables["p_value_of_all"][1]) < level:
         verdict = "together they differ"
     attrs: dict[str, object] = {"verdict": verdict, "level": level, "signal_units": signal_units(sides[0][0])}
-    stiffness = _stiffness_difference(samples, symbols, library_of(sides[0][0]), reference)
+    # A sample may lack the viscous force that the other has.
+    factors = {s: f for side in sides for run in side for s, f in library_of(run).damping_factors.items()}
+    damping = np.array([factors.get(symbol, 0.0) for symbol in symbols]) * reference
+    stiffness = _stiffness_difference(samples, damping)
     variables |= with_error("stiffness_difference", (), stiffness, "ratio of stiffnesses, less 1")
     for name, sample, side in zip(SIDES, samples, sides, strict=True):
         pair = sample.values[:-1], sample.errors[:-1]
@@ -141,23 +144,17 @@ def _difference(
     return xr.Dataset(variables, {"force": symbols, "other_force": symbols}, attrs)
 
 
-def _stiffness_difference(
-    samples: Sequence[Sample], symbols: Sequence[str], library: ForceLibrary, reference: float
-) -> tuple[float, float]:
+def _stiffness_difference(samples: Sequence[Sample], damping: Array) -> tuple[float, float]:
     """Ratio of the stiffnesses at vanishing amplitude, less 1, and its error.
 
     A stiffness over the inertia is w_inf^2 + (zeta w)^2: viscous friction lowers the frequency, not the
-    stiffness.
+    stiffness. `damping` : zeta w of a unit of each coefficient, (force,).
     """
-    parts = []
+    parts, weights = [], np.append(damping, 1.0) ** 2
     for sample in samples:
-        squared, gradient = sample.values[-1] ** 2, np.zeros(len(sample.values))
-        gradient[-1] = 2.0 * sample.values[-1]
-        for formula, factor in (("2*v", reference), ("v", 0.5 * reference)):
-            if (force := library.role(formula)) is not None and force.symbol in symbols:
-                at = symbols.index(force.symbol)
-                squared += (factor * sample.values[at]) ** 2
-                gradient[at] = 2.0 * factor**2 * sample.values[at]
+        # A force without a degree is not known at another frequency, and does not count.
+        values = np.where(weights > 0.0, sample.values, 0.0)
+        squared, gradient = weights @ values**2, 2.0 * weights * values
         parts.append((squared, gradient @ (sample.covariance + sample.of_model) @ gradient / squared**2))
     (first, of_first), (second, of_second) = parts
     ratio = first / second
