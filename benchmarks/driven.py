@@ -1,9 +1,9 @@
-"""Driven records: Silverbox, Bouc-Wen, EMPS, a frame that rubs, simulated ones beside their bound.
+"""Driven records: Silverbox, Bouc-Wen, EMPS, a frame that rubs, simulated ones beside their bound, a belt.
 
-python benchmarks/driven.py [--only silverbox|search|bouc_wen|emps|frame|simulated] [--seeds N]
+python benchmarks/driven.py [--only silverbox|search|bouc_wen|emps|frame|simulated|belt] [--seeds N]
 
 Measured records are read from ../shared/data beside the project, or from the folder in SYSID_TRIB_DATA;
-without it only `simulated` runs. Times are of the processor, of one call, with what it compiles.
+without it only `simulated` and `belt` run. Times are of the processor, of one call, with what it compiles.
 """
 
 import argparse
@@ -49,6 +49,8 @@ MASS = 3.0799
 
 TRUTH = {"gain": 0.05, "lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}
 W, NOISE = 9.9, 2e-4
+# Of records on a belt: what tells that a motion sticks was decided with the seeds below.
+FRESH = 100
 
 
 def offered(*symbols: str) -> ForceLibrary:
@@ -242,14 +244,62 @@ def repeated(
     return np.array(errors), np.array(stated), total
 
 
+def belt_record(seed: int) -> tuple[xr.Dataset, dict[str, float], float, float]:
+    """A pushed mass on a belt: the record, the truth, and how long it sticks and overtakes the belt."""
+    random = np.random.default_rng(seed)
+    truth = {"zeta": random.uniform(0.003, 0.02), "gain": random.uniform(0.015, 0.03)}
+    truth["surface_friction"] = random.uniform(0.02, 0.06)
+    speed = random.uniform(0.01, 0.05)
+    elapsed = np.arange(1200) * 2.0 * np.pi / W / 40
+    lines, phases = W * random.uniform(0.7, 1.3, 5), random.uniform(0.0, 2.0 * np.pi, 5)
+    u = np.cos(np.outer(elapsed, lines) + phases).sum(axis=1)
+    surface = speed * W * elapsed
+    inputs = {"u": KnownInput(elapsed, u, "smooth"), "surface": KnownInput(elapsed, surface, "linear")}
+    clean = st.simulate(st.Model(offered(*truth), truth, W), elapsed, 0.05, inputs=inputs)
+    faster = np.gradient(clean.angle.values, elapsed) / W / speed - 1.0
+    angle = clean.angle.values + NOISE * random.standard_normal(len(elapsed))
+    smooth, linear = ({"role": "input", "between": between} for between in ("smooth", "linear"))
+    record = xr.Dataset(
+        {
+            "angle": ("time", angle, {"units": "rad"}),
+            "u": ("time", u, smooth),
+            "surface": ("time", surface, linear | {"units": "rad"}),
+        },
+        {"time": elapsed},
+    )
+    return record, truth, float(np.mean(np.abs(faster) < 0.02)), float(np.mean(faster > 0.1))
+
+
+def belt(seeds: int) -> Table:
+    """`discover` of the friction to a belt, from the push and viscous friction, on records that stick."""
+    table = Table()
+    for head in ("seed", "sticks (%)", "overtakes (%)", "named", "friction", "its error", "true", "time (s)"):
+        table.add_column(head)
+    right = 0
+    for seed in range(FRESH, FRESH + seeds):
+        record, truth, sticks, overtakes = belt_record(seed)
+        tree, seconds = cpu(lambda record=record: st.discover(record, offered("zeta", "gain")))
+        names = tree["steps"].to_dataset().symbol.values.tolist() if tree["steps"].attrs["count"] else []
+        right += names[:1] == ["surface_friction"]
+        cells = ["", ""]
+        if "surface_friction" in names:
+            found = tree["after"].to_dataset().sel(force="surface_friction")
+            cells = [f"{found.coefficient.item():.4f}", f"{found.standard_error.item():.4f}"]
+        shares = f"{100 * sticks:.0f}", f"{100 * overtakes:.0f}"
+        true = f"{truth['surface_friction']:.4f}"
+        table.add_row(str(seed), *shares, " ".join(names), *cells, true, f"{seconds:.0f}")
+    table.title = f"Stick-slip on a belt: the friction to the belt is named first in {right} of {seeds}"
+    return table
+
+
 MEASURED = {"silverbox": silverbox, "search": search, "bouc_wen": bouc_wen, "emps": emps, "frame": frame}
 FOLDERS = {name: name for name in MEASURED} | {"search": "silverbox", "frame": "friction_frame"}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--only", choices=[*MEASURED, "simulated"])
-    parser.add_argument("--seeds", type=int, default=200, help="of the simulated records")
+    parser.add_argument("--only", choices=[*MEASURED, "simulated", "belt"])
+    parser.add_argument("--seeds", type=int, help="of the simulated records (200), of those on a belt (10)")
     options = parser.parse_args(arguments)
     console = Console(width=180)
     for name, table_of in MEASURED.items():
@@ -260,7 +310,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             continue
         console.print(table_of())
     if options.only in (None, "simulated"):
-        console.print(simulated(options.seeds))
+        console.print(simulated(options.seeds or 200))
+    if options.only in (None, "belt"):
+        console.print(belt(options.seeds or 10))
 
 
 if __name__ == "__main__":

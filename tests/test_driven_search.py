@@ -8,11 +8,12 @@ import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.discovery.unseen import search_parts
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.start_model import fit_start_model
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.records.inputs import KnownInput
+from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.validation.verdict import record_noise
 
 W, NOISE = 9.9, 2e-4
@@ -112,3 +113,37 @@ def test_methods_of_inputs_stand_side_by_side_and_the_others_say_why_not(driven)
         assert row.holdout_over_noise.item() < 1.2
     assert "takes free decays alone" in table.sel({"method": "averaging"}).reason.item()
     assert table.attrs["white_residual"] == "yes"
+
+
+def on_a_belt(friction: float, speed: float) -> xr.Dataset:
+    """A mass that a force pushes on a belt: it sticks to the belt, and overtakes it."""
+    rng, time = np.random.default_rng(3), np.arange(0.0, 19.0, 2.0 * np.pi / W / 40)
+    push = KnownInput(time, np.cos(np.outer(time, W * np.array([0.8, 0.95, 1.1]))).sum(axis=1))
+    belt = KnownInput(time, speed * W * time, "linear")
+    forces = library("gain surface_friction", "zeta")
+    truth = {"gain": 0.03, "surface_friction": friction, "zeta": 0.01}
+    clean = st.simulate(st.Model(forces, truth, W), time, 0.05, inputs={"u": push, "surface": belt})
+    angle = clean.angle.values + NOISE * rng.standard_normal(len(time))
+    columns = {"angle": (angle, ""), "u": (push.values, "linear"), "surface": (belt.values, "linear")}
+    record = xr.Dataset({name: ("time", values) for name, (values, _) in columns.items()}, {"time": time})
+    for name, (_, between) in columns.items():
+        role = {"role": "input", "between": between} if between else {}
+        record[name].attrs |= {"units": "N" if name == "u" else "rad"} | role
+    return record
+
+
+def test_while_a_mass_sticks_to_a_belt_its_friction_is_a_reaction_and_says_nothing():
+    belt = on_a_belt(friction=0.035, speed=0.03)
+    fitted = fit_start_model([belt], library("gain surface_friction", "zeta").forces, None)
+    assert 0.05 < fitted.rows[0].path.sticking.mean() < 0.7
+    errors = np.sqrt(np.diag(fitted.likelihood.covariance))[:3]
+    assert np.all(np.abs(fitted.coefficients - [0.03, 0.035, 0.01]) < 4.0 * errors)
+    assert np.all(errors < 0.05 * fitted.coefficients)
+
+
+def test_a_mass_that_a_belt_drags_beside_its_zero_has_its_frequency():
+    belt = on_a_belt(friction=0.0, speed=0.03)
+    beside = belt.assign(angle=belt.angle + 0.5)
+    assert swing_frequency(beside) == pytest.approx(swing_frequency(belt), rel=0.02)
+    with pytest.raises(DecayError, match="0 whole half periods"):
+        swing_frequency(beside[["angle"]])

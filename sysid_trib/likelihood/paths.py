@@ -22,18 +22,23 @@ from scipy.interpolate import BSpline
 
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces.force import channels_of
+from sysid_trib.forces.force import Channel, channels_of
 from sysid_trib.likelihood.linearisation import NO_FINE_MOTION, FineMotion, derivatives_along, fine_motion
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import SurfaceKey, TrialEffect
 from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
 from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
+from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.records.smoothing import SplinesAt, knot_intervals, least_squares_spline
 from sysid_trib.simulation.internal_states import GivenMotion, states_along, tangent_along, values_along
 
 # A sensor that falls while the angle rises is none; a fit may pass by there.
 LEAST_SENSOR_GAIN = 0.05
+# Of the sensor's noise: some five errors of a path's rate where samples are few.
+STICKING_ERRORS = 10.0
+# Of the motion's RMS rate: the least acceleration (of tau) of what passes the rate of a surface.
+PASSING = 0.2
 # Parts of a cell between two points over which a force that switches there is averaged.
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
 # Values of forces along a path that are held at once: of long records they would be most of the memory.
@@ -79,6 +84,8 @@ class RecordPath:
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     inputs : mapping of str to KnownInput
         What drives it.
+    sticking : (row,) array of bool, optional
+        Rows that say nothing, since what holds the motion there is a reaction.
     before : RecordPath, optional
         The record up to the first sample, and with it, of which forces remember.
     """
@@ -96,6 +103,7 @@ class RecordPath:
     ratio: float = 0.0
     held: tuple[tuple[TrialEffect, float], ...] = ()
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
+    sticking: Mask | None = None
     before: "RecordPath | None" = None
 
     @property
@@ -318,7 +326,36 @@ class RecordPath:
         time, angle = run.time.values.astype(float), run.angle.values.astype(float)
         path = path_of(time, angle, frequency, self.sensor, origin, self.settings)
         earlier = None if before is None else self.of_run(before, frequency, origin)
-        return replace(path, held=self.held, inputs=inputs_of(run), before=earlier)
+        return with_inputs(replace(path, held=self.held, before=earlier), run)
+
+
+def with_inputs(path: RecordPath, run: xr.Dataset) -> RecordPath:
+    """The path with what drives its run, and the rows in which it sticks to what moves or is at rest."""
+    inputs = inputs_of(run)
+    if not inputs:
+        return path
+    surfaces = [name for name in inputs if run[name].attrs.get("units") == unit_of_signal(run)]
+    path = replace(path, inputs=inputs)
+    return replace(path, sticking=_sticking_rows(path, surfaces))
+
+
+def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
+    """Rows in which the motion has the rate of a surface and does not pass it, (row,).
+
+    Friction that holds takes any value up to its largest (Leine and Nijmeijer 2004, chapter 4): no column
+    has it, and such rows say nothing of the forces.
+    """
+    tau, _, v, _, _, integrals = path.points
+    moving = [Channel(name, 1, "displacement") for name in surfaces]
+    rates = values_of_inputs(path.inputs, moving, tau / path.frequency, path.frequency)
+    sticking = np.zeros(len(tau), dtype=bool)
+    for rate in (np.zeros(1), *rates.values()):
+        slip = v - rate
+        near = np.abs(slip) < STICKING_ERRORS * path.sensor.innovation
+        for first, end in np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).tolist():
+            fastest = PASSING * np.sqrt(np.mean(v**2)) * (tau[end - 1] - tau[first])
+            sticking[first:end] |= abs(slip[end - 1] - slip[first]) < fastest
+    return np.asarray(integrals @ sticking.astype(float) > 0.0)
 
 
 def path_of(

@@ -26,6 +26,8 @@ from sysid_trib.records.smoothing import sensor_noise
 
 # Of a sensor of coarse steps at least so many samples a period are kept.
 FEWEST_PER_PERIOD = 10
+# Variance, over the largest by the sensor's noise, of rows that say nothing.
+SAYS_NOTHING = 1e8
 
 
 def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) -> xr.Dataset:
@@ -85,12 +87,18 @@ class RunRows:
     @cached_property
     def band(self) -> Array:
         """Covariance of the rows by the innovations of the sensor's noise, of unit size."""
-        return covariance_of_local_rows(self.acting)
+        return self._sensor_band(self.acting)
 
     @cached_property
     def white_band(self) -> Array:
         """The band of the covariance by white noise of the sensor."""
-        return self.band if self.acting is self.operator else covariance_of_local_rows(self.operator)
+        return self.band if self.acting is self.operator else self._sensor_band(self.operator)
+
+    def _sensor_band(self, operator: sp.csr_matrix) -> Array:
+        band = covariance_of_local_rows(operator)
+        if self.path.sticking is not None:
+            band[0] += SAYS_NOTHING * band[0].max() * self.path.sticking
+        return band
 
     @cached_property
     def target(self) -> Array:
@@ -112,7 +120,8 @@ class RunRows:
         """Products of the target and columns, (row, column); see `products_of`."""
         path, table = self.path, np.column_stack([self.target, columns])
         noise = RowNoise(self.band, self.white_band, path.form, path.sensor.innovation)
-        return products_of(noise, table, path.settings, near)
+        made = products_of(noise, table, path.settings, near)
+        return made if path.sticking is None else replace(made, rows=made.rows - int(path.sticking.sum()))
 
     def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
         """Columns (row, column) in which the noises of a run are white and of unit variance."""
@@ -207,6 +216,8 @@ class RunRows:
         felt = self.operator @ (sp.diags_array(self.gain) @ basis if np.any(self.gain != 1.0) else basis)
         lower = _banded(self.path.form.gram, len(force))
         covariance = ratio * (lower + sp.tril(lower, -1).T)
+        if self.path.sticking is not None:
+            covariance = covariance + sp.diags_array(self.band[0].max() * self.path.sticking)
         system = sp.block_array([[white.T @ white, felt.T], [felt, -covariance]], format="csc")
         right = np.concatenate([white.T @ innovations, force])
         return np.asarray(basis @ spsolve(system, right)[: basis.shape[1]])

@@ -20,13 +20,12 @@ from sysid_trib.likelihood.colour import (
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
-from sysid_trib.likelihood.paths import RecordPath, path_of
+from sysid_trib.likelihood.paths import RecordPath, path_of, with_inputs
 from sysid_trib.likelihood.run_products import RowNoise, products_of
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows, fractional_difference
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
 from sysid_trib.likelihood.weak_form import coloured
-from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth, swing_frequency
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
@@ -223,7 +222,7 @@ def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> Record
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
     tau = frequency * (time - time[0])
     sensor = colour_above(angle - smooth(tau, angle).x, tau, ABOVE)
-    return replace(path_of(time, angle, frequency, sensor, settings=settings), inputs=inputs_of(run))
+    return with_inputs(path_of(time, angle, frequency, sensor, settings=settings), run)
 
 
 def default_shapes(force: Force) -> dict[str, float]:

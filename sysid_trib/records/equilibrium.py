@@ -16,6 +16,7 @@ from sysid_trib.records.half_periods import (
     regular_run,
     smooth,
 )
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.signal import checked_signal
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -85,7 +86,7 @@ def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array,
     ----------
     decay : Dataset
         `angle(time)`. Several parts of the program ask for the half periods of the same one: the last ones
-        are kept.
+        are kept. What is driven, as on a belt, may swing beside its zero: about its own middle then.
     fewest : int
         How many are needed; an envelope needs three.
 
@@ -97,7 +98,9 @@ def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array,
     checked_signal(decay)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     source = str(decay.attrs.get("source", "decay"))
-    halves = _whole_half_periods(time.tobytes(), angle.tobytes())
+    halves = _whole_half_periods(time.tobytes(), angle.tobytes(), 0.0)
+    if halves is not None and not halves.sign.size and inputs_of(decay):
+        halves = _whole_half_periods(time.tobytes(), angle.tobytes(), None)
     if halves is None:
         raise DecayError(f"{source}: no oscillation stands out of the noise.")
     count = halves.sign.size
@@ -107,8 +110,8 @@ def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array,
 
 
 @lru_cache(maxsize=KEPT_DECAYS)
-def _whole_half_periods(time: bytes, angle: bytes) -> HalfPeriods | None:
-    swing = find_swing(np.frombuffer(time), np.frombuffer(angle), equilibrium=0.0)
+def _whole_half_periods(time: bytes, angle: bytes, equilibrium: float | None) -> HalfPeriods | None:
+    swing = find_swing(np.frombuffer(time), np.frombuffer(angle), equilibrium)
     return None if swing is None else swing.halves.select(swing.run)
 
 

@@ -81,7 +81,7 @@ def simulate(
     }
     for name, values in motion.hidden.items():
         data[name] = ("time", values, {"units": "1", "long_name": f"{name}, state or memory of a force"})
-    kinds = {channel.input: channel.kind for channel in model.driven}
+    kinds = {channel.input: channel.kind for channel in (*model.library.channels, *model.driven)}
     for name, drive in known.items():
         units = {"units": f"rad{PER_KIND[kinds[name]]}"} if kinds[name] else {}
         attrs = {**units, "long_name": f"input {name}", "between": drive.between, "role": ROLE}
