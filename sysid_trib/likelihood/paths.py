@@ -336,7 +336,8 @@ def with_inputs(path: RecordPath, run: xr.Dataset) -> RecordPath:
         return path
     surfaces = [name for name in inputs if run[name].attrs.get("units") == unit_of_signal(run)]
     path = replace(path, inputs=inputs)
-    return replace(path, sticking=_sticking_rows(path, surfaces))
+    sticking = _sticking_rows(path, surfaces)
+    return replace(path, sticking=sticking if sticking.any() else None)
 
 
 def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
