@@ -39,6 +39,13 @@ def test_noise_holds_no_line(seed):
     assert np.isnan(found(np.cumsum(noise(seed)))[0])
 
 
+@pytest.mark.parametrize("samples", range(185, 197))
+def test_a_short_record_holds_no_line(samples):
+    short = slice(samples)
+    motion = MOTION[short], np.gradient(MOTION[short], TIME[short]) / 9.0
+    assert np.isnan(spectral_line(TIME[short], noise()[short], motion)[0])
+
+
 @pytest.mark.parametrize("step", [1e-3, 1e-2, 0.07])
 def test_steps_of_the_sensor_are_no_line(step):
     assert np.isnan(found(np.round((MOTION + noise()) / step) * step - MOTION)[0])

@@ -128,7 +128,7 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     resolution = 2.0 * np.pi * (samples - 1) / (samples * (time[-1] - time[0]))
     excluded = _harmonics(time, motion, resolution, len(power))
     excluded[[0, -1]] = True
-    if len(power) < 2 * LEVEL_LINES or excluded.all():
+    if len(power) <= 2 * LEVEL_LINES or excluded.all():
         return NO_LINE
     window = np.ones(2 * LEVEL_LINES + 1)
     window[LEVEL_LINES - LEAK : LEVEL_LINES + LEAK + 1] = 0.0
