@@ -9,11 +9,13 @@ from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, sentences_of
 
 from sysid_trib import Model, load, plots
-from sysid_trib.commands.terminal import print_blocks
+from sysid_trib.commands.options import SearchOptions
+from sysid_trib.commands.terminal import command_after, print_blocks
 from sysid_trib.printing.blocks import Layer
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.printing.layout import coefficient_text
+from sysid_trib.printing.next_step import next_step
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import residual_of
@@ -124,6 +126,20 @@ def test_layers_of_the_text(twin, capsys):
         assert "may be present and unseen" in texts[layer]
     assert "fall of the deviance" in texts[Layer.EXPLAIN]
     assert "fall of the deviance" not in texts[Layer.DEFAULT]
+
+
+def test_what_is_not_predicted_is_said_and_fitted_next(twin):
+    tree = twin[0].copy(deep=True)
+    assert next_step(tree).command == "identify"
+    tree["holdout"].rms[-1] = 3.4 * record_noise(tree)
+    assert "But it leaves 3.4 times the noise of what was held out (the last third)." in story(tree)
+    step = next_step(tree)
+    assert (
+        command_after(step, [SearchOptions(max_effects=2)]) == "sysid-trib discover --max-effects 2 --refit"
+    )
+    tree.attrs["options"] = json.dumps({"refit": True})
+    assert "But" not in story(tree)
+    assert next_step(tree).command == "identify"
 
 
 def test_json_follows_the_schema(twin):

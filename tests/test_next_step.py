@@ -19,6 +19,7 @@ from sysid_trib.printing.identification import identification_blocks, identifica
 from sysid_trib.printing.json_results import identification_json
 from sysid_trib.printing.next_step import NextStep, next_step
 from sysid_trib.validation.findings import holds
+from sysid_trib.validation.identify import usual_methods
 from sysid_trib.validation.verdict import breakdown
 
 FORCES = st.load_library()
@@ -108,6 +109,16 @@ def test_the_last_line_is_the_next_command_and_runs(tmp_path):
     assert told["next"] == last[0].removeprefix("Next: ")
     st.report(st.load(tmp_path / "result.nc"), tmp_path / "report.html")
     assert "Next: sysid-trib compare" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize("symbol", ["delta", "maxwell", "resonator", "structural_damping", "even_spring"])
+def test_what_discover_names_is_identified_by_methods_that_can(symbol):
+    offered = {force.symbol: force for force in (*FORCES, *st.load_library("candidate_effects"))}
+    library = dataclasses.replace(FORCES, forces=(offered["zeta"], offered[symbol]))
+    time = np.arange(0.0, 12.0, 0.02)
+    decay = st.simulate(st.Model(library, {"zeta": 0.01, symbol: 0.05}, W), time, 0.3, 0.0)
+    averaging = isinstance(usual_methods(decay, library)[0], st.methods.Averaging)
+    assert averaging == (symbol == "delta")
 
 
 # Methods that break down.

@@ -196,7 +196,7 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
     for name, (part, value) in given.items():
         if name in known and name.strip("_") not in replaced and value != default_of(part):
             words += _words(part, value)
-    words += [word for name, value in step.options.items() for word in (f"--{name}", value)]
+    words += [word for name, value in step.options.items() for word in (f"--{name}", value) if word]
     return readable(shlex.join(words))
 
 

@@ -56,6 +56,18 @@ def without_signature(
     return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
 
 
+def averages_decide(
+    library: ForceLibrary, amplitude: float, *, frequency_free: bool = True, shapes: ShapeValues | None = None
+) -> bool:
+    """True if averages over a cycle, of up to an amplitude (rad), tell forces and frequency apart."""
+    _, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
+    if frequency_free and library.role("x") is None:
+        # To averages a frequency that is fitted is one more force, of formula x.
+        of_x = np.concatenate([np.zeros(AMPLITUDES), np.linspace(0.02 * amplitude, amplitude, AMPLITUDES)])
+        table = np.column_stack([table, of_x])
+    return bool(table.any(axis=0).all()) and not dependent_columns(table)
+
+
 def exactly_dependent(
     library: ForceLibrary, amplitude: float, *, shapes: ShapeValues | None = None
 ) -> list[tuple[str, ...]]:

@@ -1,6 +1,5 @@
 """What an overview of a result or a discovery shows, as numbers to draw, the same on paper and on a page."""
 
-import json
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,12 +17,11 @@ from sysid_trib.results.effects import credible_set, determines, strongest
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.cross_check import LARGE
-from sysid_trib.validation.findings import answer_of, holds, kept_results
+from sysid_trib.validation.findings import LAST_THIRD, answer_of, holds, is_refitted, kept_results
 from sysid_trib.validation.residual_force import residual_force
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import run_record_noise
 
-LAST_THIRD = "the last third"
 # Candidates in a ranking.
 MOST_CANDIDATES = 15
 # A score beyond so many thresholds asks for a logarithmic axis.
@@ -56,7 +54,7 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
         return ""
     held = str(tree.attrs["held_out"])
     held += " of the record" * (held == LAST_THIRD)
-    if json.loads(tree.attrs["options"])["refit"] and held.startswith(LAST_THIRD):
+    if is_refitted(tree):
         return f"Held out of the search, and of these numbers: {held}." if of_search else ""
     return f"Held out, and not in this figure: {held}."
 

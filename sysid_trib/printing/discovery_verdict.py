@@ -11,6 +11,7 @@ from sysid_trib.printing.discovery_tables import (
     force_type_sentences,
     residual_text,
     steps_of,
+    times_noise,
 )
 from sysid_trib.printing.exported import equation_text
 from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p_value_text, quantity
@@ -19,6 +20,7 @@ from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.effects import PAIRS, added_effects, determines, error_widening, misnamed_effects
 from sysid_trib.results.variables import record_groups, signal_units
+from sysid_trib.validation.findings import held_out_excess
 from sysid_trib.validation.verdict import record_noise
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
@@ -59,7 +61,7 @@ def _closed(tree: xr.DataTree) -> list[str]:
         asked = f"{most} effect{'s were' if most > 1 else ' was'} asked for (--max-effects)"
         return [
             f"Explained but for the limit that ended the search: with {effects} {residual}; with {closing} "
-            f"it would close, but no more than {asked}."
+            f"it would close, but no more than {asked}.{_unpredicted(tree)}"
         ]
     level = tree["ranking"].significance_level.item()
     stochastic = ", as a random force leaves it" if float(np.min(after.random_force_p_value)) < level else ""
@@ -68,7 +70,17 @@ def _closed(tree: xr.DataTree) -> list[str]:
     if not _last(tree, "ranking").significant.any():
         tests = f"the {'other ' if effects else ''}candidates or by {tests}"
     absent = f"No further departure was found by {tests} (significance level {level:.2g})."
-    return [f"{headline} {residual}{stochastic}. {absent}", UNSEEN, *_high_but_not_significant(tree)]
+    return [
+        f"{headline} {residual}{stochastic}.{_unpredicted(tree)} {absent}",
+        UNSEEN,
+        *_high_but_not_significant(tree),
+    ]
+
+
+def _unpredicted(tree: xr.DataTree) -> str:
+    """That the final model leaves more than noise of what it was not fitted to."""
+    ratio, held = held_out_excess(tree), tree.attrs["held_out"]
+    return f" But it leaves {times_noise(ratio)} of what was held out ({held})." if ratio else ""
 
 
 def _unknown_effect(tree: xr.DataTree) -> list[str]:

@@ -11,7 +11,7 @@ from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
 from sysid_trib.validation.cross_check import LARGE
-from sysid_trib.validation.findings import fewer_forces, second_of, verdict_of
+from sysid_trib.validation.findings import LAST_THIRD, fewer_forces, held_out_excess, second_of, verdict_of
 
 # A file that the user is to measure first.
 SECOND_RECORD = "SECOND_RECORD.csv"
@@ -30,7 +30,7 @@ class NextStep:
     reason : str
         What it is for, in a few words.
     options : mapping of str to str
-        By name; they replace those of the command that has run.
+        By name; they replace those of the command that has run. A switch has an empty value.
     records : tuple of str
         Further records.
     without : tuple of str
@@ -111,6 +111,8 @@ def _after_discovery(tree: xr.DataTree) -> NextStep:
         return NextStep("discover", reason, {"plot": "figures"})
     if not determines(after):
         return _after_nothing(after)
+    if held_out_excess(tree) and tree.attrs["held_out"].startswith(LAST_THIRD):
+        return NextStep("discover", "fits the same forces to the whole record", {"refit": ""})
     forces = ",".join(after.force.values.tolist())
     shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())
     options = {"forces": forces} | ({"set": shapes} if shapes else {})

@@ -1,15 +1,22 @@
 """What a result has found, read from its tree: residuals, the answer, methods that failed."""
 
+import json
+
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation.comparison_table import applied_methods
+from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.model_error import error_parts
 from sysid_trib.validation.verdict import breakdown, record_noise
+
+# What `discover` holds out where nothing else is asked for.
+LAST_THIRD = "the last third"
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
@@ -37,6 +44,23 @@ def residual_of(tree: xr.DataTree, model: str) -> float:
 def residual_over_noise(tree: xr.DataTree, model: str) -> float:
     """Residual of a model over the sensor's noise of the record."""
     return residual_of(tree, model) / record_noise(tree)
+
+
+def held_out_excess(tree: xr.DataTree) -> float:
+    """What the final model of a discovery leaves of what it was not fitted to, over the sensor's noise.
+
+    Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
+    of driven records, whose noise no spline tells.
+    """
+    if is_refitted(tree) or inputs_of(tree[record_groups(tree)[0]].to_dataset()):
+        return 0.0
+    ratio = float(tree["holdout"].rms[-1]) / record_noise(tree)
+    return ratio if ratio > LARGE * max(1.0, residual_over_noise(tree, "after")) else 0.0
+
+
+def is_refitted(tree: xr.DataTree) -> bool:
+    """True if the models of a discovery were fitted to the whole records in the end."""
+    return bool(json.loads(tree.attrs["options"])["refit"]) and tree.attrs["held_out"].startswith(LAST_THIRD)
 
 
 def verdict_of(tree: xr.DataTree) -> str:

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from typing import overload
 
+import numpy as np
 import xarray as xr
 
+from sysid_trib.cycles.identifiability import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
@@ -148,13 +150,16 @@ def usual_methods(
         raise UsageError(
             "Coefficients of each run's own are of driven records (--input); identify each free decay alone."
         )
-    # Amplitudes and frequencies tell no term of the sensor from a force: with one, the motion is fitted.
-    forces_alone = all(force.kind == "force" for force in library)
+    # Amplitudes and frequencies tell no term of the sensor from a force, and not all forces from each other.
+    size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
+    averaged = all(force.kind == "force" for force in library) and averages_decide(
+        library, size, frequency_free=reference_frequency is None, shapes=shapes
+    )
     if any(MEASURED in run for run in runs):
         # What is reported last is that in the quantity that was measured.
-        return [averaging if forces_alone else direct, trajectory]
+        return [averaging if averaged else direct, trajectory]
     # One that is too short or grows has no envelope to be averaged.
-    if not forces_alone or any(run.attrs.get("taken_as_it_is") for run in runs):
+    if not averaged or any(run.attrs.get("taken_as_it_is") for run in runs):
         return [trajectory, direct]
     return [averaging, direct]
 
