@@ -222,6 +222,15 @@ def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
 
 
 @pytest.mark.slow
+def test_no_release_is_said_to_separate_what_is_the_same(folder):
+    offered = toml(folder / "same.toml", OFFERED | {"again": "2*x**3"})
+    out = run(
+        "discover", folder / "cubic.csv", "--library", folder / "viscous.toml", "--candidates", offered
+    ).out
+    assert "No run of this kind separates cubic and again: " in out
+    assert "would separate them" not in out
+
+
 def test_runs_that_differ_are_told(folder, tmp_path):
     ending = small(folder, folder / "plain.csv", folder / "worn.csv", "-o", tmp_path / "both.nc")
     assert ending.status == 0

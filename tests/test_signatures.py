@@ -11,7 +11,12 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import beta
 
 from sysid_trib import load_library
-from sysid_trib.cycles.identifiability import exactly_dependent, indistinguishable, without_signature
+from sysid_trib.cycles.identifiability import (
+    exactly_dependent,
+    indistinguishable,
+    inseparable,
+    without_signature,
+)
 from sysid_trib.cycles.signatures import averages, dissipated_power, signature
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import parse_library
@@ -194,3 +199,11 @@ def test_forces_with_a_past_are_compared_along_a_motion():
     entries = {"zeta": {"formula": "2*v"}, "slip": slip, "dahl": dahl, "twice": dahl | {"formula": "v - 2*z"}}
     forces = parse_library({"force": [{"symbol": k, **parts} for k, parts in entries.items()]}, "test")
     assert exactly_dependent(forces, 0.3) == [("zeta", "dahl", "twice")]
+
+
+def test_what_no_release_separates():
+    offered = {force.symbol: force for force in (*load_library(), *load_library("candidate_effects"))}
+    alike = {("cubic_damping", "van_der_pol"), ("maxwell", "resonator"), ("even_spring", "even_spring")}
+    others = {("zeta", "delta"), ("nu", "epsilon"), ("even_spring", "even_drag"), ("lambda", "maxwell")}
+    assert all(inseparable(offered[a], offered[b], 0.3) for a, b in alike)
+    assert not any(inseparable(offered[a], offered[b], 0.3) for a, b in others)

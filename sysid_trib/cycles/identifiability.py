@@ -68,6 +68,17 @@ def averages_decide(
     return bool(table.any(axis=0).all()) and not dependent_columns(table)
 
 
+def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValues | None = None) -> bool:
+    """True if two forces do the same in motions of up to an amplitude (rad), or on average over a cycle."""
+    pair = ForceLibrary("", (first, second))
+    if any(force.kind == "sensor" for force in pair):
+        return False
+    silent = without_signature(pair, 0.02 * amplitude, amplitude, shapes=shapes)
+    return bool(exactly_dependent(pair, amplitude, shapes=shapes)) or not (
+        silent or averages_decide(pair, amplitude, shapes=shapes)
+    )
+
+
 def exactly_dependent(
     library: ForceLibrary, amplitude: float, *, shapes: ShapeValues | None = None
 ) -> list[tuple[str, ...]]:

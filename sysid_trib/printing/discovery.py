@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from sysid_trib.cycles.identifiability import inseparable
 from sysid_trib.forces.force import Force
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.discovery_tables import (
@@ -28,7 +29,7 @@ from sysid_trib.results.effects import (
     failed_competitors,
     replacing_pairs,
 )
-from sysid_trib.results.variables import signal_units
+from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import given_results, residual_of
 from sysid_trib.validation.verdict import record_noise
 
@@ -137,7 +138,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
     return [
         f"{symbol} cannot be separated from: {named}{more}.",
         f"With equal prior probabilities: {', '.join(f'{s} {_probability(p)}' for s, p in pairs)}.",
-        remedy([offered[s] for s in probabilities]),
+        *_remedies(tree, step, [offered[s] for s in probabilities]),
     ]
 
 
@@ -159,6 +160,27 @@ def _competing_pairs(step: xr.Dataset) -> list[str]:
 def _probability(value: float) -> str:
     """A probability of two digits, which is never nought."""
     return "< 0.01" if value < 0.01 else f"{value:.2f}"
+
+
+def _remedies(tree: xr.DataTree, step: xr.Dataset, tied: Sequence[Force]) -> list[str]:
+    """Which forces no run separates, and the measurement that would separate the others."""
+    size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
+    fitted = [step[name].to_series() for name in ("shape", "competing_shape") if name in step]
+    shapes = {name: value for part in fitted for name, value in part.dropna().items()}
+    groups: list[list[Force]] = []
+    for force in tied:
+        home = next((group for group in groups if inseparable(group[0], force, size, shapes)), None)
+        if home is None:
+            groups.append([force])
+        else:
+            home.append(force)
+    sentences = [
+        f"No run of this kind separates {' and '.join(force.symbol for force in group)}: averaged over a "
+        "cycle, they do the same at every amplitude."
+        for group in groups
+        if len(group) > 1
+    ]
+    return [*sentences, *([remedy([group[0] for group in groups])] if len(groups) > 1 else [])]
 
 
 def remedy(tied: Sequence[Force]) -> str:
