@@ -186,6 +186,15 @@ def test_a_prediction_that_is_good_by_accident_is_told():
     assert f"rad/s (w of {least})" in told
 
 
+def test_a_difference_from_a_best_method_that_neglects_a_force_is_its_own():
+    tree = paper()[0].copy(deep=True)
+    tree["comparison"].attrs["best"] = "logarithmic decrement"
+    tree["comparison"].z[:] = 9.0
+    told = " ".join(sentences_of(comparison_blocks(tree)))
+    assert "The probable cause: logarithmic decrement neglects forces" in told
+    assert "do not have the form of what acts" not in told
+
+
 def test_alpha_from_the_frequency_without_contact():
     found = compare(RUN.decay(7), FORCES, [Direct()], contactless=(8.87, 0.02))["comparison"].ds
     one = of(found, "direct")

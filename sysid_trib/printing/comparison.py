@@ -39,9 +39,12 @@ STOCHASTIC_METHODS = (
     "In addition to the noise a random force was found, for which the errors of these methods allow: {}. "
     "Whether it is one, or stands for a force that is missing, `sysid-trib identify` tests."
 )
+# In the order in which they are looked for.
 CAUSES = {
     "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
+    "lacking": "The probable cause: {} neglects forces, and others take their place (see remarks)",
     "bias": "The probable cause is a bias that these methods leave in (see remarks)",
+    "biased": "The probable cause is a bias that {} leaves in (see remarks)",
     "form": "They know the same forces: probably these do not have the form of what acts, and each method "
     "weighs the residual in its own way",
 }
@@ -129,7 +132,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
         Block((), details, BY_METHOD, _difference_table(tree), DIFFERENCES),
         Block((), USUALLY, HELD_OUT, _quality_table(tree), QUALITY),
         Block(constraints),
-        Block([*_explanation(table, ("bias", "form")), *warnings], Layer.DEFAULT),
+        Block([*_explanation(table, tuple(CAUSES)[1:]), *warnings], Layer.DEFAULT),
         Block([*_explanation(table, (*CAUSES,)), *_reference(table), *warnings], details),
     ]
 
@@ -237,20 +240,23 @@ def _by_accident(table: xr.Dataset) -> list[str]:
 def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
     """Methods that differ from the best by more than the errors, by the probable cause."""
     best = table.attrs["best"]
+    # What the best method lacks is in each difference from it.
+    lacks = table.sel({"method": best})
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for label, row in by_label(applied_methods(table), "method").items():
         z = dict(zip(table.force.values.tolist(), row.z.values.tolist(), strict=True))
         z[FREQUENCY_SYMBOL] = row.asymptotic_frequency_z.item()
         far = ", ".join(name for name, value in z.items() if abs(value) > APART)
         if far:
-            cause = "neglect" if row.neglects.item() else "bias" if row.bias.item() else "form"
+            reasons = (row.neglects, lacks.neglects, row.bias, lacks.bias)
+            cause = next((name for name, text in zip(CAUSES, reasons, strict=False) if text.item()), "form")
             by_cause[cause].append(f"{label} ({far})")
     if not any(by_cause.values()):
         return [f"No coefficient differs from those of {best} by more than {APART:g} standard errors."]
     return [
-        f"More than {APART:g} standard errors from {best}: {'; '.join(by_cause[cause])}. {CAUSES[cause]}."
+        f"More than {APART:g} standard errors from {best}: {'; '.join(labels)}. {CAUSES[cause].format(best)}."
         for cause in causes
-        if by_cause[cause]
+        if (labels := by_cause[cause])
     ]
 
 
