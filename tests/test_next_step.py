@@ -121,6 +121,15 @@ def test_what_discover_names_is_identified_by_methods_that_can(symbol):
     assert averaging == (symbol == "delta")
 
 
+def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors():
+    tree = explained().copy(deep=True)
+    tree["comparison"].z[:] = [0.1, -2.8, 0.5, 0.0, 1.0, -1.0]
+    text = " ".join(sentences_of(identification_blocks(tree)))
+    assert "Averaging and direct agree as a whole; zeta differs by 2.8 errors." in text
+    tree["comparison"].z[:] = 1.9
+    assert "agree within their errors" in " ".join(sentences_of(identification_blocks(tree)))
+
+
 # Methods that break down.
 
 
