@@ -140,6 +140,15 @@ def test_command(refused, arguments, status, reason):
     assert found == status
 
 
+@pytest.mark.parametrize("symbol", ["stribeck", "bouc_wen_g", "history_drag"])
+def test_forces_that_come_along_are_simulated_by_their_names(symbol, tmp_path):
+    path = tmp_path / "swing.csv"
+    assert (
+        run("simulate", "-o", path, "--duration", "5", "--set", "zeta=0.01", "--set", f"{symbol}=1e-3").status
+        == 0
+    )
+
+
 LIBRARIES = {
     "__import__('os').system('touch X')": "holds something other than",
     "-v^2": "(write ** for a power, sign for sgn)",

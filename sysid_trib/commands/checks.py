@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +11,11 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import (
     ANY_SYSTEM,
-    SHIPPED_LIBRARIES,
     System,
     further_forces,
     load_system,
     viscous_model,
+    with_shipped,
 )
 
 if TYPE_CHECKING:
@@ -43,11 +43,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibra
     symbols = list(whole.symbols)
     if forces is not None:
         symbols = [s.strip() for s in forces.split(",") if s.strip()]
-        shipped = (force for name in SHIPPED_LIBRARIES for force in load_library(name))
-        lacking = [
-            force for force in shipped if force.symbol in symbols and force.symbol not in whole.symbols
-        ]
-        whole = replace(whole, forces=(*whole.forces, *lacking))
+        whole = with_shipped(whole, symbols)
     if not symbols:
         raise UsageError(f"--forces '{forces}' names no force; the library has {', '.join(whole.symbols)}.")
     stiffness = whole.role("x")

@@ -82,10 +82,12 @@ def simulate(
         from sysid_trib.commands.checks import check_positive
         from sysid_trib.commands.destination import check_output
         from sysid_trib.forces.library import load_library
+        from sysid_trib.forces.selection import with_shipped
         from sysid_trib.simulation.model import Model
 
         check_output(output, ".csv .nc", reads=[Path(asked.library)])
-        offered = load_library(asked.library)
+        named = [text.partition("=")[0].partition(".")[0].strip() for text in asked.set_]
+        offered = with_shipped(load_library(asked.library), named)
         coefficients, shapes = _settings(asked.set_, offered, papers=asked.library == DEFAULT_LIBRARY)
         check_positive(asked.reference_frequency, "--reference-frequency")
         check_positive(motion.duration, "--duration")

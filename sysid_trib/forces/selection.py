@@ -15,7 +15,7 @@ from sysid_trib.forces.library import library_folder, load_library
 
 # The forces that systems name, by library.
 EFFECTS, INPUTS, HYSTERESIS = "candidate_effects", "inputs", "hysteresis"
-SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS)
+SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS, HYSTERESIS, "water")
 SYSTEMS_FILE = "systems.toml"
 # What a system's signal can be.
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
@@ -52,6 +52,14 @@ def forces_to_identify(
     if all(force.kind == "sensor" for force in library):
         raise DecayError("No force is left to identify beside the frequency; offer at least one (--forces).")
     return library
+
+
+def with_shipped(library: ForceLibrary, symbols: Collection[str]) -> ForceLibrary:
+    """The library, with forces that are asked for by name and that another one of the package has."""
+    wanted = set(symbols) - set(library.symbols)
+    shipped = (force for name in SHIPPED_LIBRARIES if wanted for force in load_library(name))
+    lacking = {force.symbol: force for force in shipped if force.symbol in wanted}
+    return replace(library, forces=(*library, *lacking.values())) if lacking else library
 
 
 def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
