@@ -9,11 +9,13 @@ from command_line import run as command
 from helpers import FIVE, library_of_formulas, paper_run
 from scipy.stats import norm
 
-from sysid_trib import Model, identify, simulate
+from sysid_trib import Model, identify, load, simulate
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
+from sysid_trib.printing.blocks import Layer
+from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.validation import contour, curve_bands, posterior, profile, sensitivity
 from sysid_trib.validation.profiles import free_likelihood
 
@@ -186,6 +188,8 @@ def test_the_command_prints_both_and_keeps_them(tmp_path, decay):
     assert low < FIVE["epsilon"] < high
     assert data["sensitivity"]["fits"]["averaging"]["kind"] == "method"
     assert {path.stem for path in (tmp_path / "figures").glob("*.pdf")} >= {"profile", "sensitivity"}
+    asked_for = sureness_blocks(load(tmp_path / "a.nc"))
+    assert [block.title for block in asked_for if Layer.QUIET in block.layers] == ["Profiles", "Sensitivity"]
     page = tmp_path / "a.html"
     assert command("report", str(tmp_path / "a.nc"), "-o", str(page)).status == 0
     assert "by the profile likelihood" in page.read_text()

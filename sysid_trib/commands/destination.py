@@ -120,7 +120,7 @@ class Destination(Files):
 
     latex: Path | None = option("FILE", "Where to write the table and the equation for LaTeX.")
     explain: bool = switch("--explain", "Print all that was tested, and what follows.")
-    quiet: bool = switch("--quiet", "Print the verdict and the table alone.")
+    quiet: bool = switch("--quiet", "Print the verdict and tables alone.")
 
     def check(self, records: Sequence[Path]) -> None:
         """Refuse besides options that exclude each other."""

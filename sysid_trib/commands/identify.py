@@ -248,7 +248,7 @@ def _deliver(
 ) -> None:
     """Print and write an identification, of free decays or with inputs."""
     from sysid_trib.commands.terminal import record_sentences
-    from sysid_trib.printing.blocks import Block
+    from sysid_trib.printing.blocks import ALWAYS, Block
     from sysid_trib.printing.driven import driven_blocks, driven_json, prediction_json, prediction_sentences
     from sysid_trib.printing.identification import identification_blocks
     from sysid_trib.printing.json_results import identification_json
@@ -263,7 +263,7 @@ def _deliver(
             said = [*driven_blocks(tree, sentences), *sureness_blocks(tree)]
         else:
             said = identification_blocks(tree, sentences)
-        return [*said, Block(prediction_sentences(predicted))]
+        return [*said, Block(prediction_sentences(predicted), ALWAYS)]
 
     def data() -> dict[str, Any]:
         whole = driven_json(tree) if driven else identification_json(tree)

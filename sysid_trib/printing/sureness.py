@@ -45,7 +45,7 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
     if CONTOUR in tree.children:
         data = tree[CONTOUR].to_dataset()
         said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
-        blocks.append(Block([said], title="Contours", figures=CONTOUR))
+        blocks.append(Block([said], ALWAYS, "Contours", figures=CONTOUR))
     if SENSITIVITY in tree.children:
         blocks += _sensitivity_blocks(tree[SENSITIVITY].to_dataset())
     return blocks
@@ -98,7 +98,7 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
     heads = ["force", "stated", "from", "to", "fits", "largest change / its error", "by"]
     table = text_table(heads, rows, numbers=(1, 2, 3, 4, 5))
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
-    return [Block(sentences, title="Sensitivity", table=table, caption=caption, figures=SENSITIVITY)]
+    return [Block(sentences, ALWAYS, "Sensitivity", table, caption, SENSITIVITY)]
 
 
 PROFILE_JSON: dict[str, Source] = same("estimate", "standard_error", "low", "high", "asymmetric")
