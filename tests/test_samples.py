@@ -11,6 +11,7 @@ from helpers import FIVE, paper_run
 from sysid_trib import difference, identify, load, plots
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
+from sysid_trib.printing.sureness import difference_blocks
 from sysid_trib.validation import sensitivity
 
 RUN = paper_run(FIVE, duration=15.0)
@@ -112,6 +113,9 @@ def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     assert plots.difference(kept).axes[2].get_xlabel() == "first minus second, over its standard error"
     assert command("report", out, "-o", page).status == 0
     assert "st.difference(results[:1], results[1:])" in (tmp_path / "d.html").read_text()
+    text = "\n".join(sentence for block in difference_blocks(kept) for sentence in block.sentences)
+    assert "Stiffness of a.csv over that of b.csv, less 1: " in text
+    assert "Errors of b.csv by the noise and by the model: " in text
     several = command("difference", a, ":", b, c, "--json")
     data = json.loads(several.out)
     assert data["verdict"] != "no difference"

@@ -1,6 +1,7 @@
 """How sure coefficients are: profiles, sensitivity, and two samples, in sentences, tables and plain data."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from sysid_trib.printing.layout import (
     value_with_error,
     with_unit,
 )
+from sysid_trib.printing.verdict import error_parts_sentence
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS, sufficient_forces
 from sysid_trib.results.files import identifications_of
 from sysid_trib.validation.findings import verdict_of
@@ -139,15 +141,54 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
         Block(record),
         Block(
             [
-                f"Coefficients at w = {data.reference_frequency.item():.6g} rad/s. found from: the "
-                f"difference found with probability {POWER_STATED:g} at the level {data.attrs['level']:g}."
+                f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable "
+                f"difference is found with a probability of {POWER_STATED:g}, at the level "
+                f"{data.attrs['level']:g}."
             ],
             title="Coefficients",
             table=_table(tree, several),
             figures="difference",
         ),
+        Block(_details(tree), Layer.EXPLAIN, "Samples"),
         Block(layers=Layer.QUIET, table=_table(tree, [])),
     ]
+
+
+def _names(data: xr.Dataset) -> list[str]:
+    """What the samples are called: their files, or first and second without names of their own."""
+    names = [_name(data.attrs[f"{side}_record"]) for side in SIDES]
+    return list(SIDES) if not all(names) or names[0] == names[1] else names
+
+
+def _name(sources: Sequence[str]) -> str:
+    """A short name of records."""
+    first, *others = [Path(source).name for source in sources] or [""]
+    return f"{first} and {len(others)} more" if first and others else first
+
+
+def _details(tree: xr.DataTree) -> list[str]:
+    """The test of all forces, of what the errors of each run are made, and how far its model is off."""
+    sentences = [f"All differences together: {_test_of_all(tree.to_dataset())}."]
+    for label, result in identifications_of(tree).items():
+        name = _run_name(label, result)
+        sentences.append(error_parts_sentence(name, result))
+        if "held_out_rms" in result:
+            ratio = result.held_out_rms.item() / result.noise.item()
+            sentences.append(
+                f"Of parts of {name} that were held out its model leaves {ratio:.3g} times the noise."
+            )
+    return sentences
+
+
+def _run_name(label: str, result: xr.Dataset) -> str:
+    """The file of a run, or what its group is called."""
+    return _name(result.attrs["record_source"]) or label.replace("_", " ")
+
+
+def _test_of_all(data: xr.Dataset) -> str:
+    """The test of all forces together."""
+    test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
+    return test + p_value_text(data.p_value_of_all.item())
 
 
 def _first_sentence(tree: xr.DataTree) -> str:
@@ -166,8 +207,7 @@ def _first_sentence(tree: xr.DataTree) -> str:
         rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
         rest += f"; {', '.join(held)} {'is' if len(held) == 1 else 'are'} not tested" if held else ""
         return f"{'; '.join(parts)}{rest}."
-    test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
-    test += p_value_text(data.p_value_of_all.item())
+    test = _test_of_all(data)
     if data.attrs["verdict"] == "together they differ":
         return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
     return f"No difference was found in {', '.join(others) or 'the samples'} ({test})."
@@ -193,19 +233,20 @@ def _stiffness_sentence(data: xr.Dataset) -> str:
     """The ratio of the frequencies, as stiffness."""
     value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
     z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
-    return f"Stiffness of the first over that of the second, less 1: {value_with_error(value, error)}{z}."
+    first, second = _names(data)
+    return f"Stiffness of {first} over that of {second}, less 1: {value_with_error(value, error)}{z}."
 
 
 def _warnings(tree: xr.DataTree) -> list[str]:
     """What the errors allow for, and methods that differ."""
     incomplete = [
-        k.replace("_", " ") for k, result in identifications_of(tree).items() if "error_of_model" in result
+        _run_name(*pair) for pair in identifications_of(tree).items() if "error_of_model" in pair[1]
     ]
     said = []
     if incomplete:
         said.append(
             f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
-            "(identify --explain splits them)."
+            "(--explain splits them)."
         )
     if tree.attrs["first_method"] != tree.attrs["second_method"]:
         said.append(
@@ -247,8 +288,9 @@ def _table(tree: xr.DataTree, between: Sequence[str]) -> Table:
                 *scatter,
             ]
         )
-    heads = ["force", "", *SIDES, "difference", "z", "p", "found from"]
-    heads += [name.replace("_", " ").replace("between", "between its") for name in between]
+    heads = ["force", "", *_names(data), "difference", "z", "p", "detectable"]
+    by_side = dict(zip(SIDES, _names(data), strict=True))
+    heads += [f"{by_side[name.split('_')[0]]} between its runs" for name in between]
     return text_table(heads, rows, numbers=tuple(range(2, len(heads))))
 
 

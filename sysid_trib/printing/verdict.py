@@ -174,10 +174,15 @@ def test_sentences(tree: xr.DataTree) -> list[str]:
     result = kept_results(tree).get(answer_of(tree))
     if result is None or "error_of_model" not in result:
         return [tests]
+    return [tests, error_parts_sentence(answer_of(tree), result)]
+
+
+def error_parts_sentence(name: str, result: xr.Dataset) -> str:
+    """The two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *error_parts(result), strict=True)
     # What is held, or follows from the frequency, has no parts of its own.
-    texts = ", ".join(f"{name} {noise:.2g} and {model:.2g}" for name, noise, model in parts if noise > 0.0)
-    return [tests, f"Errors of {answer_of(tree)} by the noise and by the model: {texts}."]
+    texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
+    return f"Errors of {name} by the noise and by the model: {texts}."
 
 
 def calibration_sentences(tree: xr.DataTree) -> list[str]:
