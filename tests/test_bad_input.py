@@ -113,6 +113,7 @@ COMMANDS = [
     ([*GOOD, "-o", "missing/x.nc"], 1, "missing/x.nc: cannot be written, its folder does not exist"),
     ([*GOOD, "-o", "good.csv"], 2, "the ending must be .nc"),
     ([*GOOD, "--plot", "good.csv"], 1, "good.csv is a file"),
+    (["identify", "good.csv", "--angle", "0"], 1, "but time (s), which --angle takes"),
     (["simulate"], 2, "Missing option '-o'"),
     (["simulate", "-o", "x.txt"], 2, "the ending must be .csv or .nc"),
     ([*SIMULATE, "--duration", "1e8"], 2, "change --duration or --sampling-rate"),

@@ -76,7 +76,9 @@ class DecayOptions:
         },
     )
     time: str | None = option("COLUMN", "Time column, by name or number from 0.")
-    angle: str | None = option("COLUMN", "Column of the signal, by name or number, or a formula of columns.")
+    angle: str | None = option(
+        "COLUMN", "Column of the signal, by name or number (the time counts too), or a formula of columns."
+    )
     signal: str | None = option(
         "angle|displacement|rate|acceleration|accelerometer",
         "What was measured; default: what unit and name say.",

@@ -382,7 +382,17 @@ def no_clock(table: FileTable, source: str) -> str:
         return (
             f"{source}: its columns are over {over[0]}, not over time: it is a response; a record is needed."
         )
-    return f"{source}: there is no time column; give the sampling rate (--sampling-rate HZ)."
+    taken = next((f" but {time}, which --angle takes" for time in _time_columns(table)), "")
+    return (
+        f"{source}: there is no time column{taken}; give the sampling rate (--sampling-rate HZ). "
+        f"Its columns are {_numbered(table)}."
+    )
+
+
+def _numbered(table: FileTable) -> str:
+    """The columns of a file with their numbers, the time's among them."""
+    names = [f"{number}: {name}" for number, name in enumerate(table.columns)]
+    return ", ".join([*names[:LISTED], *["..."] * (len(names) > LISTED)])
 
 
 def time_of_column(column: str, table: FileTable) -> str | None:
@@ -411,10 +421,7 @@ def find_column(table: FileTable, wanted: str | int, source: str) -> str:
                 return matches[0]
     if re.fullmatch(r"[0-9]{1,9}", str(wanted)) and int(wanted) < len(names):
         return names[int(wanted)]
-    listed = ", ".join(f"{number}: {name}" for number, name in enumerate(names[:LISTED])) + (
-        ", ..." if len(names) > LISTED else ""
-    )
     nearest = did_you_mean(str(wanted), [*names, *(split_header(name)[0] for name in names)])
     raise UsageError(
-        f"{source}: there is no single column {str(wanted)!r}; its columns are {listed}.{nearest}"
+        f"{source}: there is no single column {str(wanted)!r}; its columns are {_numbered(table)}.{nearest}"
     )
