@@ -226,6 +226,10 @@ def test_rivals_of_a_discovery_part_at_a_larger_release():
     best, smallest = runs.isel(run=0), runs.isel(run=np.argmin(runs.amplitude.values))
     assert best.amplitude.item() > 0.4
     assert best.entropy.item() < smallest.entropy.item()
+    stands = found["steps"].symbol.item()
+    other = ({"epsilon", "gravity"} - {stands}).pop()
+    with pytest.raises(UsageError, match=f"'{other}' may be the truth in the place of '{stands}'"):
+        plan(found, wanted={other: 0.1})
 
 
 @pytest.mark.in_full

@@ -160,7 +160,7 @@ def _planned(
     # Errors of a model that a search left are those of its coefficients and shapes together.
     known = next((rival for rival in rivals if rival.name in main.force), None) or stated_rival(main)
     wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
-    _check_wanted(wanted, known)
+    _check_wanted(wanted, known, [rival.name for rival in rivals])
     release, length, rates = _first_record(result)
     low, high = (None if np.isnan(end) else end for end in asked.release.values.tolist())
     releases = _between((low, high), AMPLITUDE_LIMITS, release, RELEASES, "amplitude")
@@ -202,11 +202,16 @@ def _sensor(
     return Sensor(rate, kept, repeats, noise, push, signal_units(main), longest, in_part)
 
 
-def _check_wanted(wanted: Mapping[str, float], known: Rival) -> None:
+def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
     """Refuse errors of what the model has not or holds, and those that are none."""
     if not known.fitted:
         raise UsageError("All coefficients of this model are held: no run changes an error.")
     for symbol, error in wanted.items():
+        if symbol in names and symbol not in known.model.coefficients:
+            raise UsageError(
+                f"'{symbol}' may be the truth in the place of '{known.name}', which stands in this model and "
+                f"has the errors: ask for {known.name}, or first for the run that separates them (no --want)."
+            )
         if symbol not in known.model.coefficients:
             there = ", ".join(known.fitted)
             raise UsageError(f"There is no coefficient '{symbol}' in this model, which has {there}.")
