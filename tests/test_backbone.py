@@ -154,7 +154,7 @@ LOOKED = {
     "drag on a pendulum": (
         [("sin(x) - x", 1.0), ("v*abs(v)", 0.02)],
         1.2,
-        "--forces delta --system pendulum",
+        "--forces zeta,delta --system pendulum",
     ),
     "hardening": ([("x**3", 0.2), ("2*v", 4e-3)], 0.4, "--forces zeta,epsilon"),
 }

@@ -15,6 +15,8 @@ from rich.table import Table
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import viscous_model
 from sysid_trib.printing.blocks import Block
 from sysid_trib.printing.layout import Source, mapped, same, text_table, value_with_error
 
@@ -174,11 +176,12 @@ def pointed_options(tree: xr.DataTree, system_given: bool) -> dict[str, str]:
     """
     decays = _decays(tree)
     systems = {str(decay.attrs["points_to_system"]) for decay in decays}
-    forces = dict.fromkeys(
-        symbol for decay in decays for symbol in str(decay.attrs["points_to_forces"]).split(",") if symbol
-    )
+    pointed = {s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s}
+    library = load_library()
+    # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
+    forces = [s for s in library.symbols if s in pointed | {*viscous_model(library).symbols}]
     # Of another system the frequency is another one's, and so are its forces.
-    options = {} if system_given or not forces else {"forces": ",".join(forces)}
+    options = {} if system_given or not pointed else {"forces": ",".join(forces)}
     return options | (
         {"system": systems.pop()} if not system_given and len(systems) == 1 and all(systems) else {}
     )
