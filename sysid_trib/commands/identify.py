@@ -157,7 +157,7 @@ def identify(
 
         measured, calibration = scale.measured(), calibration_of(given)
         asked = checks.asked_model(model, constraint, given.system)
-        sure.profiled()
+        profiled = sure.profiled()
         destination.check(given.records)
         tell("reading")
         decays, sources = read_decays(given, model, driven=True)
@@ -182,7 +182,7 @@ def identify(
             tell=tell,
         )
         predicted = _predicted(tree, tried, given, tell)
-        _add_sureness(tree, decays, sure, tell)
+        _add_sureness(tree, decays, profiled, sure.sensitivity, tell)
         if calibration[1]:
             tree = with_scale_error(tree, calibration[1] / calibration[0])
         _add_si_units(tree, measured)
@@ -192,11 +192,15 @@ def identify(
 
 
 def _add_sureness(
-    tree: "xr.DataTree", decays: "list[xr.Dataset]", sure: SurenessOptions, tell: "Tell"
+    tree: "xr.DataTree",
+    decays: "list[xr.Dataset]",
+    profiled: tuple[list[str], list[str]],
+    refits: bool,
+    tell: "Tell",
 ) -> None:
     """Add what is asked of how sure the answer is, as groups of the result."""
-    names, pairs = sure.profiled()
-    if not (names or pairs or sure.sensitivity):
+    names, pairs = profiled
+    if not (names or pairs or refits):
         return
     from sysid_trib.validation.findings import answer_of
     from sysid_trib.validation.profiles import contour, profile
@@ -207,7 +211,7 @@ def _add_sureness(
         tree["profile"] = profile(decays, answer, names, tell=tell)
     for pair in pairs:
         tree["contour"] = contour(decays, answer, pair.split(":"), tell=tell)
-    if sure.sensitivity:
+    if refits:
         tree["sensitivity"] = sensitivity(decays, answer, tell=tell)
 
 

@@ -101,15 +101,15 @@ def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceL
     UsageError
         The library has none.
     """
-    viscous = library.role("2*v") or library.role("v")
-    if viscous is None:
+    viscous = [library[symbol] for symbol in library.damping_factors]
+    if not viscous:
         raise UsageError(
             f"Library '{library.title}' has no viscous friction to start from; name the forces of the start "
             f"model (--forces {','.join(library.symbols[:2])})."
         )
     driving = {force.inputs: force for force in reversed([*load_library(INPUTS)]) if force.inputs}
     first = (force for held, force in driving.items() if set(held) <= set(inputs))
-    return replace(library, forces=(*first, viscous))
+    return replace(library, forces=(*first, viscous[0]))
 
 
 def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:

@@ -16,7 +16,6 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import viscous_model
 from sysid_trib.printing.blocks import Block
 from sysid_trib.printing.layout import Source, mapped, same, text_table, value_with_error
 
@@ -179,7 +178,7 @@ def pointed_options(tree: xr.DataTree, system_given: bool) -> dict[str, str]:
     pointed = {s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s}
     library = load_library()
     # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
-    forces = [s for s in library.symbols if s in pointed | {*viscous_model(library).symbols}]
+    forces = [s for s in library.symbols if s in pointed | library.damping_factors.keys()]
     # Of another system the frequency is another one's, and so are its forces.
     options = {} if system_given or not pointed else {"forces": ",".join(forces)}
     return options | (

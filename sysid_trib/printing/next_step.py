@@ -68,11 +68,10 @@ def _after_identification(tree: xr.DataTree) -> NextStep:
 
 def _after_nothing(result: xr.Dataset) -> NextStep:
     """After a record that decides none of its forces: with fewer of them."""
-    library = library_of(result, whole=True)
-    viscous = library.role("2*v") or library.role("v")
-    if viscous is not None and result.force.values.tolist() != [viscous.symbol]:
+    viscous = [*library_of(result, whole=True).damping_factors][:1]
+    if viscous and result.force.values.tolist() != viscous:
         reason = "fewer forces, and all of the record"
-        return NextStep("identify", reason, {"forces": viscous.symbol}, without=("window",))
+        return NextStep("identify", reason, {"forces": viscous[0]}, without=("window",))
     reason = f"{SECOND_RECORD}: a longer motion, from a larger amplitude"
     return NextStep("identify", reason, records=(SECOND_RECORD,), without=("window",))
 
