@@ -115,7 +115,7 @@ def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None
 
 
 def write_figure(figure: Any, path: Path) -> None:
-    """Write a figure as PDF and PNG beside each other, its folder made if need be.
+    """Write a figure as PDF and PNG (300 dpi) beside each other, its folder made if need be.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def write_figure(figure: Any, path: Path) -> None:
         ) from None
     for kind in ("pdf", "png"):
         content = io.BytesIO()
-        figure.savefig(content, dpi=150, format=kind)
+        figure.savefig(content, dpi=300, format=kind)
         write_file(path.with_suffix(f".{kind}"), content.getvalue())
 
 
