@@ -20,12 +20,12 @@ from sysid_trib.results.variables import (
     signal_units,
     variable,
 )
-from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.holdout import first_held_out
 from sysid_trib.validation.model_error import error_parts
 from sysid_trib.validation.rivals import (
     ODDS,
+    STATED,
     Rival,
     RunPrediction,
     covariance_after,
@@ -109,7 +109,7 @@ def plan(
         `entropy` that is left of the models (nats; 0 of one model) and the `probability` that the right one
         has odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
         by all records together, the error of the model added, and whether it `meets` what is wanted.
-        `parting(time)` of the best run: by how much the two likeliest models part up to each time, as the
+        `parting(time)` of the best run: by how much its two likeliest `models` part up to each time, as the
         logarithm of their likelihood ratio.
         attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
 
@@ -158,7 +158,8 @@ def _planned(
     main = main_result(result) if isinstance(result, xr.DataTree) else result
     assert main is not None
     # Errors of a model that a search left are those of its coefficients and shapes together.
-    known = next((rival for rival in rivals if rival.name in main.force), None) or stated_rival(main)
+    there = {STATED, *main.force.values.tolist()}
+    known = next((rival for rival in rivals if rival.name in there), None) or stated_rival(main)
     wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
     _check_wanted(wanted, known, [rival.name for rival in rivals])
     release, length, rates = _first_record(result)
@@ -166,16 +167,21 @@ def _planned(
     releases = _between((low, high), AMPLITUDE_LIMITS, release, RELEASES, "amplitude")
     durations = _between(duration, DURATION_LIMITS, length, DURATIONS, "duration")
     sensor = _sensor(result, main, rates, sampling_rate, repeats, durations[-1])
+    models = {rival.name: rival for rival in (known, *rivals)}
     runs, rows = [], []
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
-        moving = np.unique(np.minimum(durations, _stop(known, sensor, release)))
-        runs += [(release, length) for length in moving]
-        motions = [_predicted(rival, sensor, release, moving) for rival in (known, *rivals)]
-        for length, *predictions in zip(moving, *motions, strict=True):
+        # It may stop in what is held out.
+        whole, stop = _predicted(known, sensor._replace(in_part=False), release, durations)
+        moving = np.unique(np.minimum(durations, stop))
+        others = [r for r in models.values() if r is not known]
+        motions = [whole, *(_predicted(rival, sensor, release, moving)[0] for rival in others)]
+        for length in moving:
             time, ratio = sensor.times(length)[0], sensor.ratio(known)
+            predictions = [_up_to(motion, len(time)) for motion in motions]
             white = in_white_noise(predictions, known.model, time, release, ratio)
-            rows.append(_worth(rivals, known, main, white))
+            runs.append((release, length))
+            rows.append(_worth(rivals, known, main, dict(zip(models, white, strict=True))))
     if not any(np.isfinite(row[0]) for row in rows):
         raise DecayError("No run within these limits has a motion; take others.")
     return _dataset(rivals, known, runs, rows, wanted, sensor)
@@ -246,42 +252,43 @@ def _between(limits: Span, parts: tuple[float, float], known: float, count: int,
 
 
 def _worth(
-    rivals: Sequence[Rival], known: Rival, main: xr.Dataset, predictions: Sequence[RunPrediction | None]
-) -> tuple[float, float, Array]:
-    """Entropy that is left, probability of odds for the right model, and errors by all records together."""
-    of_model, *of_rivals = predictions
+    rivals: Sequence[Rival], known: Rival, main: xr.Dataset, runs: Mapping[str, RunPrediction | None]
+) -> tuple[float, float, Array, list[tuple[Rival, RunPrediction]]]:
+    """Entropy that is left, probability of odds for the right model, errors, and the two likeliest models.
+
+    `runs` : what each model predicts, by its name.
+    """
+    of_model = runs[known.name]
     if of_model is None:
-        return np.nan, np.nan, np.full(len(known.fitted), np.nan)
-    pairs = [(rival, p) for rival, p in zip(rivals, of_rivals, strict=True) if p is not None]
+        return np.nan, np.nan, np.full(len(known.fitted), np.nan), []
+    pairs = [(rival, run) for rival in rivals if (run := runs[rival.name]) is not None]
     # A model that has no such motion is distinguished by any.
     moving = np.array([rival.probability for rival, _ in pairs])
     entropy, right = informed(moving, log_odds(pairs)) if len(pairs) > 1 else (0.0, moving.sum())
-    return entropy, float(right + 1.0 - moving.sum()), _errors_after(known, of_model, main)
-
-
-def _stop(known: Rival, sensor: Sensor, release: float) -> float:
-    """When the motion after a release stops (s); nothing is fitted after it. Infinite if it does not."""
-    with suppress(SysidTribError):
-        time = np.arange(0.0, sensor.longest, 1.0 / sensor.kept)
-        stop = trajectory(known.model, time, release, 0.0).stop_time
-        return float(np.nan_to_num(stop, nan=np.inf))
-    return np.inf
+    errors = _errors_after(known, of_model, main)
+    likeliest = sorted(pairs, key=lambda pair: -pair[0].probability)[:2]
+    return entropy, float(right + 1.0 - moving.sum()), errors, likeliest
 
 
 def _predicted(
-    rival: Rival, sensor: Sensor, release: float, durations: Sequence[float] | Array
-) -> list[RunPrediction | None]:
-    """What a rival predicts after a release up to each duration (s), ascending; None of no such motion."""
-    ends = [len(sensor.times(length)[0]) for length in durations]
-    for at in reversed(range(len(ends))):
-        time, noise = sensor.times(durations[at])
-        try:
-            whole = rival.predicted(time, (release, 0.0), noise)
-        except SysidTribError:
-            continue
-        shorter = [RunPrediction(*(part[:end] for part in whole)) for end in ends[: at + 1]]
-        return [*shorter, *[None] * (len(ends) - at - 1)]
-    return [None] * len(ends)
+    rival: Rival, sensor: Sensor, release: float, durations: Array
+) -> tuple[RunPrediction | None, float]:
+    """What a rival predicts of the longest run that it has, and when its motion stops (s).
+
+    Nothing is fitted after the stop; it is infinite of a motion that does not. None of no such motion.
+    """
+    for length in reversed(durations.tolist()):
+        time, noise = sensor.times(length)
+        with suppress(SysidTribError):
+            return rival.predicted(time, (release, 0.0), noise)
+    return None, np.inf
+
+
+def _up_to(run: RunPrediction | None, end: int) -> RunPrediction | None:
+    """The first samples of a prediction that has as many."""
+    if run is None or len(run.angle) < end:
+        return None
+    return RunPrediction(*(part[:end] for part in run))
 
 
 def _errors_after(known: Rival, run: RunPrediction, main: xr.Dataset) -> Array:
@@ -297,7 +304,7 @@ def _dataset(
     rivals: Sequence[Rival],
     known: Rival,
     runs: Sequence[tuple[float, float]],
-    rows: Sequence[tuple[float, float, Array]],
+    rows: Sequence[tuple[float, float, Array, list[tuple[Rival, RunPrediction]]]],
     wanted: Mapping[str, float],
     sensor: Sensor,
 ) -> xr.Dataset:
@@ -329,14 +336,12 @@ def _dataset(
     }
     data = xr.Dataset(variables, {"force": known.fitted})
     if len(rivals) > 1:
-        ranked = sorted(rivals, key=lambda rival: -rival.probability)
-        best = release[order[0]], length[order[0]]
-        predictions = [_predicted(rival, sensor, best[0], best[1:])[0] for rival in (known, *ranked)]
-        time, text = sensor.times(best[1])[0], "logarithm of the likelihood ratio up to a time"
-        white = in_white_noise(predictions, known.model, time, best[0], sensor.ratio(known))
-        both = [p for p in white[1:] if p is not None][:2]
-        log_ratio = 0.5 * parting_of(*both) if len(both) == 2 else np.full(len(time), np.nan)
+        likeliest, best = rows[order[0]][3], length[order[0]]
+        time, text = sensor.times(best)[0], "logarithm of the likelihood ratio up to a time"
+        parts = len(likeliest) == 2
+        log_ratio = 0.5 * parting_of(*(run for _, run in likeliest)) if parts else np.full(len(time), np.nan)
         data = data.assign_coords(time=time).assign(parting=variable("time", log_ratio, text, "nat"))
+        data.parting.attrs["models"] = [rival.name for rival, _ in likeliest]
     return data.assign_attrs(
         models=[rival.name for rival in rivals],
         probabilities=[float(rival.probability) for rival in rivals],

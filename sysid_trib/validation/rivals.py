@@ -32,6 +32,8 @@ from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.likelihood_gain import orthonormal
 from sysid_trib.validation.model_error import error_parts
 
+# Name of the model of an identification.
+STATED = "the model"
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
 # Of what each model may make a run, its parameters and the noise, as many are drawn.
@@ -80,25 +82,28 @@ class Rival:
         errors = np.linalg.norm(self.directions, axis=1)
         return [s for s, error in zip(self.model.coefficients, errors, strict=False) if error > 0.0]
 
-    def predicted(self, time: Array, start: tuple[float, float], noise: float) -> RunPrediction:
+    def predicted(self, time: Array, start: tuple[float, float], noise: float) -> tuple[RunPrediction, float]:
         """What it predicts after a start (angle, rad, and rate, rad/s), in noise of this standard deviation.
+
+        Beside it when the motion stops (s), infinite if it does not.
 
         Raises
         ------
         SimulationError
             The model has no such motion.
         """
-        motion = _columns(self.model, time, start)
+        *motion, stop = _columns(self.model, time, start)
         angle, columns, free = (part / noise for part in motion)
-        return RunPrediction(angle, columns @ self.directions, free)
+        return RunPrediction(angle, columns @ self.directions, free), stop
 
 
-def _columns(model: Model, time: Array, start: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """A motion (sample,), its derivatives by the parameters, and by its start and the sensor's zero."""
+def _columns(model: Model, time: Array, start: tuple[float, float]) -> tuple[Array, Array, Array, float]:
+    """A motion (sample,), its derivatives by parameters, and by its start and the sensor's zero; its stop."""
     names = [*model.coefficients, *model.shapes, FREQUENCY, BY_ANGLE, BY_RATE]
     motion = trajectory(model, time, *start, by=names)
     by = motion.derivatives["angle"]
-    return motion.angle, by[:, :-2], np.column_stack([by[:, -2:], np.ones(len(time))])
+    free = np.column_stack([by[:, -2:], np.ones(len(time))])
+    return motion.angle, by[:, :-2], free, float(np.nan_to_num(motion.stop_time, nan=np.inf))
 
 
 def rivals_of(result: xr.Dataset | xr.DataTree) -> list[Rival]:
@@ -129,7 +134,7 @@ def stated_rival(result: xr.Dataset) -> Rival:
     directions = np.zeros((count + shapes + 1, count + 1))
     at = [*range(count), count + shapes]
     directions[at] = _root(covariance * np.outer(part, part))
-    return Rival("the model", model, directions, 1.0)
+    return Rival(STATED, model, directions, 1.0)
 
 
 def _root(covariance: Array) -> Array:
@@ -200,7 +205,7 @@ def _by_records(result: xr.Dataset, records: Sequence[xr.Dataset]) -> Array:
     for run, record in enumerate(records):
         angle, rate = (float(np.ravel(result[f"start_{name}"])[run]) for name in ("angle", "rate"))
         time, noise = record.time.values, noise_of_run(result, run)
-        _, columns, free = _columns(model, time, (angle, rate))
+        _, columns, free, _ = _columns(model, time, (angle, rate))
         push = random_force_of(result, run).per_tau(model.reference_frequency)
         columns = whitened(model, time, (angle, rate), push / noise**2, np.hstack([columns, free]))
         columns, free = columns[:, :-3], columns[:, -3:]
