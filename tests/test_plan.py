@@ -10,7 +10,7 @@ from helpers import FIVE, NOISE, paper_run
 from scipy.stats import norm
 
 from benchmarks.plan import step
-from sysid_trib import Model, free_decay, identify, save, simulate
+from sysid_trib import Model, free_decay, identify, plots, save, simulate
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
 from sysid_trib.validation import plan
@@ -52,6 +52,9 @@ def test_what_is_wanted_is_had_by_the_shortest_run_that_has_it(tree):
     assert found.duration.values[0] == found.duration.values[met].min()
     nothing = plan(tree, wanted={"delta": 1e-3 * stated})
     assert not nothing.meets.any()
+    (panel,) = plots.plan(nothing).axes
+    assert min(line.get_ydata()[0] for line in panel.lines) == 1e-3 * stated
+    assert [text.get_text() for text in panel.texts] == [f"wanted: {1e-3 * stated:g}"]
 
 
 def test_a_displacement_in_micrometres_plans_as_its_angle():

@@ -20,6 +20,7 @@ from sysid_trib.plots.style import (
     MODEL_LINES,
     SERIES,
     TWO_COLUMNS,
+    WHITE,
     footnote,
     in_latex,
     letter,
@@ -155,7 +156,7 @@ def _coefficients(ax: Axes, data: OverviewData) -> None:
         text = value_with_error(of_force.coefficient.item(), of_force.standard_error.item())
         unit = short_unit(of_force.unit.item(), data.units)[0]
         written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
-        written.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+        written.set_bbox(WHITE)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")
     ax.axvline(1.0, color="0.85", linewidth=0.6, zorder=0)
     ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])

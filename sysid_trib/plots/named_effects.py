@@ -68,7 +68,7 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
         # Three digits, and no power of ten as long as there is room without.
         digits = f"{float(f'{size:.3g}'):g}"
         text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.LABEL_OFFSET)
-        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
+        text.set_bbox(style.WHITE)
     threshold = data.threshold.item()
     if data.low < threshold:
         ax.axvline(threshold, **style.THRESHOLD)

@@ -49,6 +49,8 @@ FONT_SIZE = 7.5
 FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
 # A text beside the point that it annotates.
 LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+# Behind a text that may lie on lines.
+WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Over so many times the smallest number there is room for powers of ten alone.
 CROWDED = 100.0
@@ -256,6 +258,14 @@ def letter(panels: Iterable[Axes], titles: Iterable[str] = (), fontsize: float =
     for at, panel in enumerate(panels):
         title = f"({chr(ord('a') + at)}) {texts[at] if texts else ''}"
         panel.set_title(title.rstrip(), loc="left", fontsize=fontsize)
+
+
+def threshold(ax: Axes, value: float, text: str) -> None:
+    """A level line, named above its right end."""
+    ax.axhline(value, **THRESHOLD)
+    place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+    note = ax.annotate(text, (1.0, value), (-3, 3), ha="right", fontsize=FONT_SIZE, **place)
+    note.set_bbox(WHITE)
 
 
 def footnote(figure: Figure, text: str) -> None:
