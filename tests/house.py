@@ -97,15 +97,20 @@ def unreachable(doors):
     return sorted({f"{module}: {name}" for (module, name), *_ in rest})
 
 
-def code_lines(name):
+def code_lines(tree, text):
     """Lines of a module that are neither blank nor a comment nor a docstring."""
-    tree, text = modules()[name]
     lines = {i for i, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"}
     for node in ast.walk(tree):
         holds = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         if holds and ast.get_docstring(node, clean=False) is not None:
             lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return len(lines)
+
+
+def lines_beside(folder):
+    """Code lines of tests or benchmarks."""
+    texts = [path.read_text(encoding="utf-8") for path in (PACKAGE.parent / folder).rglob("*.py")]
+    return sum(code_lines(ast.parse(text), text) for text in texts)
 
 
 def import_lines(name):
@@ -116,7 +121,7 @@ def import_lines(name):
 
 def numbers():
     """What the house is measured by."""
-    code = {name: code_lines(name) for name in modules()}
+    code = {name: code_lines(*module) for name, module in modules().items()}
     lines = [count for name, count in code.items() if not name.endswith("__init__.py")]
     return {
         "code lines": sum(code.values()),
@@ -132,12 +137,13 @@ def numbers():
         ),
         "per cent of code that imports": round(100 * sum(map(import_lines, code)) / sum(code.values()), 1),
         "public names at the top": len(sysid_trib.__all__),
+        **{f"code lines of {folder}": lines_beside(folder) for folder in ("tests", "benchmarks")},
     }
 
 
 if __name__ == "__main__":
     rooms = Counter()
-    for module in modules():
-        rooms[room_of(module) if "/" in module else "(loose)"] += code_lines(module)
+    for name, module in modules().items():
+        rooms[room_of(name) if "/" in name else "(loose)"] += code_lines(*module)
     for title, count in [*rooms.most_common(), *numbers().items()]:
         print(f"{count:>8}  {title}")

@@ -9,7 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.contact.judging import drawn
-from benchmarks.contact.writing import KINDS
+from benchmarks.contact.kinds import KINDS
 from sysid_trib.records.headers import noted_rate
 from sysid_trib.records.numbers import numbers
 from sysid_trib.records.units import signal_unit
@@ -50,6 +50,7 @@ def test_every_kind_in_further_draws(name, tmp_path):
         ("Volt", "V"),
         ("a.u.", "au"),
         ("mT", "mT"),
+        ("centimeters", "cm"),
     ],
 )
 def test_units_in_every_spelling(text, unit):

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.contact.judging import drawn
-from benchmarks.contact.writing import KINDS
+from benchmarks.contact.kinds import KINDS
 
 
 def main() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.contact import binaries, defects, further, stumbles, texts  # noqa: F401
-from benchmarks.contact.writing import KINDS, Draw, Right
+from benchmarks.contact.kinds import make
+from benchmarks.contact.writing import Draw, Right
 from sysid_trib.cycles.look import look
 from sysid_trib.errors import SysidTribError
 from sysid_trib.records.free_decay import free_decays
@@ -21,7 +21,7 @@ def drawn(name: str, folder: Path, seed: int, number: int) -> tuple[str, str]:
     draw = Draw([seed, number, zlib.crc32(name.encode())])
     stem, _, suffix = name.partition(".")
     path = folder / f"{stem}_{number}.{suffix or 'csv'}"
-    return path.name, wrong(path, KINDS[name][1](path, draw))
+    return path.name, wrong(path, make(name, path, draw))
 
 
 def wrong(path: Path, right: Right) -> str:

@@ -1,8 +1,7 @@
 """What a file is made of: a motion, numbers drawn for it, rows of cells, and what is right of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -44,20 +43,6 @@ class Right:
     options: dict[str, object] = field(default_factory=dict)
 
 
-Maker = Callable[[Path, "Draw"], Right]
-KINDS: dict[str, tuple[str, Maker]] = {}
-
-
-def kind(name: str, what: str) -> Callable[[Maker], Maker]:
-    """Keep the maker of a kind of file under its name."""
-
-    def keep(make: Maker) -> Maker:
-        KINDS[name] = (what, make)
-        return make
-
-    return keep
-
-
 class Draw:
     """Numbers and choices of one file."""
 
@@ -89,10 +74,17 @@ class Swing:
     zeta: float
     start: float
     rate: float
+    release: float = 0.0
 
     def right(self, quantity: str, unit: str, scale: float = 1.0, **more: object) -> Right:
         """What is right of its file; `scale`: its unit of an angle of 1 rad."""
         return Right(quantity, unit, self.period, self.zeta, self.start * scale, **more)  # type: ignore[arg-type]
+
+    def as_unit(self, unit: str, scale: float) -> Right:
+        """What is right of its file where the unit says whether it is an angle."""
+        if unit in ("mm", "cm", "V"):
+            return self.right("displacement", unit, scale)
+        return self.right("angle", "rad" if unit == "rad" else "deg")
 
 
 def swing(
@@ -113,7 +105,7 @@ def swing(
     duration = release + min(np.log(falls) / (ratio * w), 90.0 * length)
     time = np.arange(int(duration * rate)) / rate
     x, v, a = decay_at(time - release, w, ratio, angle)
-    return Swing(time, x, v, a, length, ratio, angle, rate)
+    return Swing(time, x, v, a, length, ratio, angle, rate, release)
 
 
 def decay_at(tau: Array, w: float, zeta: float, start: float) -> tuple[Array, Array, Array]:
@@ -127,23 +119,22 @@ def decay_at(tau: Array, w: float, zeta: float, start: float) -> tuple[Array, Ar
     return x, v, a
 
 
-def cells(formats: str, *columns: Sequence[object] | Array) -> list[list[str]]:
-    """Rows of texts: one format a column, separated by blanks."""
-    return [[f % v for f, v in zip(formats.split(), row, strict=True)] for row in zip(*columns, strict=True)]
+def cells(formats: Sequence[str], columns: Sequence[Sequence[object] | Array]) -> list[list[str]]:
+    """Rows of texts: one format a column."""
+    return [[f % v for f, v in zip(formats, row, strict=True)] for row in zip(*columns, strict=True)]
 
 
-def write(
-    path: Path,
+def text_of(
     rows: list[list[str]],
     head: str = "",
-    sep: str = ",",
     *,
+    sep: str = ",",
     comma: bool = False,
     tail: str = "",
     encoding: str = "utf-8",
     end: str = "\n",
-) -> None:
+) -> bytes:
     """A text file; `comma`: as the sign of decimals."""
     body = [sep.join(cell.replace(".", ",") if comma else cell for cell in row) for row in rows]
     lines = [*head.splitlines(), *body, *tail.splitlines()]
-    path.write_bytes("".join(line + end for line in lines).encode(encoding))
+    return "".join(line + end for line in lines).encode(encoding)
