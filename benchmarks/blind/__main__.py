@@ -1,10 +1,10 @@
-"""python -m benchmarks.blind: see study.py."""
+"""python -m benchmarks.blind: development records, see confirmation.py."""
 
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.study import main
+from blind.confirmation import main
 
-main()
+main("development")

@@ -1,12 +1,17 @@
 """The confirmation set: records that nobody tuned to, drawn from the hash of the program that is tested.
 
 python -m benchmarks.blind.confirmation [--records N] [--jobs N] [--salt HASH] [--keep FILE] [--report]
+                                         [--only KIND] [--times K]
 
-Frequency, amplitude, noise, length, runs and random force vary over wide ranges (`wide_draws.py`), by the
+Frequency, amplitude, noise, length, runs and random force vary over wide ranges (`draws.py`), by the
 integrator of the blind tests; what names the effects sees files alone, and predicts the last third of a run.
 The strength z of an effect is the root of the deviance that the truth gains beside both noises (`seen.py`).
 Rows are appended to FILE as they come, failures too, and a study that was stopped goes on where it was. By
 default the salt is `git rev-parse HEAD` and FILE build/confirmation-HASH.jsonl. With --report nothing is run.
+With --times those that are pushed at random alone are looked at, K times as hard as drawn: `--only "nothing
+white" --times 1` counts pushes that are explained by a force; those that are no decay any more count as
+refused. `python -m benchmarks.blind` is the same on development records: their salt is a word, and constants
+may be chosen by them.
 """
 
 import argparse
@@ -21,22 +26,27 @@ import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
 import numpy as np
+import xarray as xr
 
 if __package__ in (None, "", "benchmarks.blind"):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     __package__ = "blind"
 
+from blind.cases import Drawn, draw_case, kind_of
 from blind.confirmation_report import SLOW, report
-from blind.naming import named_blind
-from blind.wide_cases import Drawn, draw_case
+from blind.generator import NoDecayError
+from blind.seen import CONTACT, offered
+from sysid_trib import free_decay, read_record
+from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
+from sysid_trib.results.effects import credible_set
 
 # Seconds of the processor after which a record is given up, and counted as a failure.
 LIMIT = 300
@@ -63,9 +73,9 @@ def limited(seconds: int) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
-def run(place: tuple[str, int]) -> dict[str, Any]:
+def run(place: tuple[str, int, float | None]) -> dict[str, Any]:
     """Draw a record, write its files, have them named: the answers beside what was found."""
-    salt, number = place
+    salt, number, times = place
     begin = time.perf_counter()
     row: dict[str, Any] = {"number": number}
     with warnings.catch_warnings():
@@ -76,16 +86,26 @@ def run(place: tuple[str, int]) -> dict[str, Any]:
         except Exception:
             return row | {"not_drawn": traceback.format_exc()}
         row |= _answers(case) | {"drawing": time.perf_counter() - begin}
+        if times and not case.experiment.wander:
+            return row
         # Of the processor: a record does not wait for what else the machine does.
         begin = time.process_time()
         try:
             with limited(LIMIT):
-                row["found"] = look(case)
-        except SysidTribError as error:
+                row["found"] = look(pushed(case, times) if times else case)
+        except (NoDecayError, SysidTribError) as error:
             row["refused"] = f"{type(error).__name__}: {error}"
         except Exception:
             row["error"] = traceback.format_exc()
     return row | {"seconds": time.process_time() - begin}
+
+
+def pushed(case: Drawn, times: float) -> Drawn:
+    """The same with a random force so much stronger."""
+    drawn = case.experiment
+    harder = replace(drawn, wander=times * drawn.wander, growth=times**2 * drawn.growth)
+    effects = [(one.symbol, one.shapes, one.coefficient) for one in case.hidden]
+    return replace(case, experiment=harder, angles=harder.measured(effects))
 
 
 def _answers(case: Drawn) -> dict[str, Any]:
@@ -110,14 +130,45 @@ def look(case: Drawn, settings: Settings = DEFAULTS) -> dict[str, Any]:
             paths.append(Path(folder) / f"run_{number}.csv")
             data = np.stack([case.experiment.time, angle], axis=1)
             np.savetxt(paths[-1], data, "%.12g", ",", header="time (s),angle (rad)", comments="")
-        return named_blind(paths, list(case.experiment.oscillator.base), case.left_out, settings)
+        return named(paths, list(case.experiment.oscillator.base), case.left_out, settings)
 
 
-def study(salt: str, numbers: Sequence[int], keep: Path, jobs: int) -> None:
+def named(
+    paths: Sequence[Path], base: Sequence[str], left_out: Sequence[str], settings: Settings
+) -> dict[str, Any]:
+    """Verdict, effects and base coefficients of the runs in these files, the last third of each held out.
+
+    It sees files, the base model's symbols and what to leave out, nothing else.
+    """
+    runs = [free_decay(read_record(path)) for path in paths]
+    tree = discover(runs, CONTACT.select(list(base)), offered(base, left_out), settings=settings)
+    steps, after = tree["steps"].dataset, tree["after"].dataset
+    by_symbol = after.sel(force=list(base))
+    return {
+        "verdict": tree.attrs["verdict"],
+        "converged": tree.attrs["converged"],
+        "failed_fits": tree.attrs["failed_fits"],
+        "steps": [_step(steps.isel(step=i)) for i in range(steps.sizes.get("step", 0))],
+        "base": dict(zip(base, by_symbol.coefficient.values.tolist(), strict=True)),
+        "base_errors": dict(zip(base, by_symbol.standard_error.values.tolist(), strict=True)),
+        "random_force_p_value": np.atleast_1d(after.random_force_p_value.values).tolist(),
+    }
+
+
+def _step(row: xr.Dataset) -> dict[str, Any]:
+    words = {name: str(row[name].item()) for name in ("symbol", "family")}
+    numbers = {name: float(row[name]) for name in ("coefficient", "standard_error", "p_value")}
+    flags = {name: bool(row[name]) for name in ("collinear", "worsens_holdout", "significant")}
+    deviance = row.penalised_deviance.dropna("candidate").to_series().round(2).to_dict()
+    more = {"ties": credible_set(row), "costs": json.dumps(deviance), "chance": float(row.chance_probability)}
+    return words | numbers | flags | more
+
+
+def study(salt: str, numbers: Sequence[int], keep: Path, jobs: int, times: float | None) -> None:
     """Run the records that FILE does not have."""
     keep.parent.mkdir(parents=True, exist_ok=True)
     done = {row["number"] for row in kept(keep)}
-    left = [(salt, number) for number in numbers if number not in done]
+    left = [(salt, number, times) for number in numbers if number not in done]
     context = multiprocessing.get_context("spawn")
     with context.Pool(jobs, maxtasksperchild=RECORDS) as pool:
         for came, row in enumerate(pool.imap_unordered(run, left), 1):
@@ -136,12 +187,14 @@ def head() -> str:
     return subprocess.run(command, capture_output=True, check=True, text=True).stdout.strip()
 
 
-def main() -> None:
+def main(salt: str = "") -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--records", type=int, default=1000, metavar="N")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first record")
     parser.add_argument("--jobs", type=int, default=1, metavar="N")
-    parser.add_argument("--salt", metavar="HASH")
+    parser.add_argument("--salt", metavar="HASH", default=salt)
+    parser.add_argument("--only", metavar="KIND", default="", help="records of kinds that begin so")
+    parser.add_argument("--times", type=float, metavar="K", help="how much harder pushed ones are pushed")
     parser.add_argument("--keep", type=Path, metavar="FILE")
     parser.add_argument("--report", action="store_true", help="of what there is")
     parser.add_argument(
@@ -149,11 +202,16 @@ def main() -> None:
     )
     options = parser.parse_args()
     salt = options.salt or head()
-    keep = options.keep or ROOT / "build" / f"confirmation-{salt[:12]}.jsonl"
+    harder = f"-times-{options.times:g}" if options.times else ""
+    keep = options.keep or ROOT / "build" / f"confirmation-{salt[:12]}{harder}.jsonl"
     if not options.report:
         numbers = range(options.first, options.first + options.records)
-        study(salt, numbers, keep, options.jobs)
-    print(report(kept(keep), salt, keep.with_suffix(".png"), options.slow))
+        some = [number for number in numbers if kind_of(number).startswith(options.only)]
+        study(salt, some, keep, options.jobs, options.times)
+    rows = kept(keep)
+    if options.times:
+        rows = [row for row in rows if "not_drawn" in row or row["experiment"]["wander"]]
+    print(report(rows, salt, keep.with_suffix(".png"), options.slow))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,28 @@
-"""Random oscillators, shape parameters and noise."""
+"""Experiments: frequency, amplitude, noise, length, random force, shape parameters in wide ranges."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
 
-from .effects import Shapes
-from .generator import Oscillator
+from .effects import SENSORS, Shapes, make
+from .generator import NoDecayError, Oscillator, motion
 
-# Noise over the first angle.
-NOISE = 1e-3
+# What is drawn evenly in its logarithm: rad/s, rad, noise over the first angle, samples a period, periods,
+# RMS of what a random force adds at the end of a record in noise levels.
+FREQUENCY, AMPLITUDE, NOISE = (0.3, 300.0), (0.02, 1.2), (3e-4, 1e-2)
+SAMPLING, PERIODS, WANDER = (20.0, 200.0), (8.0, 200.0), (1.0, 20.0)
+# Samples of all runs together.
+MOST_SAMPLES = 20_000
+# Share of records with one, two, ... runs, of those with a random force, of those that stop inside.
+RUNS, PUSHED, STOPPING = (0.55, 0.2, 0.12, 0.13), 0.5, 0.15
+# Part of its first angle to which a motion decays that does not stop.
+DECAYED = (0.05, 0.7)
+# Steps of the integrator, each with its own random force, in a period at least.
+STEPS = 60
+# Steps of an effect in one of the motion that do not depend on the amplitude.
+COARSE = 3
 # Effects that only take one sign: springs that pull back, contacts that lose energy.
 ONE_SIGN = {
     "structural_damping", "maxwell", "resonator", "jenkins", "iwan", "dahl", "lugre", "bouc_wen",
@@ -18,20 +31,122 @@ ONE_SIGN = {
 }  # fmt: skip
 
 
-def oscillator(rng: np.random.Generator, start: float) -> Oscillator:
-    """Two to five base forces of the order of the paper's, at least one of friction."""
+@dataclass(frozen=True)
+class Experiment:
+    """Runs of one oscillator: released from `starts` (rad), `count` samples `step` apart in tau.
+
+    `level` is the standard deviation of the noise (rad), `growth` how the variance of v grows by a random
+    force, rad^2 a unit of tau.
+    """
+
+    oscillator: Oscillator
+    starts: list[float]
+    step: float
+    count: int
+    colour: str
+    weights: np.ndarray
+    level: float
+    wander: float
+    growth: float
+    stops: bool
+    seed: int
+
+    @property
+    def time(self) -> np.ndarray:
+        return np.arange(self.count) * self.step / self.oscillator.w
+
+    def measured(self, effects: list[tuple[str, Shapes, float]]) -> list[np.ndarray]:
+        """The angle of each run as it is measured, with effects (symbol, shapes, coefficient)."""
+        return [self._run(effects, at) for at in range(len(self.starts))]
+
+    def _run(self, effects: list[tuple[str, Shapes, float]], at: int) -> np.ndarray:
+        """The same pushes, noise and zero of the sensor whatever the effects are."""
+        pushes, sensor = (np.random.default_rng([self.seed, at, i]) for i in range(2))
+        forces = [(make(symbol, p), c) for symbol, p, c in effects if symbol not in SENSORS]
+        least = int(np.ceil(STEPS * self.step / (2.0 * np.pi)))
+        # Lengths of hysteresis, and the steps that they ask for, are those of swings of some 0.4 rad.
+        finer = [
+            effect.parts if effect.parts <= COARSE else effect.parts * self.starts[0] / 0.4
+            for effect, _ in forces
+        ]
+        parts = max([least, *(int(np.ceil(q)) for q in finer)])
+        draws = pushes.standard_normal((self.count, least)) * np.sqrt(self.growth * least / self.step)
+        # A force that needs finer steps is pushed by the same random force.
+        kicks = np.repeat(draws, -(-parts // least), axis=1) if self.growth else None
+        found = motion(self.oscillator, forces, self.starts[at], self.step, self.count, parts, kicks)
+        if np.abs(found.x[self.count // 2 :]).max() > 0.97 * self.starts[at]:
+            raise NoDecayError("the motion does not decay")
+        angle = found.x + sensor.uniform(-0.01, 0.01) * self.starts[0]
+        for symbol, _, c in effects:
+            if symbol in SENSORS:
+                angle += c * SENSORS[symbol](found.x, found.v, self.time)
+        if self.colour == "quantised":
+            # A little noise beside, as any sensor has.
+            least_step = np.sqrt(12.0) * self.level
+            beside = 0.2 * self.level * sensor.standard_normal(self.count)
+            return np.asarray(least_step * np.round((angle + beside) / least_step))
+        return np.asarray(angle + self.level * noise(sensor, self.colour, self.weights, self.count))
+
+
+def _even_log(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def draw_experiment(rng: np.random.Generator, colour: str) -> Experiment:
+    """An experiment with noise of this colour."""
+    runs = 1 + int(rng.choice(len(RUNS), p=RUNS))
     while True:
-        every = {
-            "lambda": rng.uniform(0.0002, 0.001) * start,
-            "zeta": rng.uniform(0.002, 0.008),
-            "delta": rng.uniform(0.01, 0.05),
-            "nu": rng.choice([-1, 1]) * rng.uniform(0.1, 0.5),
-            "epsilon": rng.choice([-1, 1]) * rng.uniform(0.1, 0.5),
-        }
-        chance = {"lambda": 0.5, "zeta": 0.8, "delta": 0.5, "nu": 0.5, "epsilon": 0.5}
-        base = {k: float(q) for k, q in every.items() if rng.uniform() < chance[k]}
-        if len(base) >= 2 and base.keys() & {"lambda", "zeta", "delta"}:
-            return Oscillator(float(rng.uniform(5.0, 15.0)), base)
+        rate, periods = _even_log(rng, *SAMPLING), _even_log(rng, *PERIODS)
+        if rate * periods * runs <= MOST_SAMPLES:
+            break
+    start, stops = _even_log(rng, *AMPLITUDE), bool(rng.uniform() < STOPPING)
+    remaining = rng.uniform(*DECAYED)
+    base = _base_forces(rng, start, float(remaining), periods, stops)
+    weights = whitener(rng, colour)
+    level = start * _even_log(rng, *NOISE)
+    wander = _even_log(rng, *WANDER) if rng.uniform() < PUSHED else 0.0
+    tau = 2.0 * np.pi * periods
+    # Variance of x in an oscillator of this decay in white acceleration: growth / (4 zeta) in the end.
+    decay = -np.log(remaining)
+    growth = (wander * level) ** 2 * 4.0 * decay / tau / -np.expm1(-2.0 * decay)
+    return Experiment(
+        oscillator=Oscillator(_even_log(rng, *FREQUENCY), base),
+        starts=[start, *(float(start * rng.uniform(0.5, 1.0)) for _ in range(runs - 1))],
+        step=2.0 * np.pi / rate,
+        count=int(periods * rate),
+        colour=colour,
+        weights=weights,
+        level=level,
+        wander=wander,
+        growth=float(growth),
+        stops=stops,
+        seed=int(rng.integers(2**32)),
+    )
+
+
+def _base_forces(
+    rng: np.random.Generator, start: float, remaining: float, periods: float, stops: bool
+) -> dict[str, float]:
+    """Friction that leaves this part of the first angle, in shares of one to three forces, and springs."""
+    dissipative = [name for name in ("lambda", "zeta", "delta") if rng.uniform() < 0.6]
+    dissipative = dissipative or ["zeta"]
+    if stops and "lambda" not in dissipative:
+        dissipative = ["lambda", *dissipative]
+    shares = rng.dirichlet(np.ones(len(dissipative)))
+    # Logarithmic decrement of a period, as that in the middle of the decay.
+    decrement, middle = -np.log(remaining) / periods, start * np.sqrt(remaining)
+    a_decrement = {"lambda": 0.25 * middle, "zeta": 0.5 / np.pi, "delta": 0.375 / middle}
+    base = {
+        name: float(share * decrement * a_decrement[name])
+        for name, share in zip(dissipative, shares, strict=True)
+    }
+    if stops:
+        # Dry friction alone takes four times itself a period.
+        base["lambda"] = float(start * rng.uniform(1.05, 1.6) / (4.0 * periods))
+    for name, power in (("nu", 1), ("epsilon", 2)):
+        if rng.uniform() < 0.5:
+            base[name] = float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.2) / start**power)
+    return base
 
 
 def shapes(rng: np.random.Generator, symbol: str, start: float, w: float, duration: float) -> Shapes:
@@ -61,35 +176,6 @@ def shapes(rng: np.random.Generator, symbol: str, start: float, w: float, durati
         "jump": lambda: {"a": duration * u(0.3, 0.6), "d": duration * 0.01},
     }
     return {k: float(q) for k, q in table[symbol]().items()} if symbol in table else {}
-
-
-def grid(symbol: str, start: float, w: float) -> list[Shapes]:
-    """Shape parameters at which a candidate could stand in for an effect."""
-    lengths = [start * q for q in (0.04, 0.12, 0.35, 1.0)]
-    one: dict[str, tuple[str, list[float]]] = {
-        "power_damping": ("p", [0.3, 0.6, 1.5, 2.5, 3.0, 3.5]),
-        "stribeck": ("s", lengths),
-        "stribeck_exponential": ("s", lengths),
-        "log_friction": ("s", [q / 4.0 for q in lengths]),
-        "maxwell": ("s", [0.3, 1.0, 3.0]),
-        "jenkins": ("s", lengths),
-        "iwan": ("s", lengths),
-        "dahl": ("s", lengths),
-        "bouc_wen": ("b", [1.0 / q for q in lengths]),
-        "bouc_wen_2": ("b", [q**-2.0 for q in lengths[1:]]),
-        "masing": ("m", [1.2, 1.5, 2.0, 2.5, 3.0]),
-        "freeplay": ("g", lengths[1:3]),
-        "wall": ("g", lengths[1:3]),
-    }
-    if symbol == "resonator":
-        return [
-            {"k": k, "d": d}
-            for k, d in ((0.5, 0.1), (0.9, 0.05), (0.98, 0.02), (1.02, 0.02), (1.1, 0.05), (2.0, 0.1))
-        ]
-    if symbol == "lugre":
-        return [{"s": 0.1 * start, "r": 1.0, "u": start * u} for u in (0.1, 0.4)]
-    name, values = one.get(symbol, ("", []))
-    return [{name: float(q)} for q in values] or [{}]
 
 
 def whitener(rng: np.random.Generator, kind: str) -> np.ndarray:

@@ -246,3 +246,8 @@ def make(symbol: str, shapes: Shapes) -> Effect:
 
 def family(symbol: str) -> str:
     return "sensor" if symbol in SENSORS else EVERYTHING[symbol][0]
+
+
+def names(truth: str) -> set[str]:
+    """The truth's symbols: Bouc-Wen hysteresis with n = 1 is Dahl's, its coefficient over b."""
+    return {"dahl", "bouc_wen"} if truth in ("dahl", "bouc_wen") else {truth}

@@ -19,8 +19,8 @@ if __package__ in (None, "", "benchmarks.blind"):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     __package__ = "blind"
 
+from blind.cases import Drawn, draw_case
 from blind.confirmation import look
-from blind.wide_cases import Drawn, draw_case
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 
 SALT = "pilot"
