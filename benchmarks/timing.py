@@ -1,13 +1,14 @@
 """How long identifications take, beside pysindy in the same run: medians of repeated calls in one process.
 
-python benchmarks/timing.py [--quick] [--random-force]
+python benchmarks/timing.py [--quick] [--only methods|random-force|discover]
 
-With --random-force: what `sysid-trib identify` does with a random force that is estimated, over the same
-without one; processor time, no import.
+random-force: what `sysid-trib identify` does with a random force that is estimated, over the same without
+one; processor time, no import. discover: how its processor time grows with candidates, samples and the
+duration of a motion, over one direct identification in the same process, which separates slow machines from
+slow code; before it, the slopes of lines through logarithms, where 1 is linear.
 """
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -15,14 +16,13 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from rich.console import Console
-from rich.table import Table
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 import peers  # noqa: E402
 from helpers import FIVE, W, paper_run  # noqa: E402
-from stopwatch import median_ms, timed  # noqa: E402
+from stopwatch import median_ms, timed, times  # noqa: E402
 
 from sysid_trib import ForceLibrary, Model, discover, load_library, simulate  # noqa: E402
 from sysid_trib.likelihood.random_force import RandomForce  # noqa: E402
@@ -43,12 +43,6 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
     pair = [method.identify(record, library) for method in (Averaging(), Direct())]
     states = peers.savitzky_golay(time, angle, 0.18)
 
-    start = library.select(["lambda", "zeta", "delta"])
-    effects = (*library.select(["nu", "epsilon"]), *load_library("candidate_effects"))
-
-    def discovered(candidates: int) -> None:
-        discover(record, start, ForceLibrary("candidates", effects[:candidates]))
-
     def fit_alone() -> None:
         peers.sindy(library, W, time, angle, lambda *_: states)
 
@@ -59,9 +53,6 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
         "Averaging": (lambda: Averaging().identify(record, library), 9),
         "Averaging, uncorrected": (lambda: Averaging(correct=False).identify(record, library), 15),
         "Trajectory": (lambda: Trajectory(W).identify(record, library), 5),
-        "discover, 20 candidates": (lambda: discovered(20), 1),
-        "discover, 40 candidates": (lambda: discovered(40), 1),
-        f"discover, {len(effects)} candidates": (lambda: discovered(len(effects)), 1),
         "cross_check": (lambda: cross_check(record, *pair), 2),
         "pysindy.SINDy.fit": (fit_alone, 15),
         "pysindy.WeakPDELibrary": (lambda: peers.weak_sindy(library, W, time, angle), 2),
@@ -84,48 +75,71 @@ def identified(decay: xr.Dataset, forces: Iterable[str], random_force: str) -> N
     cross_check(decay, *(method.identify(decay, library) for method in pair))
 
 
-def random_force_table() -> Table:
+def random_forces(quick: bool) -> pd.DataFrame:
     """Times of `identified` with a random force that is estimated, and without."""
     records = {"the paper's run": (paper_run().decay(0), FIVE)}
-    for periods in (50, 500):
+    for periods in (50,) if quick else (50, 500):
         for wander in (0.0, 5.0):
             records[f"{periods} periods, wander of {wander:g} noise levels"] = swing(periods, wander), SWING
     # The first call imports and compiles.
     identified(*records["the paper's run"], "estimated")
-    table = Table("both methods, cross-checked", "samples", "random force (s)", "none (s)", "ratio")
-    for name, (decay, forces) in records.items():
-        spent = [
-            timed(partial(identified, decay, forces, option), process_time)[1]
-            for option in ("estimated", "off")
-        ]
-        times = (f"{value:.2f}" for value in (*spent, spent[0] / spent[1]))
-        table.add_row(name, f"{decay.sizes['time']:,}", *times)
-    return table
+    options = {"random force (s)": "estimated", "none (s)": "off"}
+    rows = [
+        {"record": name, "samples": record.sizes["time"]}
+        | {t: timed(partial(identified, record, forces, o), process_time)[1] for t, o in options.items()}
+        for name, (record, forces) in records.items()
+    ]
+    return pd.DataFrame(rows).assign(ratio=lambda d: d["random force (s)"] / d["none (s)"])
+
+
+def searches(quick: bool) -> pd.DataFrame:
+    """Least processor time of discover, against what grows."""
+    contact = load_library()
+    start = contact.select(["lambda", "zeta", "delta"])
+    effects = (*contact.select(["nu", "epsilon"]), *load_library("candidate_effects"))
+    paper = paper_run().decay(0)
+    unit = times(lambda: Direct().identify(paper, contact.select(FIVE)), 5, process_time).min()
+    cases = [("candidates", 100.0, 25.0, count) for count in (10, 20, 40, len(effects))]
+    cases += [("samples", rate, 25.0, 40) for rate in (50.0, 100.0, 1000.0)]
+    cases += [("duration", 100.0, duration, 40) for duration in (12.5, 25.0, 50.0)]
+    rows = []
+    for what, rate, duration, count in cases[:2] if quick else cases:
+        record = paper_run(sampling_rate=rate, duration=duration).decay(0)
+        offered = ForceLibrary("candidates", effects[:count])
+        seconds = times(lambda r=record, o=offered: discover(r, start, o), 1, process_time).min()
+        size = {"candidates": count, "samples": rate, "duration": duration}[what]
+        rows.append((what, rate * duration, count, seconds, seconds / unit, size))
+    heads = ["grows", "samples", "candidates", "time (s)", "in direct identifications", "size"]
+    table = pd.DataFrame(rows, columns=heads)
+    for what, part in table.groupby("grows", sort=False):
+        slope = np.polyfit(np.log(part["size"]), np.log(part["time (s)"]), 1)[0]
+        print(f"slope with {what}: {slope:.2f}")
+    return table.drop(columns="size")
+
+
+def methods(quick: bool) -> pd.DataFrame:
+    """Medians of second calls, ms, and their ratios to pysindy."""
+    table = pd.DataFrame(
+        {
+            f"{25 * rate:,.0f} samples (ms)": {n: median_ms(*call) for n, call in calls(rate).items()}
+            for rate in SAMPLING_RATES[: 1 if quick else 2]
+        }
+    )
+    for peer in ("pysindy.SINDy.fit", "pysindy.WeakPDELibrary"):
+        table.loc[f"Direct / {peer}"] = table.loc["Direct"] / table.loc[peer]
+    return table.rename_axis("second call in a process").reset_index()
+
+
+PARTS = {"methods": methods, "random-force": random_forces, "discover": searches}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="2,500 samples only")
-    parser.add_argument("--random-force", action="store_true", help="with a random force over without")
-    options = parser.parse_args()
-    if options.random_force:
-        Console(width=110).print(random_force_table())
-        return
-    rates = SAMPLING_RATES[:1] if options.quick else SAMPLING_RATES
-    spent = {}
-    for rate in rates:
-        for name, (call, repeats) in calls(rate).items():
-            spent[name, rate] = median_ms(call, repeats)
-    table = Table("second call in a process", *(f"{25 * rate:,.0f} samples (ms)" for rate in rates))
-    for name in dict.fromkeys(name for name, _ in spent):
-        table.add_row(name, *(f"{spent[name, rate]:.1f}" for rate in rates))
-    for peer in ("pysindy.SINDy.fit", "pysindy.WeakPDELibrary"):
-        ratios = (f"{spent['Direct', rate] / spent[peer, rate]:.2f}" for rate in rates)
-        table.add_row(f"Direct / {peer}", *ratios)
-    command = [sys.executable, "-m", "sysid_trib", "--help"]
-    help_time = median_ms(lambda: subprocess.run(command, capture_output=True, check=True), 5)
-    table.add_row("sysid-trib --help", f"{help_time:.0f}")
-    Console(width=110).print(table)
+    parser.add_argument("--quick", action="store_true", help="the shorter half of the cases")
+    parser.add_argument("--only", choices=PARTS)
+    asked = parser.parse_args()
+    for name in [asked.only] if asked.only else PARTS:
+        print(PARTS[name](asked.quick).to_string(index=False, float_format="%.2f"), flush=True)
 
 
 if __name__ == "__main__":

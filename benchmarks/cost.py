@@ -1,0 +1,256 @@
+"""What whole processes cost: processor time, memory, and how long they are silent.
+
+python benchmarks/cost.py [--only PART] [--samples N] [--records N]
+
+Each case is a process of its own; times are processor time of it and all it started, memory is the largest
+resident size of one process. start: the first commands of a process. samples: the command `identify` (both
+methods, cross-checked) and `Direct` alone, on decays of 100 samples a period that lose the same part of their
+amplitude, up to N samples. records: a campaign of `Direct` over simulated runs of the paper's experiment in
+one process, up to N records. workers: the same 200 records by this process and by one and two workers.
+discover: peak memory of a search, nothing or cubic damping hidden, all candidates offered. terminal: time to
+the first word of each command and its longest silence, also in start-ups of a program that imports numpy,
+which a busy machine stretches as well. report: size of a page with a record of N instants, and times to make
+and to open it.
+"""
+
+import argparse
+import os
+import pty
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+import sysid_trib as st  # noqa: E402
+
+PER_PERIOD, NOISE, W = 100, 2e-4, 9.91
+# Of a decay of 500 periods; what is dissipated goes with one over the periods.
+FORCES, REFERENCE_PERIODS = {"zeta": 5e-5, "delta": 2e-4, "nu": 1e-2, "epsilon": -0.1}, 500
+SEARCHED = {"lambda": 1.6e-5, "zeta": 3.2e-4, "nu": -0.3, "epsilon": 0.3}
+DISSIPATIVE = ("lambda", "zeta", "delta", "cubic_damping")
+WORKER_RECORDS = 200
+# Samples, periods, bar in MB of a search.
+SIZES = ((5_000, 40, 500), (100_000, 40, 1500), (100_000, 1000, 1500))
+# Two frames after the page is loaded the first of them is on the screen.
+PAINTED = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+
+
+def spent(*arguments: str) -> tuple[float, float, float]:
+    """Processor time (s), wall time (s) and largest resident size (MB) of a Python process."""
+    start = time.perf_counter()
+    process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"{arguments} ended with {process.returncode}")
+    return usage.ru_utime + usage.ru_stime, time.perf_counter() - start, usage.ru_maxrss / 1024.0
+
+
+def child(*call: object) -> tuple[str, ...]:
+    """Arguments of a process that calls a function of this file."""
+    return (__file__, "--call", *map(str, call))
+
+
+def decay(place: Path, samples: int, periods: float, forces: dict[str, float], start: float) -> Path:
+    """A decay of so many samples, as a file."""
+    library = [*st.load_library(), *st.load_library("candidate_effects").select(["cubic_damping"])]
+    scaled = {s: c * (REFERENCE_PERIODS / periods if s in DISSIPATIVE else 1.0) for s, c in forces.items()}
+    at = np.arange(samples) * 2.0 * np.pi * periods / W / samples
+    model = st.Model(st.forces.ForceLibrary("both", tuple(library)).select(list(forces)), scaled, W)
+    noise = NOISE * np.random.default_rng(2).standard_normal(samples)
+    record = xr.Dataset({"angle": st.simulate(model, at, start).angle + noise})
+    record.angle.attrs["units"], record.time.attrs["units"] = "rad", "s"
+    record.to_netcdf(place, engine="h5netcdf")
+    return place
+
+
+def direct(place: str) -> None:
+    """What the second pair of columns of `samples` measures."""
+    record = st.free_decay(st.read_record(place))
+    st.identify(record, st.load_library().select(FORCES), st.methods.Direct())
+
+
+def campaign(place: str, output: str, workers: str) -> None:
+    """What `records` and `workers` measure."""
+    from campaign import task
+
+    st.campaign(st.campaigns.load_study(place), task("direct"), output=output, workers=int(workers))
+
+
+def search(place: str, kept: str) -> None:
+    """What `discover` measures; it keeps the size before the search, and the verdict."""
+    record = st.free_decay(st.read_record(place))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    every = st.forces.ForceLibrary("all", (*st.load_library(), *st.load_library("candidate_effects")))
+    found = st.discover(record, st.load_library().select(SEARCHED), every)
+    Path(kept).write_text(f"{before:.0f},{found.attrs['verdict']}")
+
+
+def starts(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+    """What a process takes before it computes."""
+    simulated = (
+        "import numpy as np, sysid_trib as st; model = st.Model(st.load_library(), {'zeta': 0.01}, 10.0); "
+        "st.simulate(model, np.linspace(0.0, 10.0, 1001))"
+    )
+    commands = {
+        "sysid-trib --help": ("-m", "sysid_trib", "--help"),
+        "import sysid_trib": ("-c", "import sysid_trib"),
+        "import numba": ("-c", "import numba"),
+        "one simulation": ("-c", simulated),
+    }
+    rows = [(name, min(spent(*command)[0] for _ in range(3))) for name, command in commands.items()]
+    return pd.DataFrame(rows, columns=["first", "processor time (s)"])
+
+
+def samples(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+    """Time and memory against the samples of a record."""
+    rows = []
+    for count in powers(1_000, asked.samples):
+        place = str(decay(folder / f"{count}.nc", count, count / PER_PERIOD, FORCES, 0.3))
+        whole = spent("-m", "sysid_trib", "identify", place, "--forces", ",".join(FORCES))
+        alone = spent(*child("direct", place))
+        rows.append((count, whole[0], whole[2], alone[0], alone[2]))
+    heads = ["samples", "identify (s)", "memory (MB)", "Direct alone (s)", "memory of it (MB)"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def records(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+    """Time and memory against the records of a campaign in one process."""
+    from campaign import study
+
+    rows = []
+    for count in powers(1, asked.records):
+        place, output = str(study(folder, count)), str(folder / f"r{count}.zarr")
+        processor, _, memory = spent(*child("campaign", place, output, 0))
+        rows.append((count, processor, 1e3 * processor / count, memory))
+    return pd.DataFrame(rows, columns=["records", "s", "ms a record", "memory (MB)"])
+
+
+def workers(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+    """Time and memory against workers; processor time beyond that of one process is what workers cost."""
+    from campaign import study
+
+    place = str(study(folder, min(WORKER_RECORDS, asked.records)))
+    rows = [(n, *spent(*child("campaign", place, folder / f"w{n}.zarr", n))) for n in (0, 1, 2)]
+    return pd.DataFrame(rows, columns=["workers", "processor time (s)", "wall time (s)", "largest (MB)"])
+
+
+def searches(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+    """Peak memory of discover."""
+    rows = []
+    for count, periods, bar in SIZES:
+        for hidden in ({}, {"cubic_damping": 1.6e-3}) if count <= asked.samples else ():
+            place = decay(folder / "searched.nc", count, periods, SEARCHED | hidden, 0.4)
+            peak, kept = spent(*child("search", place, folder / "kept"))[2], folder / "kept"
+            rows.append((count, periods, *(hidden or ["nothing"]), peak, bar, *kept.read_text().split(",")))
+    heads = ["samples", "periods", "hidden", "peak (MB)", "bar", "before (MB)", "verdict"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def heard(command: list[str]) -> tuple[float, float, float]:
+    """Run a command on a terminal: its first word, its longest silence, its whole time, s."""
+    written = [time.perf_counter()]
+    process, terminal = pty.fork()
+    if process == 0:
+        os.execvp(command[0], command)
+    while True:
+        try:
+            if not os.read(terminal, 65536):
+                break
+        except OSError:  # the end of a terminal on Linux
+            break
+        written.append(time.perf_counter())
+    os.close(terminal)
+    os.waitpid(process, 0)
+    since = np.array([*written, time.perf_counter()]) - written[0]
+    return since[1], np.diff(since).max(), since[-1]
+
+
+def terminal(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+    """First words, in an order in which each command finds what it needs."""
+    long = decay(folder / "long.nc", min(asked.samples, 100_000), 160, FORCES, 0.4)
+    commands = f"""forces; simulate -o {folder}/swing.csv --noise 1e-4; look {folder}/swing.csv; look {long}
+        ; identify; identify {folder}/swing.csv -o {folder}/result.nc --plot {folder}/figures
+        ; compare {folder}/swing.csv; discover {folder}/swing.csv --time-limit 30
+        ; report {folder}/result.nc -o {folder}/report.html"""
+    base = min(heard([sys.executable, "-c", "import numpy; print('ready')"])[2] for _ in range(3))
+    rows = []
+    for words in commands.split(";"):
+        first, longest, whole = heard([sys.executable, "-m", "sysid_trib", *words.split()])
+        shown = " ".join(words.split()).replace(f"{folder}/", "")
+        rows.append((shown, first, first / base, longest, longest / base, whole))
+    heads = ["command", "first word (s)", "(start-ups)", "longest silence (s)", "(of these)", "whole (s)"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def opening(page: Path) -> tuple[float, float]:
+    """Times from the address to the first frame with all figures, s: on the clock, and of its main thread."""
+    from headless import FLAGS, browser_path
+    from playwright.sync_api import sync_playwright
+
+    if not browser_path():
+        return np.nan, np.nan
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=browser_path(), args=list(FLAGS))
+        shown = browser.new_page(viewport={"width": 1400, "height": 900})
+        session = shown.context.new_cdp_session(shown)
+        session.send("Performance.enable", {"timeDomain": "threadTicks"})
+        start = time.perf_counter()
+        shown.goto(page.as_uri())
+        shown.evaluate(PAINTED)
+        clock = time.perf_counter() - start
+        metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
+        browser.close()
+    return clock, metrics["TaskDuration"]
+
+
+def reports(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+    """Pages of the example, and of it with record and motions at N instants."""
+    from helpers import lengthened
+
+    example = st.free_decay(st.records.paper_twin())
+    library = st.load_library().select(["lambda", "zeta", "delta", "nu", "epsilon"])
+    pair = (st.identify(example, library, method) for method in (st.methods.Averaging(), st.methods.Direct()))
+    tree, page, rows = st.cross_check(example, *pair), folder / "page.html", []
+    for result in (tree, lengthened(tree, asked.samples)):
+        start = time.perf_counter()
+        st.report(result, page)
+        made, size = time.perf_counter() - start, page.stat().st_size / 1e6
+        rows.append((result["record"].sizes["time"], size, made, *opening(page)))
+    heads = ["samples", "size (MB)", "made in (s)", "opened in (s)", "of the processor (s)"]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def powers(least: int, most: int) -> list[int]:
+    """Powers of ten from one number to another."""
+    return [10**exponent for exponent in range(len(str(least)) - 1, len(str(most)))]
+
+
+PARTS = {"start": starts, "samples": samples, "records": records, "workers": workers}
+PARTS |= {"discover": searches, "terminal": terminal, "report": reports}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--only", choices=PARTS)
+    parser.add_argument("--samples", type=int, default=1_000_000)
+    parser.add_argument("--records", type=int, default=1_000)
+    parser.add_argument("--call", nargs="+", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.call:
+        {"direct": direct, "campaign": campaign, "search": search}[asked.call[0]](*asked.call[1:])
+        return
+    for name in [asked.only] if asked.only else PARTS:
+        with tempfile.TemporaryDirectory() as folder:
+            print(PARTS[name](Path(folder), asked).to_string(index=False, float_format="%.2f"), flush=True)
+
+
+if __name__ == "__main__":
+    main()
