@@ -25,19 +25,7 @@ sys.path.append(str(Path(__file__).parent))
 from rich.console import Console
 from rich.table import Table
 
-SHARES = {
-    "text": 20,
-    "binary": 15,
-    "library": 25,
-    "toml": 15,
-    "formula": 10,
-    "store": 5,
-    "damaged": 5,
-    "page": 1,
-    "record": 8,
-    "command": 10,
-    "discover": 1,
-}
+SHARES = dict(zip(KINDS, (20, 15, 25, 15, 5, 1, 10, 5, 8, 10, 1), strict=True))
 
 
 def cases_of(kind: str, seed: int, first: int, count: int, folder: Path):
@@ -64,15 +52,8 @@ def cases_of(kind: str, seed: int, first: int, count: int, folder: Path):
         if begun is None and status:
             raise RuntimeError(f"the harness itself failed: {said}")
         if begun is not None:
-            yield {
-                "number": begun,
-                "end": f"fault ended with {status}",
-                "said": said,
-                "where": "",
-                "seconds": 0.0,
-                "bytes": 0,
-                "wall": 0.0,
-            }
+            lost = {"where": "", "seconds": 0.0, "bytes": 0, "wall": 0.0}
+            yield {"number": begun, "end": f"fault ended with {status}", "said": said, **lost}
             number = begun + 1
 
 
@@ -106,15 +87,8 @@ def main() -> None:
                         file.write(json.dumps({"kind": kind, "seed": given.seed, **case}) + "\n")
         faults = sum(n for end, n in ends.items() if end.startswith(("fault", "unreadable")))
         own = sum(ends.values()) - ends["result"] - faults
-        table.add_row(
-            kind,
-            f"{sum(ends.values())}",
-            f"{ends['result']}",
-            f"{own}",
-            f"{faults}",
-            f"{longest:.1f}",
-            f"{memory / 2**20:.0f}",
-        )
+        counts = sum(ends.values()), ends["result"], own, faults
+        table.add_row(kind, *map(str, counts), f"{longest:.1f}", f"{memory / 2**20:.0f}")
         print(kind, dict(ends), flush=True)
     Console().print(table)
 

@@ -11,115 +11,41 @@ import numpy as np
 
 from hostile.files import sound_files
 from hostile.libraries import library, system
-from hostile.pieces import NUMBERS, number, pick, text
+from hostile.pieces import NUMBERS, number, pick, text, words
 from hostile.results import sound_results
 from sysid_trib import cli
 
-READING = (
-    "--time",
-    "--angle",
-    "--signal",
-    "--units",
-    "--sampling-rate",
-    "--time-units",
-    "--window",
-    "--equilibrium",
+READING = words(
+    "--time --angle --signal --units --sampling-rate --time-units --window --equilibrium --decay --system "
+    "--length --distance"
 )
-READING += ("--decay", "--system", "--length", "--distance")
-MODEL = (
-    "--library",
-    "--forces",
-    "--omega0",
-    "--reference-frequency",
-    "--random-force",
-    "--set",
-    "--fix",
-    "--bound",
-    "--tie",
+MODEL = words(
+    "--library --forces --omega0 --reference-frequency --random-force --set --fix --bound --tie "
+    "--json -o --csv"
 )
-MOTION = (
-    "--set",
-    "--library",
-    "--reference-frequency",
-    "--duration",
-    "--sampling-rate",
-    "--angle0",
-    "--rate0",
-    "--noise",
-)
-MOTION += ("--random-force", "--seed")
+MOTION = words("--set --library --reference-frequency --duration --sampling-rate --angle0 --rate0 --noise")
 OPTIONS = {
     "look": (*READING, "--json", "--plot"),
-    "identify": (*READING, *MODEL, "--json", "-o", "--csv", "--latex", "--explain", "--quiet"),
-    "compare": (*READING, *MODEL, "--json", "-o", "--csv"),
-    "discover": (
-        *READING,
-        *MODEL,
-        "--candidates",
-        "--max-effects",
-        "--level",
-        "--time-limit",
-        "--test",
-        "--json",
-        "-o",
-    ),
-    "backbone": (*READING, "--json", "-o", "--csv", "--plot"),
-    "simulate": MOTION,
+    "identify": (*READING, *MODEL, "--latex", "--explain", "--quiet"),
+    "compare": (*READING, *MODEL),
+    "discover": (*READING, *MODEL, *words("--candidates --max-effects --level --time-limit --test")),
+    "backbone": (*READING, *words("--json -o --csv --plot")),
+    "simulate": (*MOTION, "--random-force", "--seed"),
     "report": (),
     "forces": ("--json",),
-    "campaign": (*READING, *MODEL, "--task", "--study", "--conditions", "--scheduler", "--workers"),
+    "campaign": (*READING, *MODEL, *words("--task --study --conditions --scheduler --workers")),
 }
 SWITCHES = ("--json", "--explain", "--quiet")
-VALUES = (
-    *(
-        "zeta",
-        "zeta,delta",
-        "lambda=0",
-        "zeta=0:1",
-        "zeta=:",
-        "nu=-2.356*delta",
-        "nu=nu",
-        "zeta=1e400",
-        "dahl.s=1",
-        "auto",
-    ),
-    *(
-        "off",
-        "1:",
-        ":2",
-        "2:1",
-        "0:4",
-        "9.0",
-        "9±0.1",
-        "9±",
-        "±",
-        "9+-10",
-        "angle",
-        "rad",
-        "deg",
-        "s",
-        "pendulum",
-        "spring",
-    ),
+VALUES = words(
+    "zeta zeta,delta lambda=0 zeta=0:1 zeta=: nu=-2.356*delta nu=nu zeta=1e400 dahl.s=1 auto off 1: :2 2:1 "
+    "0:4 9.0 9±0.1 9± ± 9+-10 angle rad deg s pendulum spring"
 )
 
 
 def _value(random: np.random.Generator, folder: Path) -> str:
-    kind = random.integers(6)
-    if kind < 2:
-        return str(pick(random, VALUES))
-    if kind == 2:
-        return str(pick(random, NUMBERS))
-    if kind == 3:
-        return repr(number(random))
-    if kind == 4:
-        return str(
-            pick(
-                random,
-                (folder / "own.toml", folder / "system.toml", folder / "sound.csv", folder, "-", "/dev/null"),
-            )
-        )
-    return text(random)
+    files = (folder / "own.toml", folder / "system.toml", folder / "sound.csv", folder, "-", "/dev/null")
+    given = (VALUES, VALUES, NUMBERS, (repr(number(random)),), files, (text(random),))
+    return str(pick(random, given[random.integers(6)]))
 
 
 def arguments(random: np.random.Generator, folder: Path) -> list[str]:
@@ -132,30 +58,15 @@ def arguments(random: np.random.Generator, folder: Path) -> list[str]:
     command = str(pick(random, tuple(OPTIONS)))
     if random.random() < 0.03:
         command = text(random)
-    given = [command]
-    files = [
-        folder / "sound.csv",
-        folder / "cross_check.nc",
-        folder / "none.csv",
-        folder,
-        folder / "own.toml",
-        text(random),
-    ]
-    if command in ("look", "identify", "compare", "discover", "backbone", "campaign"):
-        given.append(str(files[0] if random.random() < 0.8 else pick(random, tuple(files))))
-    elif command == "report":
-        given += [
-            str(pick(random, tuple(files[1:]))),
-            "-o",
-            str(pick(random, (folder / "p.html", folder, text(random)))),
-        ]
-    elif command == "forces":
-        given.append(str(pick(random, (folder / "own.toml", "contact_forces", "systems", text(random)))))
-    else:
-        given += [
-            "-o",
-            str(folder / str(pick(random, ("m.csv", "m.nc", "m", "none/m.csv", plain_name(random))))),
-        ]
+    given: list[object] = [command]
+    files = (*(folder / name for name in words("sound.csv cross_check.nc none.csv . own.toml")), text(random))
+    pages = (folder / "p.html", folder, text(random))
+    motions = (folder / str(pick(random, (*words("m.csv m.nc m none/m.csv"), plain_name(random)))),)
+    given += {
+        "report": (pick(random, files[1:]), "-o", pick(random, pages)),
+        "forces": (pick(random, (folder / "own.toml", "contact_forces", "systems", text(random))),),
+        "simulate": ("-o", *motions),
+    }.get(command, (files[0] if random.random() < 0.8 else pick(random, files),))
     known = OPTIONS.get(command, ("--json",))
     for _ in range(int(random.integers(0 if command == "forces" else 1, 4))):
         flag = str(pick(random, known)) if known and random.random() < 0.95 else text(random)
@@ -163,7 +74,7 @@ def arguments(random: np.random.Generator, folder: Path) -> list[str]:
         if flag not in SWITCHES:
             given.append(_value(random, folder))
     # An operating system passes no such letter.
-    return [word.replace("\0", "") for word in given]
+    return [str(word).replace("\0", "") for word in given]
 
 
 def plain_name(random: np.random.Generator) -> str:

@@ -16,7 +16,7 @@ import scipy.io
 import xarray as xr
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text
+from hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text, words
 from hostile.tables import options
 
 ENDINGS = (".csv", ".h5", ".nc", ".cdf", ".mat", ".xlsx", ".parquet", ".tdms", ".npy", ".npz", ".json")
@@ -26,6 +26,7 @@ ENTITIES = (
     + "".join(f'<!ENTITY {chr(98 + at)} "{f"&{chr(97 + at)};" * 10}">' for at in range(9))
     + '<!ENTITY file SYSTEM "file:///etc/passwd">]><x>&j;&file;</x>'
 )
+ATTRIBUTES = words("units DIMENSION_LIST CLASS NAME _Netcdf4Dimid _FillValue scale_factor MATLAB_class")
 H5_TYPES = ("f8", "f8", "f4", "f2", ">f8", "i8", "u1", "bool", "S10", "c16", "V4", [("a", "f8"), ("b", "S3")])
 
 
@@ -92,58 +93,39 @@ def _array(random: np.random.Generator) -> np.ndarray:
 
 
 def _hdf5_item(group: h5py.Group, name: str, random: np.random.Generator, folder: Path) -> None:
-    kind = int(random.integers(16))
-    secret = pick(random, (SECRET_FILE, str(folder / SECRET_FILE), f"../{folder.name}/{SECRET_FILE}"))
-    if kind == 0:
-        group[name] = h5py.ExternalLink(str(secret), "/angle")
-    elif kind == 1:
-        layout = h5py.VirtualLayout(shape=ANGLE.shape, dtype="f8")
-        layout[:] = h5py.VirtualSource(str(secret), "angle", shape=ANGLE.shape)
-        group.create_virtual_dataset(name, layout)
-    elif kind == 2:
-        raw = [(str(pick(random, (SECRET_RAW, str(folder / SECRET_RAW)))), 0, h5py.h5f.UNLIMITED)]
-        group.create_dataset(name, shape=ANGLE.shape, dtype="f8", external=raw)
-    elif kind == 3:
-        group[name] = h5py.SoftLink(str(pick(random, ("/", "..", "/angle", "/none", name, "/time"))))
-    elif kind == 4:
-        group[name] = group.file if random.random() < 0.5 else group
-    elif kind == 5:
-        group[name] = np.dtype("f8")
-    elif kind == 6:
-        group[name] = h5py.Empty("f8")
-    elif kind == 7:
-        vast = int(pick(random, (2**20, 2**27, 2**33, 2**40)))
-        group.create_dataset(
-            name, shape=(vast,), dtype="f8", chunks=(1024,), compression="gzip", fillvalue=1.0
-        )
-    elif kind == 8:
-        references = np.array([group.ref, group.file.ref] * 2, dtype=h5py.ref_dtype)
-        group.create_dataset(name, data=references, dtype=h5py.ref_dtype)
-    elif kind == 9:
-        group.create_dataset(name, data=["a", "b" * 1000], dtype=h5py.string_dtype())
-    elif kind == 10:
-        inner = group.create_group(name)
-        for at in range(int(random.integers(1, 4))):
-            _hdf5_item(inner, f"i{at}", random, folder)
-    else:
-        group[name] = _array(random)
+    secret = str(pick(random, (SECRET_FILE, folder / SECRET_FILE, f"../{folder.name}/{SECRET_FILE}")))
+    raw = [(str(pick(random, (SECRET_RAW, folder / SECRET_RAW))), 0, h5py.h5f.UNLIMITED)]
+    vast = int(pick(random, (2**20, 2**27, 2**33, 2**40)))
+    layout = h5py.VirtualLayout(shape=ANGLE.shape, dtype="f8")
+    layout[:] = h5py.VirtualSource(secret, "angle", shape=ANGLE.shape)
+    references = np.array([group.ref, group.file.ref] * 2, dtype=h5py.ref_dtype)
+    packed = {"chunks": (1024,), "compression": "gzip", "fillvalue": 1.0}
+    kinds = (
+        lambda: group.__setitem__(name, h5py.ExternalLink(secret, "/angle")),
+        lambda: group.create_virtual_dataset(name, layout),
+        lambda: group.create_dataset(name, shape=ANGLE.shape, dtype="f8", external=raw),
+        lambda: group.__setitem__(
+            name, h5py.SoftLink(str(pick(random, ("/", "..", "/none", name, "/time"))))
+        ),
+        lambda: group.__setitem__(name, group.file if random.random() < 0.5 else group),
+        lambda: group.__setitem__(name, np.dtype("f8")),
+        lambda: group.__setitem__(name, h5py.Empty("f8")),
+        lambda: group.create_dataset(name, shape=(vast,), dtype="f8", **packed),
+        lambda: group.create_dataset(name, data=references, dtype=h5py.ref_dtype),
+        lambda: group.create_dataset(name, data=["a", "b" * 1000], dtype=h5py.string_dtype()),
+        lambda: _hdf5_items(group.create_group(name), random, folder),
+        *[lambda: group.__setitem__(name, _array(random))] * 5,
+    )
+    kinds[random.integers(len(kinds))]()
     if random.random() < 0.3 and isinstance(group.get(name, getlink=True), h5py.HardLink):
-        given = pick(
-            random, ("rad", b"rad", 3.0, np.array(["rad", "s"], dtype="S3"), h5py.Empty("f8"), text(random))
-        )
-        attributes = (
-            "units",
-            "DIMENSION_LIST",
-            "CLASS",
-            "NAME",
-            "_Netcdf4Dimid",
-            "_FillValue",
-            "scale_factor",
-            "MATLAB_class",
-        )
-        group[name].attrs[str(pick(random, attributes))] = (
-            plain(given).replace("\0", "") if isinstance(given, str) else given
-        )
+        many, texts = np.array(["rad", "s"], dtype="S3"), plain(text(random)).replace("\0", "")
+        key = str(pick(random, ATTRIBUTES))
+        group[name].attrs[key] = pick(random, ("rad", b"rad", 3.0, many, h5py.Empty("f8"), texts))
+
+
+def _hdf5_items(group: h5py.Group, random: np.random.Generator, folder: Path) -> None:
+    for at in range(int(random.integers(1, 4))):
+        _hdf5_item(group, f"i{at}", random, folder)
 
 
 def hdf5(random: np.random.Generator, folder: Path) -> bytes:
@@ -157,8 +139,7 @@ def hdf5(random: np.random.Generator, folder: Path) -> bytes:
             file["angle"] = ANGLE
         for _ in range(int(random.integers(1, 5))):
             name = pick(
-                random,
-                ("angle", "x", "time", "z", "g/h", "#refs#", "😀", plain(text(random)).replace("\0", "")),
+                random, (*words("angle x time z g/h #refs# 😀"), plain(text(random)).replace("\0", ""))
             )
             # Names that are taken, or none, are the format's own business.
             if str(name).strip("/. ") and str(name) not in file:
@@ -183,24 +164,15 @@ def matlab(random: np.random.Generator) -> bytes:
             return plain(text(random)).replace("\0", "")[:200]
         if kind == 3:
             return scipy.sparse.eye(5).tocsc()
-        return (
-            TIME
-            if kind == 4
-            else ANGLE
-            if kind < 7
-            else np.asarray(
-                _array(random).astype(complex, casting="unsafe") if random.random() < 0.5 else ANGLE[:3]
-            )
-        )
+        if kind < 7:
+            return TIME if kind == 4 else ANGLE
+        return _array(random).astype(complex, casting="unsafe") if random.random() < 0.5 else ANGLE[:3]
 
     whole = io.BytesIO()
     with np.errstate(all="ignore"):
         try:
-            scipy.io.savemat(
-                whole,
-                {f"v{at}": content(0) for at in range(random.integers(1, 4))},
-                do_compression=bool(random.integers(2)),
-            )
+            variables = {f"v{at}": content(0) for at in range(random.integers(1, 4))}
+            scipy.io.savemat(whole, variables, do_compression=bool(random.integers(2)))
         except (TypeError, ValueError):
             return b"MATLAB 5.0"
     return whole.getvalue()
@@ -217,9 +189,8 @@ def excel(random: np.random.Generator, sound: bytes) -> bytes:
     elif kind == 3:
         parts[name] = ENTITIES.encode()
     elif kind == 4:
-        parts["xl/worksheets/sheet1.xml"] = parts["xl/worksheets/sheet1.xml"].replace(
-            b'r="A7"', f'r="{pick(random, ("XFD1048576", "A1048576", "ZZZZ9", "A0", "😀", "A-1"))}"'.encode()
-        )
+        sheet, cell = "xl/worksheets/sheet1.xml", pick(random, words("XFD1048576 A1048576 ZZZZ9 A0 😀 A-1"))
+        parts[sheet] = parts[sheet].replace(b'r="A7"', f'r="{cell}"'.encode())
     elif kind == 5:
         parts[f"../{name}"] = parts[name] + b" " * 2**26
     else:
@@ -256,9 +227,8 @@ def parquet(random: np.random.Generator) -> bytes:
     count = int(random.integers(0, 5))
     names = [plain(text(random)) if random.random() < 0.3 else f"c{at}" for at in range(count)]
     whole = io.BytesIO()
-    pq.write_table(
-        pa.table([made[int(random.integers(len(made)))]() for _ in range(count)], names=names), whole
-    )
+    columns = [made[int(random.integers(len(made)))]() for _ in range(count)]
+    pq.write_table(pa.table(columns, names=names), whole)
     return whole.getvalue()
 
 

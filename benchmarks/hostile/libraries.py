@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from hostile.pieces import EXECUTED, NUMBERS, damaged, formula, number, pick, plain, text
+from hostile.pieces import EXECUTED, NUMBERS, damaged, formula, number, pick, plain, text, words
 from sysid_trib.forces.selection import load_system
 
 TEXTS = ("symbol", "name", "formula", "family", "meaning", "source", "kind")
@@ -16,9 +16,9 @@ STUDY_KEYS = ("title", "records", "seed", "library", "reference_frequency")
 STUDY_PARTS = ("coefficients", "shapes", "start", "sampling", "noise", "random_force")
 
 
-def quoted(words: str) -> str:
+def quoted(given: str) -> str:
     """A text of TOML."""
-    escaped = "".join(f"\\U{ord(c):08x}" if not c.isprintable() or c in '"\\' else c for c in plain(words))
+    escaped = "".join(f"\\U{ord(c):08x}" if not c.isprintable() or c in '"\\' else c for c in plain(given))
     return f'"{escaped}"'
 
 
@@ -26,32 +26,20 @@ def value(random: np.random.Generator, depth: int = 0) -> str:
     """Any value of TOML."""
     kind = random.integers(8)
     if kind < 3:
-        return str(
-            pick(
-                random,
-                ("0", "1", "-1", "0.5", "1e308", "1e400", "nan", "-inf", "9" * 400, "9" * 4301, "2e-3"),
-            )
-        )
+        return str(pick(random, (*words("0 1 -1 0.5 1e308 1e400 nan -inf 2e-3"), "9" * 400, "9" * 4301)))
     if kind < 5:
         return quoted(text(random))
     if kind == 5 and depth < 3:
         return f"[{', '.join(value(random, depth + 1) for _ in range(random.integers(0, 3)))}]"
     if kind == 6 and depth < 3:
         return f"{{ {key(random)} = {value(random, depth + 1)} }}"
-    return str(
-        pick(
-            random, ("true", "1979-05-27T07:32:00Z", "07:32:00", "0x7fffffffffffffffff", "'''\n'''", "1e-320")
-        )
-    )
+    rest = words("true 1979-05-27T07:32:00Z 07:32:00 0x7fffffffffffffffff 1e-320")
+    return str(pick(random, (*rest, "'''\n'''")))
 
 
 def key(random: np.random.Generator) -> str:
     """A key of TOML."""
-    return str(
-        pick(
-            random, ("z", "p", "s", "x", "default", "low", "high", "mean", "deviation", quoted(text(random)))
-        )
-    )
+    return str(pick(random, (*words("z p s x default low high mean deviation"), quoted(text(random)))))
 
 
 def force(random: np.random.Generator) -> str:
@@ -65,9 +53,8 @@ def force(random: np.random.Generator) -> str:
         part = pick(random, ("state", "memory"))
         entries[str(part)] = f"{{ z = {quoted(formula(random))} }}"
         if random.random() < 0.5:
-            entries["start"] = (
-                f"{{ z = {quoted(str(pick(random, ('1/0', 'x', '0', EXECUTED, formula(random)))))} }}"
-            )
+            begun = str(pick(random, ("1/0", "x", "0", EXECUTED, formula(random))))
+            entries["start"] = f"{{ z = {quoted(begun)} }}"
     if random.random() < 0.1:
         entries["kind"] = '"sensor"'
     if random.random() < 0.1:
@@ -77,12 +64,12 @@ def force(random: np.random.Generator) -> str:
     if random.random() < 0.2:
         low, high = pick(random, NUMBERS), pick(random, NUMBERS)
         entries["shape"] = f"{{ p = {{ default = {pick(random, NUMBERS)}, low = {low}, high = {high} }} }}"
-    return "\n".join(["[[force]]", *(f"{name} = {given}" for name, given in entries.items())])
+    return _table("[[force]]\n", entries)
 
 
 def library(random: np.random.Generator) -> str:
     """A library of a few forces."""
-    return "\n".join(['title = "T"', *(force(random) for _ in range(random.integers(1, 3)))]) + "\n"
+    return "".join(['title = "T"\n', *(force(random) for _ in range(random.integers(1, 3)))])
 
 
 def system(random: np.random.Generator) -> str:
@@ -90,7 +77,7 @@ def system(random: np.random.Generator) -> str:
     entries = {"name": '"own"', "forces": '["zeta", "delta"]', "held": "{ gravity = 1.0 }"}
     for _ in range(int(random.integers(0, 4))):
         entries[str(pick(random, SYSTEM_KEYS))] = value(random)
-    return "\n".join(["[[system]]", *(f"{name} = {given}" for name, given in entries.items())]) + "\n"
+    return _table("[[system]]\n", entries)
 
 
 def study(random: np.random.Generator) -> str:
@@ -105,28 +92,17 @@ def study(random: np.random.Generator) -> str:
         top[str(pick(random, (*STUDY_KEYS, "strange")))] = value(random)
     for _ in range(int(random.integers(0, 4))):
         part = parts.setdefault(str(pick(random, STUDY_PARTS)), {})
-        name = pick(
-            random,
-            ("zeta", "lambda", "nu", "duration", "rate", "deviation", "correlation", "angle", "density"),
-        )
+        name = pick(random, words("zeta lambda nu duration rate deviation correlation angle density"))
         part[str(name)] = value(random) if random.random() < 0.5 else repr(number(random))
-    tables = [
-        [f"[{part}]", *(f"{name} = {given}" for name, given in names.items())]
-        for part, names in parts.items()
-    ]
-    return (
-        "\n".join(
-            [
-                *(f"{name} = {given}" for name, given in top.items()),
-                *(line for table in tables for line in table),
-            ]
-        )
-        + "\n"
-    )
+    return _table("", top) + "".join(_table(f"[{part}]\n", names) for part, names in parts.items())
 
 
-def _written(words: str, place: Path, random: np.random.Generator) -> Path:
-    content = words.encode("utf-8", "replace")
+def _table(head: str, entries: dict[str, str]) -> str:
+    return head + "".join(f"{name} = {given}\n" for name, given in entries.items())
+
+
+def _written(given: str, place: Path, random: np.random.Generator) -> Path:
+    content = given.encode("utf-8", "replace")
     place.write_bytes(damaged(content, random) if random.random() < 0.15 else content)
     return place
 

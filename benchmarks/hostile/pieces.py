@@ -9,161 +9,39 @@ SECRET = 0.7777
 # What would be made if a text were executed.
 MARK = "executed"
 EXECUTED = f"__import__('os').system('touch {MARK}')"
+
+
+def words(text: str) -> tuple[str, ...]:
+    """Words between blanks."""
+    return tuple(text.split())
+
+
 NUMBERS = (
-    *(
-        "0",
-        "-0",
-        "1",
-        "-1",
-        "2",
-        "0.1",
-        "1e-3",
-        "1e-12",
-        "1e-320",
-        "5e-324",
-        "1.7e308",
-        "-1.7e308",
-        "1e75",
-        "1e76",
+    *words("0 -0 1 -1 2 0.1 1e-3 1e-12 1e-320 5e-324 1.7e308 -1.7e308 1e75 1e76 1e100 1e154 1e400 -1e400"),
+    *words(
+        "nan inf -inf 0x10 1_000 18446744073709551616 -9223372036854775809 4294967296 2147483648 1e9 1e-9"
     ),
-    *(
-        "1e100",
-        "1e154",
-        "1e400",
-        "-1e400",
-        "nan",
-        "inf",
-        "-inf",
-        "9" * 40,
-        "9" * 400,
-        "9" * 4301,
-        "0x10",
-        "1_000",
-    ),
-    *(
-        "18446744073709551616",
-        "-9223372036854775809",
-        "4294967296",
-        "2147483648",
-        "1e9",
-        "1e-9",
-        "3.14",
-        "1/0",
-    ),
-    *("²", "١٢", "½", "１２", "+-1", "--1", "1e", "e1", ".", "", "1,5", "1;2", "1:2", ":", "None", "true"),
+    *words("3.14 1/0 ² ١٢ ½ １２ +-1 --1 1e e1 . 1,5 1;2 1:2 : None true"),
+    *("9" * 40, "9" * 400, "9" * 4301, ""),
 )
 WORDS = (
-    *(
-        "x",
-        "time",
-        "t",
-        "angle",
-        "theta (deg)",
-        "θ",
-        "rate (rad/s)",
-        "angle [mm]",
-        "a (g)",
-        "acc",
-        "0",
-        "1",
-        "²",
-    ),
-    *(
-        "",
-        " ",
-        "  " * 60,
-        "\t",
-        "\x00",
-        "\x1b[31m",
-        "😀",
-        "\u202e",
-        "\ud800",
-        "é",
-        "\r",
-        "\n",
-        "'",
-        '"',
-        "`",
-        "$(true)",
-    ),
-    *(
-        "../../etc/passwd",
-        "/dev/null",
-        "/dev/zero",
-        "<script>alert(1)</script>",
-        "{{7*7}}",
-        "%s%n",
-        "=1+1",
-        EXECUTED,
-    ),
-    *(
-        "a" * 5000,
-        "(" * 200,
-        "[" * 40 + "]" * 40,
-        " " * 1000 + "(",
-        "-" * 300,
-        "per " * 300,
-        "s" * 2000,
-        "auto",
-        "off",
-    ),
-    *(
-        "contact_forces",
-        "candidate_effects",
-        "systems",
-        "pendulum",
-        "lambda",
-        "zeta",
-        "zeta,delta",
-        "dahl.s",
-        "rpm",
-    ),
+    *words("x time t angle θ acc 0 1 ² 😀 é ' ` $(true) ../../etc/passwd /dev/null /dev/zero %s%n =1+1 auto"),
+    *words("<script>alert(1)</script> {{7*7}} off contact_forces candidate_effects systems pendulum lambda"),
+    *words('zeta zeta,delta dahl.s rpm "'),
+    *("theta (deg)", "rate (rad/s)", "angle [mm]", "a (g)", "", " ", "  " * 60, "\t", "\x00", "\x1b[31m"),
+    *("\u202e", "\ud800", "\r", "\n", EXECUTED, "a" * 5000, "(" * 200, "[" * 40 + "]" * 40),
+    *(" " * 1000 + "(", "-" * 300, "per " * 300, "s" * 2000),
 )
 TOKENS = (
-    *("x", "v", "t", "p", "z", "pi", "sign", "abs", "min", "max", "exp", "log", "sin", "tan", "sqrt", "tanh"),
-    *(
-        "(",
-        ")",
-        "(",
-        ")",
-        "+",
-        "-",
-        "*",
-        "**",
-        "/",
-        ",",
-        ".",
-        "9" * 40,
-        "1e400",
-        "0",
-        "1",
-        "2",
-        "0.5",
-        "1e-320",
+    *words("x v t p z pi sign abs min max exp log sin tan sqrt tanh ( ) ( ) + - * ** / , . 1e400 0 1 2 0.5"),
+    *words(
+        "1e-320 __import__ lambda ² 😀 [ ' if == nan inf := ~ @ // % 1j x.y x[0] True None ... \\ # ; f''"
     ),
-    *(
-        "__import__",
-        "lambda",
-        "²",
-        "\x00",
-        "😀",
-        "[",
-        "'",
-        "if",
-        "==",
-        "nan",
-        "inf",
-        ":=",
-        "~",
-        "@",
-        "//",
-        "%",
-        "1j",
-    ),
-    *("x.y", "x[0]", "True", "None", "...", "\\", "#", "\n", ";", "f''", "*x", "**p", "𝑥", "ſin", "ﬁ"),
+    *words("*x **p 𝑥 ſin ﬁ"),
+    *("9" * 40, "\x00", "\n"),
 )
-UNARY = ("sign", "abs", "sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "-")
-BINARY = ("+", "-", "*", "/", "**", "min", "max")
+UNARY = words("sign abs sin cos tan exp log sqrt tanh -")
+BINARY = words("+ - * / ** min max")
 
 
 def pick(random: np.random.Generator, items: tuple) -> object:
@@ -192,9 +70,9 @@ def text(random: np.random.Generator) -> str:
     return "".join(map(chr, letters))
 
 
-def plain(words: str) -> str:
+def plain(given: str) -> str:
     """A text that can be encoded."""
-    return words.encode("utf-8", "replace").decode("utf-8")
+    return given.encode("utf-8", "replace").decode("utf-8")
 
 
 def damaged(content: bytes, random: np.random.Generator) -> bytes:
@@ -206,23 +84,22 @@ def damaged(content: bytes, random: np.random.Generator) -> bytes:
         if not changed:
             break
         at = int(random.integers(min(reach, len(changed))))
+        other, size = int(random.integers(len(changed))), int(random.integers(1, 40))
+        width = int(pick(random, (1, 2, 4, 8)))
         kind = random.integers(7)
-        if kind == 0:
-            changed[at] = int(random.integers(256))
-        elif kind == 1:
-            del changed[at : at + int(random.integers(1, 40))]
-        elif kind == 2:
-            changed[at:at] = changed[at : at + int(random.integers(1, 40))]
-        elif kind == 3:
-            changed[at] ^= 1 << int(random.integers(8))
-        elif kind == 4:
-            width = int(pick(random, (1, 2, 4, 8)))
-            changed[at : at + width] = bytes([int(pick(random, (0, 1, 127, 128, 255)))]) * width
-        elif kind == 5:
-            other = int(random.integers(len(changed)))
-            changed[at : at + 16] = changed[other : other + 16]
-        elif random.random() < 0.2:
-            del changed[at:]
+        if kind == 6 and random.random() < 0.8:
+            continue
+        # Where it begins and ends, and what takes its place.
+        start, end, new = (
+            (at, at + 1, bytes([int(random.integers(256))])),
+            (at, at + size, b""),
+            (at, at, changed[at : at + size]),
+            (at, at + 1, bytes([changed[at] ^ 1 << int(random.integers(8))])),
+            (at, at + width, bytes([int(pick(random, (0, 1, 127, 128, 255)))]) * width),
+            (at, at + 16, changed[other : other + 16]),
+            (at, len(changed), b""),
+        )[kind]
+        changed[start:end] = new
     return bytes(changed)
 
 
@@ -232,9 +109,7 @@ def formula(random: np.random.Generator, depth: int = 0) -> str:
         return "".join(str(pick(random, TOKENS)) for _ in range(random.integers(1, 14)))
     kind = random.integers(4)
     if depth > 6 or kind == 0:
-        return str(
-            pick(random, ("x", "v", "x", "v", "t", "p", "z", "1", "2", "0.5", "0", "1e99", "1e-99", "pi"))
-        )
+        return str(pick(random, words("x v x v t p z 1 2 0.5 0 1e99 1e-99 pi")))
     if kind == 1:
         return f"{pick(random, UNARY)}({formula(random, depth + 1)})"
     sign = str(pick(random, BINARY))
@@ -242,5 +117,5 @@ def formula(random: np.random.Generator, depth: int = 0) -> str:
     if sign in ("min", "max"):
         return f"{sign}({first}, {second})"
     if sign == "**":
-        return f"({first})**{pick(random, ('2', '3', '0.5', '-1', 'p', '20', '21', '-20', '0'))}"
+        return f"({first})**{pick(random, words('2 3 0.5 -1 p 20 21 -20 0'))}"
     return f"({first}){sign}({second})"

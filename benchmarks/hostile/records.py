@@ -23,14 +23,10 @@ def dataset(random: np.random.Generator) -> xr.Dataset:
     """A decay, or what nobody would call one."""
     count = int(pick(random, COUNTS)) if random.random() < 0.5 else 400
     time, angle = TIME[:count].copy(), ANGLE[:count] + 1e-4 * random.standard_normal(count)
-    if random.random() < 0.5:
-        time = time * 10.0 ** random.uniform(-60, 60)
-    if random.random() < 0.5:
-        angle = angle * 10.0 ** random.uniform(-60, 60)
-    if random.random() < 0.3:
-        angle = angle + number(random)
-    if random.random() < 0.2:
-        time = time + number(random)
+    time = time * 10.0 ** (random.uniform(-60, 60) * (random.random() < 0.5))
+    angle = angle * 10.0 ** (random.uniform(-60, 60) * (random.random() < 0.5))
+    angle = angle + number(random) if random.random() < 0.3 else angle
+    time = time + number(random) if random.random() < 0.2 else time
     if random.random() < 0.3 and count:
         angle[random.integers(count, size=3)] = number(random)
     if random.random() < 0.15 and count:
@@ -44,24 +40,18 @@ def dataset(random: np.random.Generator) -> xr.Dataset:
         {"source": "hostile"},
     )
     data["angle"].attrs = {name: value for name, value in attrs.items() if value is not None}
+    count_ms = np.datetime64("2020-01-01") + (1e3 * np.arange(count)).astype("m8[ms]")
+    changes = (
+        lambda: data.drop_vars("angle"),
+        lambda: data.drop_vars("time"),
+        lambda: data.rename(time="t"),
+        lambda: data.expand_dims("run"),
+        lambda: data.assign(angle=data.angle.astype(complex)),
+        lambda: data.assign(angle=data.angle.astype(str)),
+        lambda: data.assign_coords(time=count_ms),
+    )
     kind = random.integers(30)
-    if kind == 0:
-        return data.drop_vars("angle")
-    if kind == 1:
-        return data.drop_vars("time")
-    if kind == 2:
-        return data.rename(time="t")
-    if kind == 3:
-        return data.expand_dims("run")
-    if kind == 4:
-        return data.assign(angle=data.angle.astype(complex))
-    if kind == 5:
-        return data.assign(angle=data.angle.astype(str))
-    if kind == 6:
-        return data.assign_coords(
-            time=np.datetime64("2020-01-01") + (1e3 * np.arange(count)).astype("m8[ms]")
-        )
-    return data
+    return changes[kind]() if kind < len(changes) else data
 
 
 def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:

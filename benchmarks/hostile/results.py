@@ -50,22 +50,8 @@ def _made_results() -> dict[str, xr.DataTree]:
 
 
 def _attribute(random: np.random.Generator) -> object:
-    values = (
-        0,
-        -1,
-        2**62,
-        np.nan,
-        "",
-        SCRIPT,
-        "{}",
-        "[",
-        '{"a": 1}',
-        [],
-        ["a", "b"],
-        np.arange(3),
-        plain(text(random)),
-    )
-    return pick(random, values)
+    texts = ("", SCRIPT, "{}", "[", '{"a": 1}', plain(text(random)))
+    return pick(random, (0, -1, 2**62, np.nan, [], ["a", "b"], np.arange(3), *texts))
 
 
 def edited(tree: xr.DataTree, random: np.random.Generator) -> xr.DataTree:

@@ -9,27 +9,13 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, TIME, damaged, number, pick, text
+from hostile.pieces import ANGLE, TIME, damaged, number, pick, text, words
 from sysid_trib.campaigns.conditions import read_conditions
 
 TASK = st.campaigns.Task("identify", st.load_library().select(["zeta"]), {"direct": st.methods.Direct()})
-KEYS = ("chunks", "compressor", "dtype", "fill_value", "filters", "order", "shape", "zarr_format")
-VALUES = (
-    0,
-    -1,
-    1,
-    10**10,
-    [0],
-    [10**10],
-    [2, 2],
-    None,
-    "|O",
-    "<f8",
-    "<U9",
-    {"id": "pickle"},
-    [{"id": "pickle"}],
-    "NaN",
-)
+KEYS = words("chunks compressor dtype fill_value filters order shape zarr_format")
+PICKLE = {"id": "pickle"}
+VALUES = (0, -1, 1, 10**10, [0], [10**10], [2, 2], None, "|O", "<f8", "<U9", PICKLE, [PICKLE], "NaN")
 RECORDS = 3
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, number, pick, plain, text
+from hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, number, pick, plain, text, words
 
 DELIMITERS = (",", ",", ",", ";", "\t", ";", "\t", " ", "  ", ", ", "|", ",,")
 ENCODINGS = ("utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1", "utf-32")
@@ -50,28 +50,18 @@ def table(random: np.random.Generator) -> bytes:
 
 def options(random: np.random.Generator) -> dict[str, object]:
     """How a file is to be read, mostly as it says itself."""
-    given: dict[str, object] = {}
     if random.random() < 0.6:
-        return given
-    if random.random() < 0.3:
-        given["angle"] = pick(
-            random, (0, 1, -1, 2**70, "1", "angle", "²", "x*2", "atan2(x, 0)", "1/0", text(random))
-        )
-    if random.random() < 0.2:
-        given["time"] = pick(random, (0, 1, 99, "0", "time", text(random)))
-    if random.random() < 0.2:
-        given["units"] = pick(random, ("rad", "deg", "mm", "px", "g", "rad/s", "deg/s^2", "V", text(random)))
-    if random.random() < 0.2:
-        given["signal"] = pick(
-            random, ("angle", "displacement", "rate", "acceleration", "accelerometer", text(random))
-        )
-    if random.random() < 0.2:
-        given["sampling_rate"] = number(random)
-    if random.random() < 0.1:
-        given["time_units"] = pick(random, ("s", "ms", "us", "min", text(random)))
-    if random.random() < 0.1:
-        given["length"] = number(random)
-    return given
+        return {}
+    choices = {
+        "angle": (0.3, (0, 1, -1, 2**70, *words("1 angle ² x*2 1/0"), "atan2(x, 0)", text(random))),
+        "time": (0.2, (0, 1, 99, "0", "time", text(random))),
+        "units": (0.2, (*words("rad deg mm px g rad/s deg/s^2 V"), text(random))),
+        "signal": (0.2, (*words("angle displacement rate acceleration accelerometer"), text(random))),
+        "sampling_rate": (0.2, (number(random),)),
+        "time_units": (0.1, (*words("s ms us min"), text(random))),
+        "length": (0.1, (number(random),)),
+    }
+    return {name: pick(random, of) for name, (often, of) in choices.items() if random.random() < often}
 
 
 def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:

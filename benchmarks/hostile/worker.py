@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from hostile import commands, discoveries, files, formulas, libraries, records, results, stores, tables
-from hostile.pieces import MARK
+from hostile.pieces import MARK, words
 from sysid_trib.errors import SysidTribError
 
 Kind = Callable[[np.random.Generator, Path], Callable[[], object]]
@@ -43,15 +43,7 @@ SLOWEST_S, SLOWEST_WORK_S, HUNG_S = 5.0, 60.0, 900.0
 MOST_MEMORY = 2**30
 # After which a process makes room for another one: some libraries keep what they have seen.
 GROWN = 2**29
-FORBIDDEN = (
-    "os.system",
-    "os.exec",
-    "os.posix_spawn",
-    "os.startfile",
-    "socket.connect",
-    "socket.getaddrinfo",
-    "pty.spawn",
-)
+FORBIDDEN = words("os.system os.exec os.posix_spawn os.startfile socket.connect socket.getaddrinfo pty.spawn")
 # Processes that the package starts itself.
 OWN_PROCESSES = ("sysid_trib.records.probe", "lscpu", "uname", "fc-list")
 
@@ -135,15 +127,8 @@ def run(kind: str, seed: int, number: int, folder: Path, watch: Watch | None = N
         end, said = "fault slow", f"{seconds:.1f} s ({end})"
     if memory > MOST_MEMORY:
         end, said = "fault memory", f"{memory / 2**20:.0f} MiB ({end})"
-    return {
-        "number": number,
-        "end": end,
-        "said": said[:300],
-        "where": where,
-        "seconds": round(seconds, 3),
-        "wall": round(monotonic() - wall, 3),
-        "bytes": memory,
-    }
+    ended = {"number": number, "end": end, "said": said[:300], "where": where, "bytes": memory}
+    return ended | {"seconds": round(seconds, 3), "wall": round(monotonic() - wall, 3)}
 
 
 def main(kind: str, seed: int, first: int, count: int, folder: Path) -> None:
