@@ -12,6 +12,9 @@ bands         coverage of predictions 1, 3 and 10 periods ahead; --measured: mea
 spread        intervals of what varies between runs and laboratories
 rigs          two runs of rigs that lack an effect: differences over total errors
 pairs         pairs of equal and of unequal samples, the model complete and not
+profile       profile intervals of dahl.s, stribeck.s, lambda at its bound, beside errors
+curve_bands   simultaneous bands of a model's curves
+posterior     posteriors beside random-walk Metropolis, three records; --seeds: its steps
 
 With --out each record is a line of JSON, and what the file has already is not done again.
 """
@@ -20,19 +23,10 @@ import argparse
 from importlib import import_module
 from pathlib import Path
 
-# Module of each study, and its usual number of seeds.
-STUDIES = {
-    "precision": ("precision", 400),
-    "classical": ("classical", 60),
-    "pushed": ("pushed", 40),
-    "cost": ("cost", 2000),
-    "verdicts": ("verdicts", 20),
-    "agreement": ("agreement", 1000),
-    "bands": ("bands", 50),
-    "spread": ("spread", 2000),
-    "rigs": ("rigs", 200),
-    "pairs": ("pairs", 500),
-}
+# Usual number of seeds of each study.
+STUDIES = {"precision": 400, "classical": 60, "pushed": 40, "cost": 2000, "verdicts": 20, "agreement": 1000}
+STUDIES |= {"bands": 50, "spread": 2000, "rigs": 200, "pairs": 500, "profile": 400, "curve_bands": 400}
+STUDIES |= {"posterior": 30_000}
 
 
 def main() -> None:
@@ -54,10 +48,10 @@ def main() -> None:
         "--across", action="store_true", help="bands --measured: what goes with the swing across"
     )
     parser.add_argument("--identified", type=int, default=0, help="spread: round-robins of records")
+    parser.add_argument("--no-response", action="store_true", help="curve_bands: no forced response")
     asked = parser.parse_args()
-    module, seeds = STUDIES[asked.study]
-    asked.seeds = seeds if asked.seeds is None else asked.seeds
-    import_module(f"benchmarks.study.{module}").main(asked)
+    asked.seeds = STUDIES[asked.study] if asked.seeds is None else asked.seeds
+    import_module(f"benchmarks.study.{asked.study}").main(asked)
 
 
 if __name__ == "__main__":

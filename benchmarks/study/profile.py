@@ -1,19 +1,18 @@
 """How often profile intervals of 95 % hold the truth, beside those of 1.96 standard errors of the same fit.
 
-usage: python benchmarks/profile.py [--seeds 400] [--only WORD] [--out FILE]     with FILE resumable
-
 Presliding length, Stribeck speed, and dry friction near zero that is bounded at zero, with a stop at the end.
 """
 
-import argparse
-import json
 import time
-from pathlib import Path
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import xarray as xr
 
 import sysid_trib as st
+from benchmarks.study.common import gone_on, shown
 from sysid_trib.forces import ForceLibrary
 
 W, RATE = 9.9, 50.0
@@ -51,37 +50,30 @@ def intervals(name: str, seed: int) -> list[float]:
     return [(coefficients | shapes)[name], *numbers, time.process_time() - begin]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=400)
-    parser.add_argument("--only", default="", help="part of a case's name")
-    parser.add_argument("--out", type=Path, default=None, help="a line of JSON a record; those in it stand")
-    asked = parser.parse_args()
-    there = asked.out.read_text().splitlines() if asked.out and asked.out.exists() else []
-    rows = {(name, seed): numbers for name, seed, numbers in map(json.loads, there)}
-    names = [name for name in CASES if asked.only in name]
-    for seed in range(asked.seeds):
-        for name in names:
-            if (name, seed) in rows:
-                continue
-            try:
-                rows[name, seed] = intervals(name, seed)
-            except st.errors.SysidTribError as error:
-                print(f"{name}, seed {seed}: {error}", flush=True)
-                rows[name, seed] = [np.nan] * 6
-            if asked.out:
-                asked.out.open("a").write(json.dumps([name, seed, rows[name, seed]]) + "\n")
-    print("case         seeds  failed  profile %  below  above  1.96 errors %  s of one")
-    for name in names:
-        numbers = np.array([row for (case, _), row in rows.items() if case == name])
-        truth, value, error, low, high, spent = numbers.T
-        made = np.isfinite(truth)
-        truth, value, error, low, high = (numbers[made] for numbers in (truth, value, error, low, high))
+def main(asked: Namespace) -> None:
+    rows = []
+    for name in (name for name in CASES if asked.only in name):
+        one = partial(intervals, name)
+        found = np.array([row["numbers"] for row in gone_on(asked.out, asked.seeds, each(one), case=name)])
+        truth, value, error, low, high, spent = found[np.isfinite(found[:, 0])].T
         below, above = (100.0 * np.mean(side) for side in (high < truth, low > truth))
         by_error = 100.0 * np.mean(np.abs(value - truth) <= 1.96 * error)
-        counts = f"{len(made):7}  {np.count_nonzero(~made):6}  {100.0 - below - above:9.1f}  {below:5.1f}"
-        print(f"{name:11}{counts}  {above:5.1f}  {by_error:13.1f}  {np.nanmean(spent):8.2f}")
+        shares = (f"{share:.1f}" for share in (100.0 - below - above, below, above, by_error))
+        counts = (name, str(len(found)), str(len(found) - len(truth)))
+        rows.append([*counts, *shares, f"{np.mean(spent):.2f}"])
+    heads = ("case", "seeds", "failed", "profile (%)", "below", "above", "1.96 errors (%)", "s of one")
+    shown("intervals of 95 % that hold", heads, rows)
 
 
-if __name__ == "__main__":
-    main()
+def each(one: Callable[[int], list[float]]) -> Callable[[list[int]], Iterator[dict]]:
+    """What the file says of each seed; where it fails no number."""
+
+    def make(seeds: list[int]) -> Iterator[dict]:
+        for seed in seeds:
+            try:
+                yield {"numbers": one(seed)}
+            except st.errors.SysidTribError as error:
+                print(f"seed {seed}: {error}", flush=True)
+                yield {"numbers": [np.nan] * 6}
+
+    return make

@@ -1,21 +1,19 @@
 """How often simultaneous bands of an identified model hold the true curve as a whole, beside pointwise ones.
 
-usage: python benchmarks/curve_bands.py [--seeds 400] [--only WORD] [--out FILE]     with FILE resumable
-
 The paper's five forces, 10 s at 100 Hz, in weak and in strong noise, and dry friction that stops the motion:
 motion, envelope, frequency and damping ratio (`curve_bands`), and the forced response in both sweeps. Bands
 know the error of the noise alone: two cases more show what they miss, a random force that the fit takes for
 none, and a force that the model lacks.
 """
 
-import argparse
-import json
-from pathlib import Path
+from argparse import Namespace
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 import sysid_trib as st
+from benchmarks.study.common import gone_on, shown
 from sysid_trib.cycles.envelope_prediction import Averaged, predict_envelope
 
 W, RELEASE, CLOCK, DRIVE = 9.91, 0.3, np.arange(0.0, 10.0, 0.01), 2e-3
@@ -83,31 +81,21 @@ def true_response() -> np.ndarray:
     return driven(true.assign(reference_frequency=W)).amplitude
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=400)
-    parser.add_argument("--only", default="", help="part of a case's name")
-    parser.add_argument("--no-response", action="store_true", help="leave out the forced response")
-    parser.add_argument("--out", type=Path, default=None, help="a line of JSON a record; those in it stand")
-    asked = parser.parse_args()
-    there = asked.out.read_text().splitlines() if asked.out and asked.out.exists() else []
-    rows = {(case, seed): row for case, seed, row in map(json.loads, there)}
-    response = None if asked.no_response else true_response()
+def main(asked: Namespace) -> None:
+    response, rows = None if asked.no_response else true_response(), []
     for case in (case for case in CASES if asked.only in case):
-        for seed in (seed for seed in range(asked.seeds) if (case, seed) not in rows):
-            try:
-                rows[case, seed] = covers(case, seed, response if case.startswith("five") else None)
-            except st.errors.SysidTribError as error:
-                print(f"{case}, seed {seed}: {error}", flush=True)
-                continue
-            if asked.out:
-                asked.out.open("a").write(json.dumps([case, seed, rows[case, seed]]) + "\n")
-        of_case = [row for (name, _), row in rows.items() if name == case]
-        print(f"{case}: {len(of_case)} records; wholly inside %, part within pointwise bands %")
-        for name in of_case[0]:
-            whole, part = 100.0 * np.mean([row[name] for row in of_case], axis=0)
-            print(f"  {name:16} {whole:5.1f}  {part:5.1f}", flush=True)
 
+        def make(seeds: list[int], case=case):
+            for seed in seeds:
+                try:
+                    yield covers(case, seed, response if case.startswith("five") else None)
+                except st.errors.SysidTribError as error:
+                    yield {"failed": str(error)}
 
-if __name__ == "__main__":
-    main()
+        found = [row for row in gone_on(asked.out, asked.seeds, make, case=case) if "failed" not in row]
+        of_curves = pd.DataFrame(found).drop(columns=["case", "seed"], errors="ignore")
+        for name, pairs in of_curves.items():
+            whole, part = 100.0 * np.mean([*pairs], axis=0)
+            rows.append([case, str(len(found)), str(name), f"{whole:.1f}", f"{part:.1f}"])
+    heads = ("case", "records", "curve", "wholly inside (%)", "parts within pointwise bands (%)")
+    shown("simultaneous bands of 95 %", heads, rows)

@@ -1,20 +1,20 @@
 """Posteriors by importance sampling beside random-walk Metropolis on the same likelihood, of three records.
 
-usage: python -m benchmarks.posterior [--steps 30000] [--only WORD]
-
-The records are cases of `profile.py`: presliding length, Stribeck speed, dry friction bounded at zero. In the
-noise of that study, and in a quarter of it, the posterior of the Stribeck speed has a plateau to the limit of
-the library, into which no walk of such a length finds its way.
+The seeds are the steps of a chain. The records are cases of `profile.py`: presliding length, Stribeck speed,
+dry friction bounded at zero. In the noise of that study, and in a quarter of it, the posterior of the Stribeck
+speed has a plateau to the limit of the library, into which no walk of such a length finds its way.
 """
 
-import argparse
-import time
+from argparse import Namespace
+from time import process_time
 
 import numpy as np
 import xarray as xr
 
 import sysid_trib as st
-from benchmarks.profile import fitted_record
+from benchmarks.stopwatch import timed
+from benchmarks.study.common import shown
+from benchmarks.study.profile import fitted_record
 from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.validation.profiles import free_likelihood
 
@@ -59,43 +59,31 @@ def r_hat(chains: np.ndarray) -> float:
 
 def columns(draws: xr.Dataset) -> dict[str, np.ndarray]:
     """Draws of each coefficient, shape and the frequency."""
-    names = {symbol: draws.coefficient.sel(force=symbol) for symbol in draws.force.values.tolist()}
-    if "shape" in draws:
-        names |= {
-            name: draws["shape"].sel(shape_parameter=name) for name in draws.shape_parameter.values.tolist()
-        }
-    return {name: values.values.ravel() for name, values in names.items()} | {
-        "reference frequency": draws.reference_frequency.values.ravel()
-    }
+    found = {symbol: draws.coefficient.sel(force=symbol) for symbol in draws.force.values.tolist()}
+    for name in draws.shape_parameter.values.tolist() if "shape" in draws else ():
+        found[name] = draws["shape"].sel(shape_parameter=name)
+    return {name: d.values.ravel() for name, d in (found | {"w": draws.reference_frequency}).items()}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--steps", type=int, default=30_000)
-    parser.add_argument("--only", default="", help="part of a record's name")
-    asked = parser.parse_args()
+def main(asked: Namespace) -> None:
     for name, (seed, quieter) in RECORDS.items():
         if asked.only not in name:
             continue
         decay, fit = fitted_record(name, seed, quieter)
-        begin = time.process_time()
-        draws = st.validation.posterior(decay, fit, draws=1000)["posterior"].to_dataset()
-        spent = time.process_time() - begin
-        likelihood = free_likelihood(decay, fit)
+        tree, spent = timed(lambda d=decay, f=fit: st.validation.posterior(d, f, draws=1000), process_time)
+        draws, likelihood = tree["posterior"].to_dataset(), free_likelihood(decay, fit)
         symbols, free = columns(draws), likelihood.parameters.free
         runs = [draws[each].values.reshape(-1) for each in ("start_angle", "start_rate", "offset")]
         every = np.array([*symbols.values(), *runs])
         pairs = ((every[:, seed], seed) for seed in (1, 2))
-        chains = np.array([walk(likelihood, at, np.cov(every), asked.steps, seed) for at, seed in pairs])
-        size, k = draws.attrs["effective_sample_size"], draws.attrs["pareto_k"]
-        print(f"{name}: effective {size:.0f} of 4000, Pareto k {k:.2f}, {spent:.1f} s; Metropolis:")
+        chains = np.array([walk(likelihood, at, np.cov(every), asked.seeds, seed) for at, seed in pairs])
+        size, k, rows = draws.attrs["effective_sample_size"], draws.attrs["pareto_k"], []
         for at, (parameter, values) in enumerate(symbols.items()):
-            assert likelihood.parameters.names[free[at]] == parameter
+            assert likelihood.parameters.names[free[at]] in (parameter, "reference frequency")
             other = chains[..., at]
-            means, errors = (values.mean() - other.mean()) / other.std(), values.std() / other.std()
-            print(f"  {parameter:20} mean {means:+.3f} errors off, error x {errors:.3f}", end="")
-            print(f", effective {effective(other):.0f}, R-hat {r_hat(other):.3f}", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            off, wide = (values.mean() - other.mean()) / other.std(), values.std() / other.std()
+            rows.append(
+                (parameter, f"{off:+.3f}", f"{wide:.3f}", f"{effective(other):.0f}", f"{r_hat(other):.3f}")
+            )
+        title = f"{name}: effective {size:.0f} of 4000, Pareto k {k:.2f}, {spent:.1f} s; Metropolis:"
+        shown(title, ("parameter", "mean off (errors)", "error x", "effective", "R-hat"), rows)
