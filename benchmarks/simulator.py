@@ -14,12 +14,14 @@ from time import process_time
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+from blind.effects import make  # noqa: E402
+from blind.generator import Oscillator, motion  # noqa: E402
 from helpers import FIVE, paper_run  # noqa: E402
-from reference_motion import reference_motion  # noqa: E402
-from scipy_motion import scipy_motion  # noqa: E402
+from scipy_motion import reference_motion  # noqa: E402
 from stopwatch import median_ms, timed  # noqa: E402
 
-from sysid_trib import ForceLibrary, Model, load_library  # noqa: E402
+from sysid_trib import Model, load_library  # noqa: E402
+from sysid_trib.forces import ForceLibrary  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
 from sysid_trib.records.inputs import KnownInput  # noqa: E402
 from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE  # noqa: E402
@@ -112,14 +114,17 @@ def conserved():
 
 
 def further(name, coefficients, friction):
-    """One row: the paper's forces and further ones, beside scipy."""
+    """One row: the paper's forces and further ones, beside the generator of the blind records."""
     effects = load_library("candidate_effects").select(coefficients)
-    library = ForceLibrary("further forces", (*SIX, *effects))
-    model = Model(library, PAPER | {"lambda": friction} | coefficients, W)
-    exact, peer = timed(lambda: scipy_motion(model, GRID).y[:, 0], process_time)
+    library, base = ForceLibrary("further forces", (*SIX, *effects)), PAPER | {"lambda": friction}
+    model, step = Model(library, base | coefficients, W), W * GRID[1]
+    shapes = {symbol: {k: s.default for k, s in effects[symbol].shape.items()} for symbol in coefficients}
+    made = [(make(symbol, shapes[symbol]), c) for symbol, c in coefficients.items()]
+    parts = 4 * max(effect.parts for effect, _ in made)
+    exact, peer = timed(lambda: motion(Oscillator(W, base), made, 0.3, step, len(GRID), parts), process_time)
     ours = median_ms(lambda: trajectory(model, GRID), 31, process_time)
-    error = np.abs(trajectory(model, GRID).angle - exact).max()
-    print(f"  {name:<28} {ours:8.2f} ms  scipy {1e3 * peer:8.1f} ms  difference {error:.1e} rad")
+    error = np.abs(trajectory(model, GRID).angle - exact.x).max()
+    print(f"  {name:<28} {ours:8.2f} ms  generator {1e3 * peer:8.1f} ms  difference {error:.1e} rad")
 
 
 if __name__ == "__main__":

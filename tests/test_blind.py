@@ -65,12 +65,15 @@ def test_five_forces_are_the_reference():
 def test_an_effect_is_the_librarys(symbol):
     """Formulas written by hand against those of the library, each with its own integrator."""
     values = shapes(np.random.default_rng(1), symbol, START, W, TIME[-1])
-    found = followed(BASE, *([] if symbol in SENSORS else [(make(symbol, values), 2e-3)]))
+    effect = None if symbol in SENSORS else make(symbol, values)
+    found = followed(BASE, *([(effect, 2e-3)] if effect else []), parts=2 * effect.parts if effect else 2)
     angle = found.x + (2e-3 * SENSORS[symbol](found.x, found.v, TIME) if symbol in SENSORS else 0.0)
     library = ForceLibrary("one more", (*SIX.select(list(BASE)), CANDIDATES[symbol]))
     told = {f"{symbol}.{name}": value for name, value in values.items()}
     ours = simulate(Model(library, BASE | {symbol: 2e-3}, W, told), TIME, START, 0.0)
-    np.testing.assert_allclose(angle, ours.angle.values, rtol=0, atol=5e-7)
+    # A corner within a step, and a root at rest, are followed less well by steps of a length.
+    bar = {"jenkins": 1e-7, "power_damping": 1e-7}.get(symbol, 2e-9)
+    np.testing.assert_allclose(angle, ours.angle.values, rtol=0, atol=bar)
 
 
 # Of the development set: kind, verdict.

@@ -9,7 +9,6 @@ import pytest
 from numpy import pi
 from scipy.integrate import solve_ivp
 from scipy.special import beta, dawsn, j1
-from scipy_motion import scipy_motion
 
 from sysid_trib import Model, load_library
 from sysid_trib.cycles.identifiability import exactly_dependent
@@ -319,16 +318,6 @@ def test_even_spring_fakes_a_cubic_force_of_minus_ten_ninths_of_its_square():
     record = simulate(Model(BOTH, {"zeta": 0.01, "even_spring": b}, 1.0), time, 0.4)
     fitted = Averaging().identify(record, BOTH.select(["zeta", "epsilon"]))
     assert fitted.coefficient.sel(force="epsilon").item() == pytest.approx(-10 / 9 * b**2, rel=0.05)
-
-
-@pytest.mark.parametrize("symbol", TABLE)
-def test_every_candidate_moves_as_scipy_has_it(symbol):
-    time = np.linspace(0.0, 1.5, 151)
-    model = Model(BOTH, {"lambda": 1e-3, "zeta": 5e-3, "epsilon": 0.1, symbol: 0.01}, W)
-    plain = replace(model, coefficients={"lambda": 1e-3, "zeta": 5e-3, "epsilon": 0.1})
-    found, expected = trajectory(model, time, 0.3, 0.5), scipy_motion(model, time, 0.3, 0.5).y[:, 0]
-    np.testing.assert_allclose(found.position, expected, atol=1e-10)
-    assert np.max(np.abs(found.angle - simulate(plain, time, 0.3, 0.5).angle.values)) > 1e-6
 
 
 # The power of the speed, and with it that of the reference frequency, is the shape parameter.

@@ -1,8 +1,8 @@
 """Posteriors by importance sampling beside random-walk Metropolis on the same likelihood, of three records.
 
 The seeds are the steps of a chain. The records are cases of `profile.py`: presliding length, Stribeck speed,
-dry friction bounded at zero. In the noise of that study, and in a quarter of it, the posterior of the Stribeck
-speed has a plateau to the limit of the library, into which no walk of such a length finds its way.
+dry friction bounded at zero. In the noise of that study, and in a quarter of it, the posterior of the
+Stribeck speed has a plateau to the limit of the library, into which no walk of such a length finds its way.
 """
 
 from argparse import Namespace
