@@ -1,5 +1,6 @@
 """Records that golden answers are of: simulated motions with their noises and samplings, written as files."""
 
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,43 +12,6 @@ import sysid_trib as st
 
 Array = NDArray[np.float64]
 W = 9.91
-OWN = """
-[[force]]
-symbol = "own_damping"
-formula = "abs(x)**q*v"
-shape = { q = { default = 1.0, low = 0.5, high = 2.0, meaning = "its power" } }
-
-[[force]]
-symbol = "zeta"
-formula = "2*v"
-
-[[force]]
-symbol = "sensor_curve"
-formula = "x**2"
-kind = "sensor"
-"""
-# What discover may find.
-FEW = """
-[[force]]
-symbol = "lambda"
-formula = "sign(v)"
-
-[[force]]
-symbol = "delta"
-formula = "abs(v)*v"
-
-[[force]]
-symbol = "epsilon"
-formula = "x**3"
-
-[[force]]
-symbol = "cubic_damping"
-formula = "v**3"
-
-[[force]]
-symbol = "stiffness_drift"
-formula = "t*x"
-"""
 
 
 @dataclass(frozen=True)
@@ -130,19 +94,12 @@ def written(*motions: Motion) -> Callable[[Path], None]:
     """What writes swing.csv, second.csv, ... and two libraries into a folder."""
 
     def write(folder: Path) -> None:
-        for name, text in {"own": OWN, "few": FEW}.items():
-            (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+        for name in ("own.toml", "few.toml"):
+            shutil.copy(Path(__file__).with_name(name), folder)
         for number, (name, each) in enumerate(zip(FILES, motions, strict=False)):
             columns = each.columns(seed=number + 1)
-            cells = np.column_stack(list(columns.values()))
-            np.savetxt(
-                folder / f"{name}.csv",
-                cells,
-                "%.9g",
-                ",",
-                header=",".join(columns),
-                comments="",
-                encoding="utf-8",
-            )
+            table, head = np.column_stack(list(columns.values())), ",".join(columns)
+            path = folder / f"{name}.csv"
+            np.savetxt(path, table, "%.9g", ",", header=head, comments="", encoding="utf-8")
 
     return write
