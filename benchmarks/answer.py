@@ -35,21 +35,14 @@ from sysid_trib.validation.residuals import fitted_motion
 
 TANK = "lambda zeta delta nu epsilon"
 # Title, file, columns, window, system, forces, file of another run that is predicted.
+HIGH, ALL = "string_pendulum/run_high.txt", (None, None)
 RECORDS = (
     ("steel pendulum", "single_pendulum/free_swing.csv", {}, (15.0, 75.0), "pendulum", "", ""),
-    (
-        "string, low",
-        "string_pendulum/run_1.txt",
-        {},
-        (None, None),
-        "pendulum",
-        "",
-        "string_pendulum/run_high.txt",
-    ),
-    ("string, high", "string_pendulum/run_high.txt", {}, (None, None), "pendulum", "", ""),
+    ("string, low", "string_pendulum/run_1.txt", {}, ALL, "pendulum", "", HIGH),
+    ("string, high", HIGH, {}, ALL, "pendulum", "", ""),
     ("ship", "roll_decay/model_test_21337.csv", {"angle": "phi"}, (25.0, None), "ship", "", ""),
-    ("tank, 0.953", "sloshing/decay_0p953.csv", {}, (None, None), "", TANK, "sloshing/decay_0p967.csv"),
-    ("tank, 0.967", "sloshing/decay_0p967.csv", {}, (None, None), "", TANK, ""),
+    ("tank, 0.953", "sloshing/decay_0p953.csv", {}, ALL, "", TANK, "sloshing/decay_0p967.csv"),
+    ("tank, 0.967", "sloshing/decay_0p967.csv", {}, ALL, "", TANK, ""),
 )
 
 
@@ -65,11 +58,9 @@ def methods_of(system: str, forces: str) -> tuple[st.forces.ForceLibrary, dict[s
 def rest_of(result: xr.Dataset, decay: xr.Dataset) -> float:
     """RMS of record minus model, start and zero fitted."""
     motion = fitted_motion(decay, result.drop_vars(["start_angle", "start_rate"], errors="ignore"))
-    return (
-        np.inf
-        if motion is None
-        else float(np.sqrt(np.mean((decay.angle.values - motion.offset - motion.x) ** 2)))
-    )
+    if motion is None:
+        return np.inf
+    return float(np.sqrt(np.mean((decay.angle.values - motion.offset - motion.x) ** 2)))
 
 
 def tried(method, decay: xr.Dataset, library: st.forces.ForceLibrary) -> xr.Dataset | None:
@@ -97,13 +88,8 @@ def row(train: xr.Dataset, unseen: xr.Dataset, library: st.forces.ForceLibrary, 
 
 def signs(result: xr.Dataset) -> str:
     """The least coefficient of a dissipative force over its error."""
-    of_forces = [
-        f"{s} {c:.3g} ± {e:.1g}"
-        for s, c, e in zip(
-            result.force.values, result.coefficient.values, result.standard_error.values, strict=True
-        )
-    ]
-    return ", ".join(of_forces)
+    each = zip(result.force.values, result.coefficient.values, result.standard_error.values, strict=True)
+    return ", ".join(f"{s} {c:.3g} ± {e:.1g}" for s, c, e in each)
 
 
 def direct_ms() -> float:
@@ -154,9 +140,8 @@ def main() -> None:
     if options.time:
         Console(width=110).print(times_table(options.only))
         return
-    labels = [
-        f"{name} {option}" for name in ("averaging", "direct", "trajectory") for option in ("off", "random")
-    ]
+    kinds = ("averaging", "direct", "trajectory")
+    labels = [f"{name} {option}" for name in kinds for option in ("off", "random")]
     table = Table("record", "answer", "its RMS", "over the best", *labels, "processor (s)")
     for title, file, columns, window, system, forces, other in RECORDS:
         if options.only not in title:

@@ -20,9 +20,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import psutil
-from rich.console import Console
-from rich.table import Table
 
 import sysid_trib as st
 from sysid_trib.campaigns.store import counts_of
@@ -70,7 +69,12 @@ def study(folder: Path, records: int) -> Path:
     return place
 
 
-def speed(folder: Path, records: int) -> Table:
+def one_row(**cells: object) -> pd.DataFrame:
+    """A table of a row."""
+    return pd.DataFrame([cells])
+
+
+def speed(folder: Path, records: int) -> pd.DataFrame:
     """Seconds in this process, by one worker and by two."""
     drawn, all_methods = st.campaigns.load_study(study(folder, records)), task(*METHODS)
     few = st.campaigns.load_study(study(folder, 20))
@@ -81,13 +85,12 @@ def speed(folder: Path, records: int) -> Table:
         start = time.perf_counter()
         st.campaign(drawn, all_methods, output=folder / f"speed{workers}.zarr", workers=workers)
         spent[workers] = time.perf_counter() - start
-    table = Table("records", "this process (s)", "1 worker (s)", "2 workers (s)", "2 / process", "1 / 2")
-    ratios = f"{spent[2] / spent[0]:.2f}", f"{spent[1] / spent[2]:.2f}"
-    table.add_row(f"{records:,}", *(f"{spent[w]:.0f}" for w in (0, 1, 2)), *ratios)
-    return table
+    names = ("this process (s)", "1 worker (s)", "2 workers (s)")
+    ratios = {"2 / process": spent[2] / spent[0], "1 / 2": spent[1] / spent[2]}
+    return one_row(records=records, **dict(zip(names, spent.values(), strict=True)), **ratios)
 
 
-def memory(folder: Path, records: int) -> Table:
+def memory(folder: Path, records: int) -> pd.DataFrame:
     """Resident memory of each process, at the first 500 records and at the last."""
     seen: list[tuple[float, dict[int, int]]] = []
 
@@ -105,15 +108,13 @@ def memory(folder: Path, records: int) -> Table:
     st.campaign(drawn, task("direct"), output=folder / "memory.zarr", workers=2, tell=tell)
     settled = next(known for done, known in seen if done * records >= SETTLED_RECORDS)
     last = seen[-2][1]
-    table = Table("process", f"after {SETTLED_RECORDS} records (MB)", f"after {records:,} (MB)", "ratio")
-    for pid in settled.keys() & last.keys():
-        name = "this" if pid == os.getpid() else "child"
-        cells = (f"{known[pid] / 1e6:.0f}" for known in (settled, last))
-        table.add_row(name, *cells, f"{last[pid] / settled[pid]:.2f}")
-    return table
+    heads = [f"after {SETTLED_RECORDS} records (MB)", f"after {records:,} (MB)"]
+    table = pd.DataFrame([settled, last], index=heads).T.dropna() / 1e6
+    here = ["this" if pid == os.getpid() else "child" for pid in table.index]
+    return table.assign(ratio=table[heads[1]] / table[heads[0]], process=here)
 
 
-def kills(folder: Path) -> Table:
+def kills(folder: Path) -> pd.DataFrame:
     """Killed at random moments and gone on with: equal to one that never was."""
     place, random = study(folder, KILLED_RECORDS), np.random.default_rng(3)
     whole = st.campaign(
@@ -140,9 +141,8 @@ def kills(folder: Path) -> Table:
     resumed = st.campaign(st.campaigns.load_study(place), task("direct"), output=part, workers=2)
     same = resumed.drop_vars("seconds").load().identical(whole.drop_vars("seconds").load())
     stays = len(list(part.rglob("*.partial")))
-    table = Table("kills", "store read after", "records done at each", "same store", "stays behind")
-    table.add_row(str(killed), str(readable), ", ".join(map(str, done)), str(same), str(stays))
-    return table
+    at_each = ", ".join(map(str, done))
+    return one_row(kills=killed, read_after=readable, done_at_each=at_each, same_store=same, stays=stays)
 
 
 def written(store: Path) -> int:
@@ -150,7 +150,7 @@ def written(store: Path) -> int:
     return len(list(store.glob("status/[0-9]*")))
 
 
-def worker_kills(folder: Path, records: int, every: float) -> Table:
+def worker_kills(folder: Path, records: int, every: float) -> pd.DataFrame:
     """A worker killed every few seconds: nothing is lost."""
     ended, killed = threading.Event(), []
 
@@ -168,14 +168,11 @@ def worker_kills(folder: Path, records: int, every: float) -> Table:
     drawn = st.campaigns.load_study(study(folder, records))
     store = st.campaign(drawn, task("direct"), output=folder / "workers.zarr", workers=2)
     ended.set()
-    table = Table("records", "workers killed", "done", "lost", "s")
-    counts = counts_of(store)
-    spent = f"{time.perf_counter() - start:.0f}"
-    table.add_row(f"{records:,}", str(len(killed)), str(counts["done"]), str(counts["lost"]), spent)
-    return table
+    counts, spent = counts_of(store), time.perf_counter() - start
+    return one_row(records=records, killed=len(killed), done=counts["done"], lost=counts["lost"], s=spent)
 
 
-def scheduler_load(folder: Path, tasks: int) -> Table:
+def scheduler_load(folder: Path, tasks: int) -> pd.DataFrame:
     """What the scheduler costs a task that does nothing, and a campaign a record that is refused at once.
 
     The second is all that is done for a block in one process: it is sent, scheduled, received and written.
@@ -200,12 +197,8 @@ def scheduler_load(folder: Path, tasks: int) -> Table:
     st.campaign(names, nothing, output=folder / "refused.zarr", workers=2)
     here = time.process_time() - start
     blocks = len(list((folder / "refused.zarr" / "status").glob("[0-9]*")))
-    table = Table(
-        "tasks", "a task, here (ms)", "records", "blocks", "a block, here (ms)", "a record, here (ms)"
-    )
-    figures = f"{1e3 * here / blocks:.1f}", f"{1e3 * here / len(names):.3f}"
-    table.add_row(f"{tasks:,}", f"{1e3 * each:.2f}", f"{len(names):,}", f"{blocks:,}", *figures)
-    return table
+    figures = {"a block, here (ms)": 1e3 * here / blocks, "a record, here (ms)": 1e3 * here / len(names)}
+    return one_row(tasks=tasks, task_ms=1e3 * each, records=len(names), blocks=blocks, **figures)
 
 
 def _refuse(path: str) -> list:
@@ -238,7 +231,7 @@ def main() -> None:
         }
         for part, table in parts.items():
             if options.only in (None, part):
-                Console(width=120).print(table())
+                print(table().to_string(index=False, float_format="%.2f"), flush=True)
 
 
 if __name__ == "__main__":

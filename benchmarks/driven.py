@@ -70,21 +70,11 @@ def cpu(call: Callable[[], Any]) -> tuple[Any, float]:
 def silverbox() -> Table:
     """Trained on five realisations; free run on the sixth, whose start is fitted."""
     record = st.read_record(DATA / "silverbox" / "multisine_1_to_6.csv", input="V1")
-    train, test = (
-        record.isel(time=slice(TRAINING)),
-        record.isel(time=slice(TRAINING, None)),
+    train, test = (record.isel(time=part) for part in (slice(TRAINING), slice(TRAINING, None)))
+    table = Table(
+        "method", "forces and w", "parameters", "training", "last realisation", "largest", "time (s)"
     )
-    table = Table(title="Silverbox, RMS of record minus free run (mV)")
-    for head in (
-        "method",
-        "forces and w",
-        "parameters",
-        "training",
-        "last realisation",
-        "largest",
-        "time (s)",
-    ):
-        table.add_column(head)
+    table.title = "Silverbox, RMS of record minus free run (mV)"
     direct, trajectory = st.methods.Direct(**OFF), st.methods.Trajectory(**OFF)
     for method, symbols in ((direct, FIVE), (direct, EIGHT), (direct, TWELVE), (trajectory, FIVE)):
         result, seconds = cpu(lambda m=method, s=symbols: m.identify(train, offered(*s)))
@@ -104,9 +94,8 @@ def search() -> Table:
     unseen = st.predict(tree["after"].to_dataset(), record.isel(time=slice(TRAINING, None)))
     last = 1e3 * unseen.residual_rms.item()
     title = f"Silverbox, discover: {seconds:.0f} s; last realisation {last:.4f} mV"
-    table = Table(title=f"{title}; verdict: {tree.attrs['verdict']}")
-    for head in ("added", "coefficient", "held out, RMS (mV)"):
-        table.add_column(head)
+    table = Table("added", "coefficient", "held out, RMS (mV)")
+    table.title = f"{title}; verdict: {tree.attrs['verdict']}"
     steps, held_out = tree["steps"].to_dataset(), 1e3 * tree["holdout"].rms.values
     table.add_row("(linear)", "", f"{held_out[0]:.4f}")
     for at, symbol in enumerate(steps.symbol.values.tolist()):
@@ -120,9 +109,8 @@ def emps() -> Table:
     """The motor axis: no restoring force; everything in the unit of the force."""
     path = DATA / "emps" / "DATA_EMPS.mat"
     record = st.read_record(path, angle="qm", time="t", units="m", input=f"{GTAU}*vir", between="linear")
-    table = Table(title="EMPS, each model by both methods")
-    for head in ("method", "parameters", *SAID.values(), "open loop (mm)", "time of both (s)"):
-        table.add_column(head)
+    table = Table("method", "parameters", *SAID.values(), "open loop (mm)", "time of both (s)")
+    table.title = "EMPS, each model by both methods"
     table.add_row("published least squares", "4", *(f"{value:g}" for value in PUBLISHED.values()), "6.85", "")
     for further in FURTHER:
         library = offered("free_axis", "gain", "zeta", "lambda", "bias", *further)
@@ -150,9 +138,8 @@ def bouc_wen() -> Table:
         for name, part in parts.items()
     )
     title = f"Bouc-Wen, discover: {seconds:.0f} s; left after a warm-up of 1 s: {left}"
-    table = Table(title=f"{title}; added: {' '.join(tree['steps'].symbol.values.tolist())}")
-    for head in ("parameter", "found", "standard error"):
-        table.add_column(head)
+    table = Table("parameter", "found", "standard error")
+    table.title = f"{title}; added: {' '.join(tree['steps'].symbol.values.tolist())}"
     for kind, name in (("force", "coefficient"), ("shape_parameter", "shape")):
         errors = after["standard_error" if kind == "force" else "shape_standard_error"]
         for at, label in enumerate(after[kind].values.tolist() if kind in after else []):
@@ -165,22 +152,15 @@ def bouc_wen() -> Table:
 def frame() -> Table:
     """Three loads on one frame: the friction is each run's own, frequency and damping are common."""
     folder = DATA / "friction_frame"
-    runs = [
-        st.read_record(
-            folder / f"s_b_{load}g_x.mat",
-            time="t",
-            units="mm",
-            input={"base": f"{folder / f's_b_{load}g_y.mat'}:y"},
-        )
-        for load in LOADS
-    ]
+    runs = []
+    for load in LOADS:
+        base = {"base": f"{folder / f's_b_{load}g_y.mat'}:y"}
+        runs.append(st.read_record(folder / f"s_b_{load}g_x.mat", time="t", units="mm", input=base))
     library = offered("base_spring", "base_damping", "lambda")
     methods = [kind(own=("lambda",)) for kind in (st.methods.Direct, st.methods.Trajectory)]
     tree, seconds = cpu(lambda: st.identify(runs, library, methods, constraints={"base_spring": 1.0}))
-    table = Table(title=f"Frame, three loads; both methods take {seconds:.0f} s")
     heads = ("method", "frequency (Hz)", "zeta", *(f"F of {load} g (N)" for load in LOADS), "left (mm)")
-    for head in heads:
-        table.add_column(head)
+    table = Table(*heads, title=f"Frame, three loads; both methods take {seconds:.0f} s")
     compared = tree["comparison"].to_dataset()
     for name in compared.model.values.tolist():
         result = tree[name].to_dataset()
@@ -214,9 +194,8 @@ def simulated(seeds: int) -> Table:
     clean = st.simulate(model, elapsed, 0.1, inputs=model.inputs)
     bound = st.cramer_rao_bound(model, elapsed, 0.1, 0.0, NOISE, free=True)
     smallest = np.append(bound.standard_error.values, bound.reference_frequency_standard_error.item())
-    table = Table(title=f"RMS error over the Cramér-Rao bound / 95 % intervals that hold (%), {seeds} seeds")
-    for head in ("method", *TRUTH, "w", "time of one (s)"):
-        table.add_column(head)
+    table = Table("method", *TRUTH, "w", "time of one (s)")
+    table.title = f"RMS error over the Cramér-Rao bound / 95 % intervals that hold (%), {seeds} seeds"
     for method in (st.methods.Direct(), st.methods.Trajectory()):
         errors, stated, seconds = repeated(method, clean, model.library, seeds)
         ratios = np.sqrt(np.mean(errors**2, axis=0)) / smallest
@@ -230,18 +209,17 @@ def repeated(
     method: Any, clean: xr.Dataset, library: ForceLibrary, seeds: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Errors and stated errors of coefficients and w, (seed, parameter), and the time (s)."""
-    truth, errors, stated, total = np.array([*TRUTH.values(), W]), [], [], 0.0
-    for seed in range(seeds):
+
+    def identified(seed: int) -> xr.Dataset:
         noise = NOISE * np.random.default_rng(seed).standard_normal(clean.sizes["time"])
-        result, seconds = cpu(
-            lambda n=noise: st.identify(clean.assign(angle=clean.angle + n), library, method)
-        )
-        total += seconds
-        found = result.sel(force=list(TRUTH))
-        errors.append([*found.coefficient.values, result.reference_frequency.item()] - truth)
-        of_w = result.reference_frequency_standard_error.item()
-        stated.append([*found.standard_error.values, of_w])
-    return np.array(errors), np.array(stated), total
+        return st.identify(clean.assign(angle=clean.angle + noise), library, method).sel(force=list(TRUTH))
+
+    results, seconds = cpu(lambda: [identified(seed) for seed in range(seeds)])
+    values, stated = (
+        np.array([[*r[name].values, r[f"reference_frequency{of}"].item()] for r in results])
+        for name, of in (("coefficient", ""), ("standard_error", "_standard_error"))
+    )
+    return values - [*TRUTH.values(), W], stated, seconds
 
 
 def belt_record(seed: int) -> tuple[xr.Dataset, dict[str, float], float, float]:

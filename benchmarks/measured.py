@@ -190,9 +190,8 @@ def table_of(record: Record, quick: bool, progress: Progress) -> Table:
     split = int(np.searchsorted(t, t[0] + (t[-1] - t[0]) * 2 / 3, side="right"))
     train = decay.isel(time=slice(split))
     w = Direct().identify(train, SIX.select(["zeta"])).reference_frequency.item()
-    table = Table(title=f"{record.title}: {split} + {len(t) - split} samples, RMS in mrad")
-    for head in ("method", "forces", "fitted", "train", "hold-out", "time (s)"):
-        table.add_column(head, justify="left" if head in ("method", "forces") else "right")
+    table = Table("method", "forces", "fitted", "train", "hold-out", "time (s)")
+    table.title = f"{record.title}: {split} + {len(t) - split} samples, RMS in mrad"
     rows = contestants(record, w)
     for name, forces, identify in progress.track(rows, description=record.title):
         try:

@@ -122,14 +122,8 @@ def one_ahead(record, asked: Namespace, method) -> list[str]:
 def main(asked: Namespace) -> None:
     method = METHODS[asked.method or "direct"]
     coverages = (f"{h} ahead (%; RMS error/stated)" for h in HORIZONS)
-    heads = (
-        "95 % bands",
-        "records",
-        "failed",
-        *coverages,
-        "neighbours' correlation",
-        "p, depends on nothing",
-    )
+    ends = ("neighbours' correlation", "p, depends on nothing")
+    heads = ("95 % bands", "records", "failed", *coverages, *ends)
     if not asked.measured:
         chosen = (case for case in CASES if asked.only in case.title)
         rows = (

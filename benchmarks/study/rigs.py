@@ -49,11 +49,8 @@ def rig(kind: str, random: np.random.Generator) -> list[xr.Dataset]:
         formula, low, high = FORCES[kind]
         values["hidden"] = logarithmic(random, low, high) * random.choice([-1.0, 1.0])
         library = replace(FIVE, forces=(*FIVE, *library_of_formulas(hidden=formula)))
-    model, amplitude, runs = (
-        st.Model(library, values, random.uniform(4.0, 12.0)),
-        random.uniform(0.3, 0.8),
-        [],
-    )
+    model = st.Model(library, values, random.uniform(4.0, 12.0))
+    amplitude, runs = random.uniform(0.3, 0.8), []
     for part in (1.0, 0.6):
         x = st.simulate(model, TIME, angle=part * amplitude).angle.values
         x = x + {"odd curve": 20 * scale * x**3, "even curve": 5 * scale * x**2}.get(kind, 0.0)

@@ -89,14 +89,8 @@ def of_records(count: int) -> list[str]:
 
 def main(asked: Namespace) -> None:
     title = f"{asked.seeds} round-robins each: intervals of 95 % that hold (%)"
-    heads = (
-        "between runs",
-        "load",
-        "runs, shrunken",
-        "repeatability",
-        "between laboratories",
-        "reproducibility",
-    )
+    heads = ("between runs", "load", "runs, shrunken")
+    heads += ("repeatability", "between laboratories", "reproducibility")
     rows = (of_values(spread, asked.seeds) for spread in SPREADS)
     shown(title, ("spread / stated error", *heads), rows)
     if asked.identified:
