@@ -283,10 +283,3 @@ def test_an_angle_that_was_cut_at_a_whole_turn_does_not_grow(tmp_path):
     assert said.status == 0
     assert "put together again where it was cut at a whole turn" in said.out
     assert "grows" not in said.out + said.err
-
-
-def test_a_driven_motion_is_called_so(tmp_path):
-    time = np.arange(4000) / 100.0
-    values = 0.3 * np.cos(8.0 * time) + 2e-4 * np.random.default_rng(0).standard_normal(4000)
-    with pytest.raises(SysidTribError, match="is it driven"):
-        free_decays(as_record(time, values))

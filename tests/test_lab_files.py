@@ -17,6 +17,7 @@ from sysid_trib.records.units import signal_unit
 ONCE_WRONG = """
 tracker_polar arduino_log arduino_plotter lvm lvm_no_times clock_times comment_rate quoted_commas frames
 run_pairs sentinels wrapped_counts drifting_zero beats json_lines fortran bars scope_tek
+phyphox_absolute numbered_runs typographer units_in_cells ruled driven
 scope_keysight physics_toolbox repeated_header hum excel.xlsx excel_times.xlsx two_tables.xlsx groups.h5
 """
 

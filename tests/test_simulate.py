@@ -1,5 +1,6 @@
 import itertools
 import time as clock
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,59 +9,13 @@ from scipy_motion import motion_and_stop, reference_motion
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import SimulationError
-from sysid_trib.forces.library import parse_library
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 SIX = load_library("contact_forces")
 W = 9.91
 PAPER = {"lambda": -2.3e-5, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
 TIME = np.linspace(0.0, 25.0, 2501)
-SHAPES = {
-    "s": {"default": 0.03, "low": 1e-4, "high": 0.5},
-    "W": {"default": 4.0, "low": 0.1, "high": 100.0},
-}
-
-
-def force(symbol, formula, **rest):
-    shape = {k: SHAPES[k] for k in rest.pop("shape", "")}
-    return {"symbol": symbol, "formula": formula, "shape": shape, **rest}
-
-
-ODD = parse_library(
-    {
-        "force": [
-            force("dry", "sign(v)"),
-            force("viscous", "2*v"),
-            force("dahl", "z", state={"z": "(v - abs(v)*z)/s"}, shape="s"),
-            force(
-                "jenkins",
-                "max(-s, min(s, zr + x - xr))",
-                memory={"xr": "x", "zr": "max(-s, min(s, zr + x - xr))"},
-                start={"xr": "x", "zr": "0"},
-                shape="s",
-            ),
-            force(
-                "masing",
-                "hr - (x-xr)*abs(x-xr)/2",
-                memory={"xr": "x", "hr": "hr - (x-xr)*abs(x-xr)/2"},
-                start={"xr": "x", "hr": "-x*abs(x)"},
-            ),
-            force("detent", "sign(x)"),
-            force("stribeck", "sign(v)*exp(-abs(v)/s)", shape="s"),
-            force("broken", "sign(v)*abs(v)**1.5"),
-            force("steep", "v*abs(v)**-0.5"),
-            force("logarithm", "v*log(abs(v) + 0.01)"),
-            force("ambient", "sin(W*t)", shape="W"),
-            force("wear", "t*v"),
-            force("cubic", "x**3"),
-            force("pole", "1/(x + 2)"),
-            force("zeros", "x*min((1 - 1)**-2, 1)"),
-            force("offset", "1", kind="sensor"),
-            force("clock", "t*v", kind="sensor"),
-        ]
-    },
-    "odd.toml",
-)
+ODD = load_library(Path(__file__).with_name("odd.toml"))
 
 
 def six(**coefficients):
