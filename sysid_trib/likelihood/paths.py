@@ -35,8 +35,8 @@ from sysid_trib.simulation.internal_states import GivenMotion, states_along, tan
 
 # A sensor that falls while the angle rises is none; a fit may pass by there.
 LEAST_SENSOR_GAIN = 0.05
-# Of the sensor's noise: some five errors of a path's rate where samples are few.
-STICKING_ERRORS = 10.0
+# Of the sensor's noise, some errors of a path's rate.
+STICKING_ERRORS = 3.0
 # Of the motion's RMS rate: the least acceleration (of tau) of what passes the rate of a surface.
 PASSING = 0.2
 # Parts of a cell between two points over which a force that switches there is averaged.
@@ -349,13 +349,18 @@ def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
     tau, _, v, _, _, integrals = path.points
     moving = [Channel(name, 1, "displacement") for name in surfaces]
     rates = values_of_inputs(path.inputs, moving, tau / path.frequency, path.frequency)
+    slowest, knot = PASSING * np.sqrt(np.mean(v**2)), (tau[-1] - tau[0]) / path.intervals
     sticking = np.zeros(len(tau), dtype=bool)
     for rate in (np.zeros(1), *rates.values()):
         slip = v - rate
         near = np.abs(slip) < STICKING_ERRORS * path.sensor.innovation
-        for first, end in np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).tolist():
-            fastest = PASSING * np.sqrt(np.mean(v**2)) * (tau[end - 1] - tau[first])
-            sticking[first:end] |= abs(slip[end - 1] - slip[first]) < fastest
+        first, end = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).T
+        stay = tau[end - 1] - tau[first]
+        stays = np.abs(slip[end - 1] - slip[first]) < slowest * stay
+        # What never stays for long only turns slowly there.
+        if stay[stays].max(initial=0.0) > 2.0 * knot:
+            for begin, after in zip(first[stays], end[stays], strict=True):
+                sticking[begin:after] = True
     return np.asarray(integrals @ sticking.astype(float) > 0.0)
 
 
