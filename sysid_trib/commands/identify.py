@@ -182,7 +182,7 @@ def identify(
             tell=tell,
         )
         predicted = _predicted(tree, tried, given, tell)
-        _add_sureness(tree, decays, profiled, sure.sensitivity, tell)
+        _add_sureness(tree, decays, sure.sensitivity, tell, *profiled)
         if calibration[1]:
             tree = with_scale_error(tree, calibration[1] / calibration[0])
         _add_si_units(tree, measured)
@@ -192,11 +192,7 @@ def identify(
 
 
 def _add_sureness(
-    tree: "xr.DataTree",
-    decays: "list[xr.Dataset]",
-    profiled: tuple[list[str], list[str]],
-    refits: bool,
-    tell: "Tell",
+    tree: "xr.DataTree", decays: "list[xr.Dataset]", refits: bool, tell: "Tell", *profiled: list[str]
 ) -> None:
     """Add what is asked of how sure the answer is, as groups of the result."""
     names, pairs = profiled

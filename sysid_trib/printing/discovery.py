@@ -167,20 +167,14 @@ def _remedies(tree: xr.DataTree, step: xr.Dataset, tied: Sequence[Force]) -> lis
     size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
     fitted = [step[name].to_series() for name in ("shape", "competing_shape") if name in step]
     shapes = {name: value for part in fitted for name, value in part.dropna().items()}
-    groups: list[list[Force]] = []
+    groups: dict[str, list[Force]] = {}
     for force in tied:
-        home = next((group for group in groups if inseparable(group[0], force, size, shapes)), None)
-        if home is None:
-            groups.append([force])
-        else:
-            home.append(force)
-    sentences = [
-        f"No run of this kind separates {' and '.join(force.symbol for force in group)}: averaged over a "
-        "cycle, they do the same at every amplitude."
-        for group in groups
-        if len(group) > 1
-    ]
-    return [*sentences, *([remedy([group[0] for group in groups])] if len(groups) > 1 else [])]
+        alike = (name for name, (first, *_) in groups.items() if inseparable(first, force, size, shapes))
+        groups.setdefault(next(alike, force.symbol), []).append(force)
+    same = (" and ".join(force.symbol for force in group) for group in groups.values() if len(group) > 1)
+    why = "averaged over a cycle, they do the same at every amplitude"
+    sentences = [f"No run of this kind separates {names}: {why}." for names in same]
+    return [*sentences, *([remedy([group[0] for group in groups.values()])] if len(groups) > 1 else [])]
 
 
 def remedy(tied: Sequence[Force]) -> str:
@@ -215,15 +209,12 @@ def _detectability(tree: xr.DataTree) -> list[str]:
 def _alike(candidates: xr.Dataset) -> list[str]:
     symbols = candidates.candidate.values.tolist()
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").values
-    groups: list[list[int]] = []
+    groups: dict[int, list[int]] = {}
     for at in range(len(symbols)):
         # Each with each: a chain of neighbours may have ends that are far apart.
-        home = next((group for group in groups if pairs[at, group].all()), None)
-        if home is None:
-            groups.append([at])
-        else:
-            home.append(at)
-    alike = "; ".join(", ".join(symbols[at] for at in group) for group in groups if len(group) > 1)
+        home = (first for first, group in groups.items() if pairs[at, group].all())
+        groups.setdefault(next(home, at), []).append(at)
+    alike = "; ".join(", ".join(symbols[at] for at in group) for group in groups.values() if len(group) > 1)
     return [f"On this record, these look alike even at {NAMED:g} standard errors: {alike}."] if alike else []
 
 

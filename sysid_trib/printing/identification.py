@@ -41,7 +41,7 @@ from sysid_trib.validation.verdict import record_noise
 # Between the level at which methods disagree and this one they agree, but barely.
 BARELY = 0.05
 # More errors than one of several differences that agree as a whole should have without a word.
-WITHIN = 2.0
+AS_A_WHOLE = 2.0
 COEFFICIENTS, BETWEEN_RUNS, CONSEQUENCES = "Coefficients", "Do the runs agree", "What follows from the model"
 NO_CONSEQUENCES = "Weights, crossovers and arrest are not given: the model {} the record."
 
@@ -194,11 +194,10 @@ def _agreement_sentences(tree: xr.DataTree) -> list[str]:
     if checked.p_value.item() < BARELY:
         return [f"{pair} agree, but barely.", test]
     explained = attrs.get("verdict_on_record", "").startswith("explained")
-    z = checked.z.to_series()
-    farthest = z.abs().idxmax()
-    if abs(z[farthest]) > WITHIN:
+    z = abs(checked.z.to_series())
+    if z.max() > AS_A_WHOLE:
         how = "agree" if explained else "differ by no more than their errors"
-        return [f"{pair} {how} as a whole; {farthest} differs by {abs(z[farthest]):.2g} errors.", test]
+        return [f"{pair} {how} as a whole; {z.idxmax()} differs by {z.max():.2g} errors.", test]
     how = "agree within" if explained else "differ by no more than"
     return [f"{pair} {how} their errors.", test]
 

@@ -135,54 +135,47 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
     """What is said of two samples, in its order; `record` says what was read."""
     data = tree.to_dataset()
     several = [f"{side}_between_runs" for side in SIDES if np.isfinite(data[f"{side}_between_runs"]).any()]
+    said = (
+        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
+        f"found with a probability of {POWER_STATED:g}, at the level {data.attrs['level']:g}."
+    )
     return [
         Block([_first_sentence(tree)], ALWAYS),
         Block([_stiffness_sentence(data), *_warnings(tree)]),
         Block(record),
-        Block(
-            [
-                f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable "
-                f"difference is found with a probability of {POWER_STATED:g}, at the level "
-                f"{data.attrs['level']:g}."
-            ],
-            title="Coefficients",
-            table=_table(tree, several),
-            figures="difference",
-        ),
+        Block([said], title="Coefficients", table=_table(tree, several), figures="difference"),
         Block(_details(tree), Layer.EXPLAIN, "Samples"),
         Block(layers=Layer.QUIET, table=_table(tree, [])),
     ]
 
 
 def _names(data: xr.Dataset) -> list[str]:
-    """What the samples are called: their files, or first and second without names of their own."""
-    names = [_name(data.attrs[f"{side}_record"]) for side in SIDES]
-    return list(SIDES) if not all(names) or names[0] == names[1] else names
+    """What the samples are called: their files, or first and second where these are called alike."""
+    names = [_name(data.attrs[f"{side}_record"], side) for side in SIDES]
+    return list(SIDES) if names[0] == names[1] else names
 
 
-def _name(sources: Sequence[str]) -> str:
-    """A short name of records."""
-    first, *others = [Path(source).name for source in sources] or [""]
-    return f"{first} and {len(others)} more" if first and others else first
+def _name(sources: Sequence[str], otherwise: str) -> str:
+    """A short name of records that are files."""
+    names = [Path(source).name for source in sources if source]
+    return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else "".join(names) or otherwise
+
+
+def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
+    """The identifications of all runs, with the names of their files."""
+    results = identifications_of(tree).items()
+    return [(_name(run.attrs["record_source"], label.replace("_", " ")), run) for label, run in results]
 
 
 def _details(tree: xr.DataTree) -> list[str]:
     """The test of all forces, of what the errors of each run are made, and how far its model is off."""
     sentences = [f"All differences together: {_test_of_all(tree.to_dataset())}."]
-    for label, result in identifications_of(tree).items():
-        name = _run_name(label, result)
-        sentences.append(error_parts_sentence(name, result))
-        if "held_out_rms" in result:
-            ratio = result.held_out_rms.item() / result.noise.item()
-            sentences.append(
-                f"Of parts of {name} that were held out its model leaves {ratio:.3g} times the noise."
-            )
+    for name, run in _runs(tree):
+        sentences.append(error_parts_sentence(name, run))
+        if "held_out_rms" in run:
+            ratio = f"{(run.held_out_rms / run.noise).item():.3g} times the noise"
+            sentences.append(f"Of held-out parts of {name} its model leaves {ratio}.")
     return sentences
-
-
-def _run_name(label: str, result: xr.Dataset) -> str:
-    """The file of a run, or what its group is called."""
-    return _name(result.attrs["record_source"]) or label.replace("_", " ")
 
 
 def _test_of_all(data: xr.Dataset) -> str:
@@ -239,9 +232,7 @@ def _stiffness_sentence(data: xr.Dataset) -> str:
 
 def _warnings(tree: xr.DataTree) -> list[str]:
     """What the errors allow for, and methods that differ."""
-    incomplete = [
-        _run_name(*pair) for pair in identifications_of(tree).items() if "error_of_model" in pair[1]
-    ]
+    incomplete = [name for name, run in _runs(tree) if "error_of_model" in run]
     said = []
     if incomplete:
         said.append(
@@ -289,8 +280,8 @@ def _table(tree: xr.DataTree, between: Sequence[str]) -> Table:
             ]
         )
     heads = ["force", "", *_names(data), "difference", "z", "p", "detectable"]
-    by_side = dict(zip(SIDES, _names(data), strict=True))
-    heads += [f"{by_side[name.split('_')[0]]} between its runs" for name in between]
+    by_side = zip(SIDES, _names(data), strict=True)
+    heads += [f"{name} between its runs" for side, name in by_side if f"{side}_between_runs" in between]
     return text_table(heads, rows, numbers=tuple(range(2, len(heads))))
 
 
