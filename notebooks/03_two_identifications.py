@@ -104,6 +104,14 @@ def study(levels, long_name, units, conditions):
     )
 
 
+def shown(found):
+    """Errors of each force by level for each method, and in black the bound, below which no one gets."""
+    look = {"xscale": "log", "yscale": "log", "sharey": False, "marker": "o", "markersize": 3}
+    panels = found.error.plot.line(x="level", hue="method", col="force", col_wrap=3, **look)
+    for ax, force in zip(panels.axs.flat, found.force.values, strict=False):
+        ax.plot(found.level, found.bound.sel(force=force), color="black")
+
+
 def over_bound(found):
     """Error over bound, over the forces the smallest and the largest."""
     ratio = found.error / found.bound
@@ -120,7 +128,7 @@ def over_bound(found):
 # %%
 noises = [3e-5, 1e-3] if QUICK else [1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3]
 by_noise = study(noises, "noise of a sample", "rad", [(noise, 100, 0.0) for noise in noises])
-st.plots.precision(by_noise)
+shown(by_noise)
 
 # %%
 over_bound(by_noise)
@@ -137,7 +145,7 @@ by_noise.within.mean("force").transpose("level", "method").to_pandas().style.for
 # %%
 rates = [50, 200] if QUICK else [25, 50, 100, 200, 400]
 by_rate = study(rates, "sampling rate", "Hz", [(1e-4, rate, 0.0) for rate in rates])
-st.plots.precision(by_rate)
+shown(by_rate)
 
 # %%
 over_bound(by_rate)
@@ -158,7 +166,7 @@ print(f"bound of zeta times the root of the rate: {bound * np.sqrt(rates)}")
 # %%
 steps = [3e-4, 3e-3] if QUICK else [1e-4, 3e-4, 1e-3, 3e-3, 1e-2]
 by_step = study(steps, "angle step", "rad", [(1e-4, 100, step) for step in steps])
-st.plots.precision(by_step)
+shown(by_step)
 
 # %%
 over_bound(by_step)

@@ -266,17 +266,10 @@ if pushed:
 # innovations too, since the random force follows the record; the last column of the table tells them apart.
 # Here it is small three times: none of these models is all there is in its record.
 #
-# When was the motion pushed? The last panel has the smoothed random force, as a mean over the span in which
-# the sensor lets it be seen, with its band. A force that comes with the swing, or shrinks with its amplitude,
-# is not random: that of the ship is largest in the first seconds.
-
-# %%
-for name, data in ahead.items():
-    figure = st.plots.innovations(data)
-    figure.suptitle(name)
-    display(figure)
-
-# %% [markdown]
+# When was the motion pushed? The third panel below has the smoothed random force, as a mean over the span in
+# which the sensor lets it be seen, with its band. A force that comes with the swing, or shrinks with its
+# amplitude, is not random: that of the ship is largest in the first seconds.
+#
 # How far can the motion be foreseen? A model of the first two thirds predicts the last third, from each
 # origin on with the samples up to there. The bands grow by the random force on the way. They promise 95 %
 # where that force is random; where it goes with the motion they promise nothing, and can be too wide (the
@@ -299,9 +292,9 @@ for name, decay in decays.items():
     missed = np.abs(bands.measured - bands.predicted).sel(horizon=1.0)
     inside = (missed < 1.96 * bands.predicted_standard_error.sel(horizon=1.0)).values
     print(f"{name}: {inside.sum()} of {inside.size} within their band one period ahead")
-    axes = st.plots.prediction_bands(bands)
-    axes.set_title(name, loc="left")
-    display(axes.figure)
+    figure = st.plots.innovations(ahead[name], bands)
+    figure.suptitle(name)
+    display(figure)
 
 # %% [markdown]
 # ## What was known, and what was found

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import tables
@@ -100,7 +101,10 @@ by_hand = -amplitude / k**2 * (1.0 - 1.0 / np.sqrt(1.0 + k**2))
 print(
     f"Largest difference from the formula: {np.abs(found['brake, s = 0.2 rad'].sine - by_hand).max():.1e} rad"
 )
-display(st.plots.signatures(found))
+both = xr.concat(found.values(), pd.Index(found, name="force"))
+figure, panels = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
+for panel, average in zip(panels, ("sine", "cosine"), strict=True):
+    both[average].plot.line(x="amplitude", ax=panel)
 
 # %% [markdown]
 # Viscous friction would be a straight line here, dry friction a level one. The drag of a slow disc looks

@@ -8,15 +8,12 @@ from known_results import PAPER, known
 
 import sysid_trib as st
 from sysid_trib import Model, load_library, plots, simulate
-from sysid_trib.forces import signature
 from sysid_trib.physics import predict_envelope, weights
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_panels import MOST_POINTS
 from sysid_trib.records import envelope
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residual_force import residual_force
-
-SIX = load_library()
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.02, 0.3), (1.1, 1.9)])
@@ -31,17 +28,6 @@ def test_an_axis_of_amplitudes_has_numbers_from_end_to_end(low, high):
     assert 3 <= len(shown) <= 10
     assert max(shown) > 0.6 * high
     assert min(shown) < 1.6 * low
-
-
-def test_signatures_are_drawn_as_they_are():
-    found = {symbol: signature(SIX[symbol], np.linspace(0.1, 1.0, 10)) for symbol in ("zeta", "epsilon")}
-    panels = plots.signatures(found).axes
-    for panel, quantity in zip(panels, ("sine", "cosine"), strict=True):
-        drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
-        for symbol, one in found.items():
-            assert drawn[symbol] == pytest.approx(one[quantity].values)
-        assert panel.get_xlabel().endswith("(rad)")
-        assert panel.get_ylabel().endswith("(rad)")
 
 
 def test_a_long_record_keeps_its_peaks_on_paper():
@@ -127,36 +113,6 @@ def test_weights_against_amplitude(quantity, unit):
     np.testing.assert_array_equal(lines[r"$\nu$"].get_ydata(), found[quantity].sel(force="nu"))
     np.testing.assert_array_equal(lines[r"$\lambda$"].get_xdata(), found.amplitude)
     assert axes.get_ylabel() == found[quantity].attrs["long_name"] + unit
-
-
-def study():
-    error = np.arange(1.0, 25.0).reshape(2, 3, 4)
-    dims = ("method", "level", "force")
-    return xr.Dataset(
-        {"error": (dims, error), "bound": (dims[1:], 0.5 * error[0])},
-        {
-            "method": ["direct", "averaging"],
-            "level": ("level", [1e-4, 1e-3, 1e-2], {"long_name": "noise", "units": "rad"}),
-            "force": ["lambda", "zeta", "nu", "mine"],
-        },
-    )
-
-
-def test_errors_of_a_study_stand_above_the_bound():
-    found = study()
-    figure = plots.precision(found)
-    lines = labelled(figure.axes[1])
-    np.testing.assert_array_equal(lines["averaging"].get_ydata(), found.error[1].sel(force="zeta"))
-    np.testing.assert_array_equal(lines["Cramér-Rao bound"].get_ydata(), found.bound.sel(force="zeta"))
-    assert figure.axes[1].get_xlabel() == "noise (rad)"
-    assert [panel.get_title(loc="left") for panel in figure.axes] == [
-        r"$\lambda$",
-        r"$\zeta$",
-        r"$\nu$",
-        r"$\mathrm{mine}$",
-    ]
-    # Levels stand below the last panel of each column.
-    assert [bool(panel.get_xlabel()) for panel in figure.axes] == [False, True, True, True]
 
 
 FORCES = st.load_library()

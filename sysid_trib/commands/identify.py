@@ -276,15 +276,14 @@ def _figures(tree: "xr.DataTree", plots: Any) -> "list[tuple[str, Callable[[], F
     """The figures of each run, and of those groups that the result has."""
     from sysid_trib.results.variables import group_names, record_groups
 
-    of_groups = {name: getattr(plots, name) for name in ("innovations", "profile", "contour", "sensitivity")}
-    of_groups["prediction_bands"] = lambda data: plots.prediction_bands(data).figure
     count = len(record_groups(tree))
-    return [
-        *figures_of_runs(tree, "overview", plots.overview),
-        *(
-            (name, partial(draw, tree[name].to_dataset()))
-            for kind, draw in of_groups.items()
-            for name in dict.fromkeys([kind, *group_names(kind, count)])
-            if name in tree.children
-        ),
-    ]
+    followed, bands = (group_names(name, count) for name in ("innovations", "prediction_bands"))
+    groups_of: dict[str, tuple[Any, tuple[str, ...]]] = {
+        "profile": (plots.profile, ("profile", "contour")),
+        "sensitivity": (plots.sensitivity, ("sensitivity",)),
+    } | {name: (plots.innovations, (name, ahead)) for name, ahead in zip(followed, bands, strict=True)}
+    figures = figures_of_runs(tree, "overview", plots.overview)
+    for name, (draw, groups) in groups_of.items():
+        if data := [tree[group].to_dataset() for group in groups if group in tree.children]:
+            figures.append((name, partial(draw, *data)))
+    return figures

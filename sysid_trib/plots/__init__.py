@@ -9,6 +9,7 @@ from sysid_trib._lazy import public_names
 _MERGED = {
     "against_conditions": "against_condition",
     "averaged_decay": "motions",
+    "contour": "profile",
     "disagreement": "story",
     "disagreement_map": "story",
     "discovery": "story",
@@ -18,7 +19,7 @@ _MERGED = {
     "half_periods": "overview",
     "half_sines": "motions",
     "identification": "overview",
-    "precisions": "precision",
+    "prediction_bands": "innovations",
     "random_force": "innovations",
     "rankings": "ranking",
     "residual_surface": "overview",

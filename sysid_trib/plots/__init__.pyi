@@ -1,11 +1,10 @@
 # The figures and where each lives: the one list, read by type checkers and by the package itself.
 from sysid_trib.plots.compared import comparison as comparison
-from sysid_trib.plots.conditions import against_condition as against_condition, precision as precision
+from sysid_trib.plots.conditions import against_condition as against_condition
 from sysid_trib.plots.looked import backbone as backbone, look as look
 from sysid_trib.plots.named_effects import ranking as ranking, story as story
 from sysid_trib.plots.planned import plan as plan
 from sysid_trib.plots.sureness import (
-    contour as contour,
     difference as difference,
     profile as profile,
     sensitivity as sensitivity,
@@ -15,11 +14,9 @@ from .at_a_glance import overview as overview
 from .paper import (
     frequency_shift as frequency_shift,
     motions as motions,
-    signatures as signatures,
     weights as weights,
 )
 from .random_force_figures import (
     innovations as innovations,
-    prediction_bands as prediction_bands,
     response as response,
 )

@@ -1,4 +1,4 @@
-"""Figures of Le Bot et al. 2019: motions, envelopes, frequency shifts, half-sines, signatures, weights."""
+"""Figures of Le Bot et al. 2019: motions, envelopes, frequency shifts, half-sines, weights."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -7,30 +7,20 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
 from sysid_trib.plots.style import (
     BAR_WIDTH,
-    FULL_WIDTH,
     LEGEND,
     SERIES,
     axes,
-    grid,
     in_latex,
-    letter,
     line,
     mark,
 )
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units
 
-# Room in a legend above the panel.
-CLOSE_LEGEND: dict[str, Any] = {"columnspacing": 1.2, "handletextpad": 0.5}
-SIGNATURE_LABELS = {
-    "sine": r"$\langle h\,\sin\varphi\rangle$ (rad)",
-    "cosine": r"$\langle h\,\cos\varphi\rangle$ (rad)",
-}
 # Points of a half-sine.
 ARC_POINTS = 40
 
@@ -61,7 +51,7 @@ def frequency_shift(
         ax.plot(shifts.amplitude.values, shifts.frequency.values, label=named, **line(styles[label]))
     units = signal_units(next(iter({**measured, **predicted}.values()), xr.Dataset()))
     ax.set(xlabel=f"amplitude $a$ ({units})", ylabel=r"frequency $\omega$ (rad/s)", xlim=(0.0, None))
-    ax.legend(ncols=4, **LEGEND, **CLOSE_LEGEND)
+    ax.legend(ncols=4, **LEGEND)
     return ax
 
 
@@ -99,31 +89,8 @@ def motions(
             curve(ax, motion.time.values, sign * motion.amplitude.values, look)
             look |= {"label": ""}
     ax.set(xlabel="time (s)", ylabel=_signal(record), xlim=_ends(record))
-    ax.legend(ncols=4, **LEGEND, **CLOSE_LEGEND)
+    ax.legend(ncols=4, **LEGEND)
     return ax
-
-
-def signatures(averages: Mapping[str, xr.Dataset], *, width: float = FULL_WIDTH) -> Figure:
-    """Both averages of forces against amplitude: the first drives the envelope, the second the frequency.
-
-    Parameters
-    ----------
-    averages : mapping of str to xr.Dataset
-        By label, `signature` over a row of amplitudes.
-    width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
-    """
-    figure, panels = grid(2, 2, width, 2.7, sharing="x")
-    for panel, (quantity, axis_label) in zip(panels, SIGNATURE_LABELS.items(), strict=True):
-        panel.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
-        for (label, force), series in zip(averages.items(), cycle(SERIES)):
-            panel.plot(force.amplitude.values, force[quantity].values, label=label, **line(series))
-        panel.set(xlabel="amplitude $a$ (rad)", ylabel=axis_label)
-    letter(panels)
-    panels[0].set_xlim(0.0, None)
-    lines, labels = panels[0].get_legend_handles_labels()
-    figure.legend(lines, labels, ncols=4, loc="outside upper right", frameon=False, fontsize=8)
-    return figure
 
 
 def weights(
@@ -157,7 +124,7 @@ def weights(
         ylabel=f"{attrs['long_name']}{unit}",
         xlim=(a.min(), a.max()),
     )
-    ax.legend(ncols=6, **LEGEND, **CLOSE_LEGEND)
+    ax.legend(ncols=6, **LEGEND)
     return ax
 
 

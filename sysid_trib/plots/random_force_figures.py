@@ -19,8 +19,6 @@ from sysid_trib.plots.style import (
     LEGEND,
     OPEN_MARKS,
     ORANGE,
-    TWO_COLUMNS,
-    axes,
     grid,
     letter,
     new_figure,
@@ -33,6 +31,8 @@ BAND_LEVEL = 0.95
 BAND_WIDTH = float(norm.isf(0.5 * (1.0 - BAND_LEVEL)))
 BAND_COLOR = "0.85"
 RESPONSE_HEIGHT = 2.8
+# Inch: innovations, autocorrelation, random force, predictions.
+INNOVATION_HEIGHTS = (2.3, 1.8, 2.1, 2.3)
 SWEEP_LINES: dict[str, dict[str, Any]] = {
     "down": {"color": BLUE, "linestyle": "-"},
     "up": {"color": ORANGE, "linestyle": "--"},
@@ -41,38 +41,33 @@ SWEEP_LINES: dict[str, dict[str, Any]] = {
 SIMULATED: dict[str, Any] = OPEN_MARKS | {"color": INK, "marker": "o", "linestyle": "", "zorder": 4}
 
 
-def innovations(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Innovations over time, their autocorrelation, and the smoothed random force, with 95 % bands.
+def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: float = FULL_WIDTH) -> Figure:
+    """Innovations, their autocorrelation, the random force, and the record minus what was predicted of it.
+
+    The last from each origin on, in bands that grow. All bands are of 95 %.
 
     Parameters
     ----------
     data : xr.Dataset
         Result of `innovations`.
+    bands : xr.Dataset, optional
+        Result of `prediction_bands`.
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure = new_figure(width, 6.2)
-    panels = figure.subplots(3, 1, height_ratios=[1.3, 1.0, 1.2])
+    heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
+    figure = new_figure(width, sum(heights))
+    panels = figure.subplots(len(heights), 1, height_ratios=heights)
     _in_time(panels[0], data)
     _autocorrelation(panels[1], data)
     _random_force(panels[2], data)
+    if bands is not None:
+        _prediction_bands(panels[3], bands)
     letter(panels)
     return figure
 
 
-def prediction_bands(data: xr.Dataset, ax: Axes | None = None, *, width: float = TWO_COLUMNS) -> Axes:
-    """Record minus what was predicted of it, from each origin on, in bands that grow.
-
-    Parameters
-    ----------
-    data : xr.Dataset
-        Result of `prediction_bands`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on.
-    width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
-    """
-    ax = axes(ax, width)
+def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
     error = factor * BAND_WIDTH * data.predicted_standard_error
     missed = factor * (data.measured - data.predicted)
@@ -85,7 +80,6 @@ def prediction_bands(data: xr.Dataset, ax: Axes | None = None, *, width: float =
     ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
     ax.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} prediction ({unit})")
     ax.legend([line, band], ["record", label], ncols=2, **LEGEND)
-    return ax
 
 
 def _random_force(ax: Axes, data: xr.Dataset) -> None:

@@ -17,6 +17,7 @@ from sysid_trib.plots.style import (
     LEGEND,
     ORANGE,
     TWO_COLUMNS,
+    WHITE,
     grid,
     in_latex,
     letter,
@@ -35,52 +36,55 @@ CURVES_HEIGHT, ROW = 2.4, 0.28
 MOST_ERRORS = 8.0
 
 
-def profile(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Deviance of each parameter against its value; dashed, the parabola of the standard error.
+def profile(*data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
+    """Deviance of each parameter against its value, and contours of two; dashed, by their standard errors.
 
     Parameters
     ----------
     data : Dataset
-        Of `validation.profile`.
+        Of `validation.profile`, of `validation.contour`, or both.
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    count = data.sizes["parameter"]
-    figure, panels = grid(count, min(3, count), width, PROFILE_HEIGHT)
-    for ax, name in zip(panels, data.parameter.values.tolist(), strict=False):
-        row = data.sel(parameter=name)
-        known = np.isfinite(row.value.values)
-        values, deviance = row.value.values[known], row.deviance.values[known]
-        unit, label = _power_of_ten(values, name)
-        fine = np.linspace(values[0], values[-1], 200)
-        parabola = ((fine - row.estimate.item()) / row.standard_error.item()) ** 2
-        roots = np.copysign(np.sqrt(deviance), values - row.estimate.item())
-        ax.plot(fine / unit, parabola, color=GREY, linewidth=0.8, linestyle="--")
-        ax.plot(fine / unit, PchipInterpolator(values, roots)(fine) ** 2, color=INK, linewidth=1.0)
-        ax.plot(values / unit, deviance, color=INK, marker="o", markersize=3, linestyle="")
-        ax.axhline(data.attrs["threshold"], color=ORANGE, linewidth=0.8)
-        for end in ("low", "high"):
-            if np.isfinite(row[end]):
-                ax.axvline(row[end].item() / unit, color=ORANGE, linewidth=0.6)
-        ax.set(xlabel=label, ylim=(0.0, 1.6 * data.attrs["threshold"]))
-        ax.locator_params(axis="x", nbins=4)
-    panels[0].set_ylabel("deviance")
-    letter(panels[:count])
+    rows = [
+        part.sel(parameter=name)
+        for part in data
+        if "correlation" not in part
+        for name in part.parameter.values.tolist()
+    ]
+    contours = [part for part in data if "correlation" in part]
+    count = len(rows) + len(contours)
+    figure, panels = grid(count, 3, width if count > 1 else min(width, TWO_COLUMNS), PROFILE_HEIGHT)
+    for ax, row in zip(panels, rows, strict=False):
+        _profile(ax, row)
+    for ax, of_two in zip(panels[len(rows) :], contours, strict=True):
+        _contour(ax, of_two)
+    letter(panels)
     return figure
 
 
-def contour(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Contours of two parameters; dashed, the ellipses of their standard errors.
+def _profile(ax: Axes, row: xr.Dataset) -> None:
+    """Deviance of one parameter; dashed, the parabola of the standard error."""
+    known = np.isfinite(row.value.values)
+    values, deviance = row.value.values[known], row.deviance.values[known]
+    unit, label = _power_of_ten(values, row.parameter.item())
+    fine = np.linspace(values[0], values[-1], 200)
+    parabola = ((fine - row.estimate.item()) / row.standard_error.item()) ** 2
+    roots = np.copysign(np.sqrt(deviance), values - row.estimate.item())
+    ax.plot(fine / unit, parabola, color=GREY, linewidth=0.8, linestyle="--")
+    ax.plot(fine / unit, PchipInterpolator(values, roots)(fine) ** 2, color=INK, linewidth=1.0)
+    ax.plot(values / unit, deviance, color=INK, marker="o", markersize=3, linestyle="")
+    ax.axhline(row.attrs["threshold"], color=ORANGE, linewidth=0.8)
+    for end in ("low", "high"):
+        if np.isfinite(row[end]):
+            ax.axvline(row[end].item() / unit, color=ORANGE, linewidth=0.6)
+    ax.set(xlabel=label, ylabel="deviance", ylim=(0.0, 1.6 * row.attrs["threshold"]))
+    ax.locator_params(axis="x", nbins=4)
 
-    Parameters
-    ----------
-    data : Dataset
-        Of `validation.contour`.
-    width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
-    """
-    figure, panels = grid(1, 1, width, 0.8 * min(width, TWO_COLUMNS))
-    ax, levels = panels[0], np.sqrt(data.attrs["thresholds"])
+
+def _contour(ax: Axes, data: xr.Dataset) -> None:
+    """Contours of two parameters; dashed, the ellipses of their standard errors."""
+    levels = np.sqrt(data.attrs["thresholds"])
     names, estimate, error = data.parameter.values.tolist(), data.estimate.values, data.standard_error.values
     (x_unit, x_label), (y_unit, y_label) = (
         _power_of_ten(value, name) for value, name in zip(data.value.values, names, strict=True)
@@ -90,20 +94,20 @@ def contour(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     round_ = np.array([np.cos(turn), slope * np.cos(turn) + np.sqrt(1.0 - slope**2) * np.sin(turn)])
     for level in levels:
         x, y = estimate[:, None] + level * error[:, None] * round_
-        (dashed,) = ax.plot(x / x_unit, y / y_unit, color=GREY, linewidth=0.8, linestyle="--")
+        ax.plot(x / x_unit, y / y_unit, color=GREY, linewidth=0.8, linestyle="--")
     x, y = data.value.values
     # The root of the deviance is nearly straight between points.
     lines = ax.contour(
         x / x_unit, y / y_unit, np.sqrt(data.deviance), levels, colors=[INK, ORANGE], linewidths=1
     )
-    texts = [*(f"{100.0 * p:g} %" for p in data.attrs["levels"]), "by the standard errors"]
-    ax.legend([*lines.legend_elements()[0], dashed], texts, **LEGEND | {"ncol": 3})
+    ax.legend(
+        lines.legend_elements()[0], [f"{100.0 * p:g} %" for p in data.attrs["levels"]], **LEGEND, ncol=2
+    )
     ax.plot(estimate[0] / x_unit, estimate[1] / y_unit, color=INK, marker="+", linestyle="")
     shown = np.isfinite(data.deviance.values)
     ax.set(xlabel=x_label, ylabel=y_label)
     ax.set(xlim=_around(x[shown] / x_unit), ylim=_around(y[shown] / y_unit))
     ax.locator_params(nbins=4)
-    return figure
 
 
 def _around(values: Array) -> tuple[float, float]:
@@ -117,7 +121,7 @@ def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
     power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))
     if -2 <= power <= 3:
         return 1.0, in_latex(name)
-    return 10.0**power, f"{in_latex(name)} / $10^{{{power}}}$"
+    return 10.0**power, f"{in_latex(name)} ($10^{{{power}}}$)"
 
 
 def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
@@ -131,8 +135,7 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
-    across = 6 if width >= TWO_COLUMNS else 3
-    figure, panels = grid(count, across, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
+    figure, panels = grid(count, 6, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
     colours = [KIND_COLOURS.get(kind, INK) for kind in data.kind.values.tolist()]
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
         row = data.sel(force=symbol)
@@ -225,8 +228,9 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
             xycoords=("axes fraction", "data"),
             va=side,
             color=colour,
-            fontsize=8 if wide else 6.5,
+            fontsize=8 if wide else FONT,
             annotation_clip=False,
+            bbox=None if wide else WHITE,
         )
     ax.set(xlim=(-edge, edge), ylim=(len(symbols) - 0.4, -0.6))
     ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])

@@ -47,7 +47,8 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
     if CONTOUR in tree.children:
         data = tree[CONTOUR].to_dataset()
         said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
-        blocks.append(Block([said], ALWAYS, "Contours", figures=CONTOUR))
+        figures = "" if PROFILE in tree.children else PROFILE
+        blocks.append(Block([said], ALWAYS, "Profiles", figures=figures))
     if SENSITIVITY in tree.children:
         blocks += _sensitivity_blocks(tree[SENSITIVITY].to_dataset())
     return blocks

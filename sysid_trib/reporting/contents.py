@@ -16,7 +16,6 @@ from sysid_trib import plots
 from sysid_trib.plots.at_a_glance import drawn_overview
 from sysid_trib.plots.motion_panels import MOST_POINTS
 from sysid_trib.plots.overview_data import held_out_sentence, overview_data
-from sysid_trib.plots.style import FULL_WIDTH
 from sysid_trib.printing.blocks import Block, Layer
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
@@ -156,11 +155,8 @@ def _stochastic(tree: xr.DataTree) -> list[Figures]:
     made = []
     for run, (followed, bands) in enumerate(names):
         if followed in tree.children:
-            data = tree[followed].to_dataset()
-            drawn: list[Any] = [plots.innovations(data)]
-            if bands in tree:
-                drawn.append(plots.prediction_bands(tree[bands].to_dataset(), width=FULL_WIDTH).figure)
-            made.append(Figures(f"{_of_run(tree, run)}{CAPTIONS['random_force']}", drawn))
+            caption = f"{_of_run(tree, run)}{CAPTIONS['random_force']}"
+            made.append(Figures(caption, [plots.innovations(*_groups(tree, followed, bands))]))
     return made
 
 
@@ -196,9 +192,15 @@ def _of_discovery(caption: str, draw: Callable[[xr.DataTree], Figure], tree: xr.
     return [Figures(CAPTIONS[caption] + _held_out(tree, of_search=True), [draw(tree)])]
 
 
-def _of_group(tree: xr.DataTree, name: str, draw: Callable[[xr.Dataset], Figure]) -> Figures:
-    """The figure of one group of a result."""
-    return Figures(CAPTIONS[name], [draw(tree[name].to_dataset())])
+def _groups(tree: xr.DataTree, *names: str) -> list[xr.Dataset]:
+    """The groups of these names that a result has."""
+    return [tree[name].to_dataset() for name in names if name in tree.children]
+
+
+def _profiles(tree: xr.DataTree) -> list[Figures]:
+    """Profiles and contours."""
+    names = [name for name in ("profile", "contour") if name in tree.children]
+    return [Figures(" ".join(CAPTIONS[name] for name in names), [plots.profile(*_groups(tree, *names))])]
 
 
 def _driven(tree: xr.DataTree) -> list[Figures]:
@@ -214,9 +216,10 @@ FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
     "random_force": _stochastic,
     "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
     "difference": lambda tree: [Figures(CAPTIONS["difference"], [plots.difference(tree)])],
-    "profile": lambda tree: [_of_group(tree, "profile", plots.profile)],
-    "contour": lambda tree: [_of_group(tree, "contour", plots.contour)],
-    "sensitivity": lambda tree: [_of_group(tree, "sensitivity", plots.sensitivity)],
+    "profile": _profiles,
+    "sensitivity": lambda tree: [
+        Figures(CAPTIONS["sensitivity"], [plots.sensitivity(*_groups(tree, "sensitivity"))])
+    ],
     "gap": _motions,
     "scores": partial(_of_discovery, "scores", plots.ranking),
 }

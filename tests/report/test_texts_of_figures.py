@@ -11,9 +11,9 @@ import xarray as xr
 import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.cycles.look import look
-from sysid_trib.forces import signature
 from sysid_trib.plots.style import new_figure
 from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.validation.profiles import contour, profile
 from sysid_trib.validation.samples import held_against
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -45,12 +45,9 @@ def of_a_result(tree):
     else:
         names = ("overview", "backbone")
     made = {name: partial(getattr(plots, name), tree) for name in names}
-    for name in ("profile", "contour", "sensitivity", "innovations"):
-        if name in tree.children:
-            made[name] = partial(getattr(plots, name), tree[name].to_dataset())
-    if "prediction_bands" in tree.children:
-        bands = tree["prediction_bands"].to_dataset()
-        made["prediction_bands"] = lambda width: plots.prediction_bands(bands, width=width).figure
+    if "innovations" in tree.children:
+        pair = (tree[name].to_dataset() for name in ("innovations", "prediction_bands"))
+        made["innovations"] = partial(plots.innovations, *pair)
     return made
 
 
@@ -60,20 +57,7 @@ def of_the_paper():
     result = st.identify(DECAY, library, st.methods.Direct(reference_frequency=9.9))
     model = st.physics.model_of(result)
     envelope = st.physics.predict_envelope(model, np.linspace(0.0, 10.0, 50), 0.3)
-    averages = {force.symbol: signature(force, np.linspace(0.1, 1.0, 10)) for force in library}
     weighed = st.physics.weights(result, np.linspace(0.05, 0.3, 20))
-    levels = ("level", [1e-4, 1e-3, 1e-2], {"long_name": "standard deviation of the noise", "units": "rad"})
-    study = xr.Dataset(
-        {
-            "error": (("method", "level", "force"), np.ones((2, 3, 4))),
-            "bound": ((*levels[:1], "force"), np.ones((3, 4))),
-        },
-        {
-            "method": ["direct", "averaging"],
-            "level": levels,
-            "force": ["lambda", "zeta", "nu", "sensor_cubic"],
-        },
-    )
     runs = xr.Dataset(
         {
             name: (("run", "quantity"), np.arange(12.0).reshape(6, 2))
@@ -84,12 +68,10 @@ def of_the_paper():
     return {
         "look": partial(plots.look, look([st.records.paper_twin()], [DECAY])),
         "backbone": partial(plots.backbone, st.backbone(DECAY)),
-        "signatures": partial(plots.signatures, averages),
         "motions": on_axes(partial(plots.motions, DECAY, {"averaged envelope": envelope})),
         "half_sines": on_axes(partial(plots.motions, DECAY.sel(time=slice(0.0, 1.5)), half_periods=halves)),
         "frequency_shift": on_axes(partial(plots.frequency_shift, {"record": halves}, {"model": envelope})),
         "weights": on_axes(partial(plots.weights, weighed, "decay_share")),
-        "precision": partial(plots.precision, study),
         "against_condition": partial(plots.against_condition, runs, "load (N)", np.arange(6.0)),
     }
 
@@ -130,8 +112,9 @@ def test_texts_of_what_is_asked_besides_have_room(results):
     other = DECAY.isel(time=slice(100, None))
     frequencies = np.linspace(9.0, 11.0, 12)
     figures = {
-        "profile": partial(plots.profile, st.validation.profile([DECAY], answer, ["zeta", "delta"])),
-        "contour": partial(plots.contour, st.validation.contour([DECAY], answer, ["zeta", "delta"])),
+        "profile": partial(
+            plots.profile, *(f([DECAY], answer, ["zeta", "delta"]) for f in (profile, contour))
+        ),
         "sensitivity": partial(plots.sensitivity, st.validation.sensitivity([DECAY], answer)),
         "response": partial(plots.response, st.forced_response(answer, 0.01, frequencies)),
         "plan": partial(plots.plan, st.validation.plan(results["discover"])),
