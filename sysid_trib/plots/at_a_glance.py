@@ -12,7 +12,13 @@ from matplotlib.figure import Figure
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve, driven_overview
 from sysid_trib.plots.motion_panels import draw_in_time
 from sysid_trib.plots.named_effects import draw_cells
-from sysid_trib.plots.overview_data import DOT_BEYOND, INTERVAL, OverviewData, overview_data
+from sysid_trib.plots.overview_data import (
+    DOT_BEYOND,
+    INTERVAL,
+    OverviewData,
+    held_out_sentence,
+    overview_data,
+)
 from sysid_trib.plots.style import (
     FONT_SIZE,
     FULL_WIDTH,
@@ -68,7 +74,9 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     """
     if is_of_driven(tree):
         # Its motion has no half periods.
-        return driven_overview(tree, run, width=width)
+        figure = driven_overview(tree, run, width=width)
+        footnote(figure, held_out_sentence(tree))
+        return figure
     return drawn_overview(overview_data(tree, run), width)
 
 

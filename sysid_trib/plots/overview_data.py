@@ -40,22 +40,22 @@ INTERVAL = 1.96
 
 
 def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
-    """What of the records is held out of a figure; empty where nothing is.
+    """What of the records was held out; empty where nothing was.
 
     Parameters
     ----------
     tree : xr.DataTree
-        Result of a command.
+        Result of a command; of `compare` the figure has it on grey.
     of_search : bool
         Whether the figure is of the search itself, which never sees what is held out; models may be fitted to
         the whole records in the end.
     """
     if kind_of(tree) != "discover":
-        return ""
+        return "The part of the record on grey was held out." if kind_of(tree) == "compare" else ""
     held = str(tree.attrs["held_out"])
     held += " of the record" * (held == LAST_THIRD)
     if is_refitted(tree):
-        return f"Held out of the search, and of these numbers: {held}." if of_search else ""
+        return f"Held out of the search, {'and of these numbers' if of_search else 'then fitted'}: {held}."
     return f"Held out, and not in this figure: {held}."
 
 

@@ -138,13 +138,12 @@ def _glance(tree: xr.DataTree) -> list[Figures]:
     """The overview of each run; that of a driven one in a discovery has no envelope."""
     if kind_of(tree) == "discover" and is_of_driven(tree):
         return _driven(tree)
-    held = CAPTIONS["glance_held_out"] if kind_of(tree) == "compare" else _held_out(tree)
     figures = []
     for run in range(len(record_groups(tree))):
         data = overview_data(tree, run)
         caption = CAPTIONS["glance_backbone"] * (data.backbone is not None)
         caption += CAPTIONS["glance_discovery" if data.of_discovery else "glance"]
-        figures.append(_over_time(tree, run, caption + held, drawn_overview(data)))
+        figures.append(_over_time(tree, run, caption, drawn_overview(data)))
     return figures
 
 
@@ -162,18 +161,16 @@ def _stochastic(tree: xr.DataTree) -> list[Figures]:
 
 def _motions(tree: xr.DataTree) -> list[Figures]:
     """Each record with the residuals of the models before and after, and the force map."""
-    held = _held_out(tree)
-    return [
-        _over_time(tree, run, CAPTIONS["motions_apart"] + held, plots.story(tree, run))
-        for run in range(len(record_groups(tree)))
-    ]
+    runs = range(len(record_groups(tree)))
+    return [_over_time(tree, run, CAPTIONS["motions_apart"], plots.story(tree, run)) for run in runs]
 
 
 def _over_time(tree: xr.DataTree, run: int, caption: str, figure: Figure) -> Figures:
-    """A figure of one run, decimated where it is long."""
+    """A figure of one run, decimated where it is long, with what was held out."""
+    caption = f"{_of_run(tree, run)}{caption}{_held_out(tree)}"
     samples = tree[record_groups(tree)[run]].sizes["time"]
     decimated = CAPTIONS["decimated"].format(points=MOST_POINTS, samples=samples)
-    return Figures(f"{_of_run(tree, run)}{caption}{decimated * (samples > MOST_POINTS)}", [figure])
+    return Figures(f"{caption}{decimated * (samples > MOST_POINTS)}", [figure])
 
 
 def _held_out(tree: xr.DataTree, *, of_search: bool = False) -> str:
