@@ -1,14 +1,17 @@
-"""The texts of a figure as they are drawn: their sizes and their boxes, measured by matplotlib itself."""
+"""The texts of a figure as they are drawn: their sizes, exponents too, and their boxes, by matplotlib."""
 
 from contextlib import contextmanager
 from itertools import combinations
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
 
 # Of a text, points; and by how much boxes may reach over each other or over the edge: the leading of a line.
 SMALLEST, ALLOWED = 6.0, 1.0
 DPI = 100
+# Height of a figure that leaves room for a caption on a page, mm.
+TALLEST, INCH = 230.0, 25.4
 
 
 @contextmanager
@@ -28,16 +31,28 @@ def recorded():
         Text.draw = draw
 
 
+def smallest_sign(text):
+    """Size of the smallest sign of a text, an exponent's where it has one, points."""
+    lines = text.get_text().split("\n") if text.get_parse_math() else ()
+    drawn = [
+        MathTextParser("path").parse(line, 72, text.get_fontproperties()) for line in lines if "$" in line
+    ]
+    return min((sign[1] for line in drawn for sign in line.glyphs), default=text.get_fontsize())
+
+
 def faults(figure):
-    """What is wrong with the texts of a figure: too small, cut by its edge, or over each other."""
+    """What is wrong with a figure: too high; texts too small, cut by its edge, or over each other."""
     figure.set_dpi(DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     with recorded() as drawn:
         canvas.draw()
     wide, high = (DPI * size for size in figure.get_size_inches())
-    found = [
-        f"small: {t.get_text()!r}, {t.get_fontsize():.3g} pt" for t, _ in drawn if t.get_fontsize() < SMALLEST
+    found = [f"high: {INCH * high / DPI:.0f} mm"] if INCH * high / DPI > TALLEST else []
+    found += [
+        f"small: {text.get_text()!r}, {size:.3g} pt"
+        for text, _ in drawn
+        if (size := smallest_sign(text)) < SMALLEST - 1e-9
     ]
     found += [
         f"cut: {text.get_text()!r}"

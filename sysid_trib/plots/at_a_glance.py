@@ -37,7 +37,10 @@ from sysid_trib.plots.style import (
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.files import is_of_driven
 
-ROW_HEIGHT, RESIDUAL_HEIGHT = 1.75, 1.2
+# Of a row of panels, and of one of residuals, over the page and in a column, inch.
+ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
+# Coefficients for which there is room in it, and of each more.
+ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
 # Panels of the residuals of one model or two, in the figure's mosaic.
 RESIDUAL_PANELS = "BK"
 # A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
@@ -46,12 +49,6 @@ COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
 EFFECTIVE_TITLE = "The model does not explain the record."
-SMALL_LEGEND: dict[str, Any] = LEGEND | {
-    "fontsize": FONT_SIZE,
-    "columnspacing": 0.9,
-    "handlelength": 1.6,
-    "handletextpad": 0.3,
-}
 
 
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
@@ -70,7 +67,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     run : int
         Which of several runs, from 0.
     width : float, inch
-        A narrow figure, as that of a column of 88 mm (3.46), has all panels below each other.
+        Of the figure; a column of a journal has 88 mm (3.46).
     """
     if is_of_driven(tree):
         # Its motion has no half periods.
@@ -82,29 +79,27 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
 
 def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
     """The overview of its numbers."""
-    wide, rows = width >= TWO_COLUMNS, []
-    if data.backbone is not None:
-        rows += ["IJ"] if wide else ["I", "J"]
+    wide, rows = width >= TWO_COLUMNS, ["IJ"] if data.backbone is not None else []
     models = () if data.of_discovery else data.models or ("",)
     residuals = RESIDUAL_PANELS[: len(models)]
-    rows += [letters * 2 if wide else letters for letters in ("A", *residuals)]
-    last = "E" if data.of_discovery else "EF"
-    rows += ["CD", last * (3 - len(last))] if wide else ["C", "D", *last]
-    heights = [RESIDUAL_HEIGHT if row[0] in RESIDUAL_PANELS else ROW_HEIGHT for row in rows]
+    rows += [name * 2 for name in ("A", *residuals)] + ["CD"]
+    rows += ["EE"] if data.of_discovery else ["EF"] if wide else ["EE", "FF"]
+    heights = [(RESIDUAL_HEIGHT if row[0] in RESIDUAL_PANELS else ROW_HEIGHT)[not wide] for row in rows]
+    most = max((result.sizes["force"] for result in data.results.values()), default=0)
+    heights[-2 if rows[-1] == "FF" else -1] += COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
         figure = new_figure(width, sum(heights))
         panels = figure.subplot_mosaic(";".join(rows), height_ratios=heights)
         draw_in_time([panels["A"], *(panels[name] for name in residuals)], data.motion, models)
-        panels["A"].legend(ncols=3, **SMALL_LEGEND)
         if data.backbone is not None:
             for panel, name in zip("IJ", CURVE_LABELS, strict=True):
                 draw_curve(panels[panel], data.backbone[0], name, data.backbone[1])
-        _shares(panels["C"], data, "decay_share", "share of the decay (%)")
-        _shares(panels["D"], data, "frequency_share", "share of the shift (%)")
+        _shares(panels["C"], data, "decay_share", "share of decay (%)")
+        _shares(panels["D"], data, "frequency_share", "share of shift (%)")
         _coefficients(panels["E"], data)
         titles = [""] * len(panels)
         if "F" in panels:
-            _surface(panels["F"], data)
+            _surface(panels["F"], data, "right" if wide else "bottom")
             titles[-1] = MISSING_TITLE
         letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         footnote(figure, data.held_out)
@@ -139,7 +134,7 @@ def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> None:
     ax.set(xlabel=f"amplitude ({data.units})", ylabel=label, xlim=(amplitude[0], amplitude[-1]))
     # Errors of shares may exceed all that a share can be.
     ax.set_ylim(max(low, -110.0), min(high, 110.0))
-    ax.legend(ncols=6, **SMALL_LEGEND)
+    ax.legend(ncols=6, **LEGEND)
 
 
 def _coefficients(ax: Axes, data: OverviewData) -> None:
@@ -170,7 +165,7 @@ def _coefficients(ax: Axes, data: OverviewData) -> None:
     ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
     ax.set(xlim=(COEFFICIENT_RANGE[0], END_OF_NUMBERS), xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
     ax.set_xlabel(f"coefficient over its value, 95 % intervals{short_unit('', data.units)[1]}")
-    ax.legend(ncols=2, **SMALL_LEGEND)
+    ax.legend(ncols=2, **LEGEND)
 
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
@@ -184,7 +179,7 @@ def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> N
         ax.plot(value, row, "o", **look)
 
 
-def _surface(ax: Axes, data: OverviewData) -> None:
+def _surface(ax: Axes, data: OverviewData, bar_at: str) -> None:
     """Mean force over angle and rate, and dots where it is beyond three standard errors."""
     if data.missing is None:
         _no_data(ax, TOO_FEW)
@@ -192,7 +187,7 @@ def _surface(ax: Axes, data: OverviewData) -> None:
     factor, unit = data.motion.small_units
     force, error = (factor * data.missing[name] for name in _pair("force"))
     mesh = draw_cells(ax, force, error, data.colour_limit)
-    bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02)
+    bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02, location=bar_at)
     bar.set_label(f"force over $I\\omega^2$ ({unit})")
     ax.set(xlabel=data.motion.label, ylabel=f"rate over $\\omega$ ({data.units})")
 

@@ -13,6 +13,7 @@ from sysid_trib.plots.style import (
     BLUE,
     FULL_WIDTH,
     GREEN,
+    GREY,
     INK,
     ORANGE,
     TWO_COLUMNS,
@@ -20,6 +21,7 @@ from sysid_trib.plots.style import (
     grid,
     legend_marks,
     letter,
+    logarithmic_ticks,
     name_rows,
     unit_label,
 )
@@ -36,7 +38,12 @@ FAMILY_MARKS: dict[str, dict[str, Any]] = {
 }
 FAMILY_LABELS = {OTHER_FAMILY: "decrements and others"}
 ASYMPTOTIC = "asymptotic_frequency"
-PREDICTION = {"train_over_noise": "first two thirds", "holdout_over_noise": "held-out third"}
+PREDICTION = ("train_over_noise", "holdout_over_noise")
+# Marks of the last panel.
+OF_THE_RMS: dict[str, dict[str, Any]] = {
+    "RMS: fitted": {"color": GREY, "marker": "o", "markerfacecolor": "white"},
+    "RMS: held out": {"color": GREY, "marker": "o"},
+}
 # A method farther from the best than this many times the usual distance is an arrow at the edge.
 ARROW_BEYOND = 5.0
 
@@ -111,9 +118,7 @@ def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
 
 
 # Height of a panel (inch): without methods, and of a method.
-PANEL_HEIGHT, METHOD_HEIGHT = 0.75, 0.16
-# Characters of tick labels for which there is room below a panel.
-MOST_CHARACTERS = 15
+PANEL_HEIGHT, METHOD_HEIGHT = 0.7, 0.14
 
 
 def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
@@ -132,18 +137,18 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     marks, legend = _marks(table)
     names = [*table.force.values.tolist(), ASYMPTOTIC]
     wide = width >= TWO_COLUMNS
-    across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 4
+    across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 3
     height = PANEL_HEIGHT + METHOD_HEIGHT * len(marks)
-    figure, panels = grid(len(names) + 1, across, width, height, sharing="y")
+    figure, panels = grid(len(names) + 1, across if wide else 2 * across, width, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
         _coefficients(panel, compared_quantity(table, name), marks, _symbol(tree, name))
     _prediction(panels[-1], table, marks)
     letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
         # Names stand once a row; the rows share them.
-        panel.tick_params(labelleft=at % (across if wide else 2) == 0)
+        panel.tick_params(labelleft=at % across == 0)
     figure.legend(
-        handles=legend_marks(legend),
+        handles=legend_marks(legend | OF_THE_RMS),
         ncols=6 if wide else 2,
         loc="outside upper center",
         frameon=False,
@@ -166,17 +171,9 @@ def _coefficients(ax: Axes, data: xr.Dataset, marks: Sequence[Style], symbol: st
     ax.set(xlabel=_axis_label(symbol, data), xlim=(data.low, data.high))
     ax.ticklabel_format(axis="x", useOffset=False)
     ax.locator_params(axis="x", nbins=3)
-    _thin_ticks(ax, data.low, data.high)
     _with_methods(ax, data)
     # Labels of a coefficient that is well known are long: larger ones run into each other.
     ax.tick_params(axis="x", labelsize=6)
-
-
-def _thin_ticks(ax: Axes, low: float, high: float) -> None:
-    """Every other tick where long labels would run into each other."""
-    ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]
-    if sum(map(len, ax.xaxis.get_major_formatter().format_ticks(ticks))) > MOST_CHARACTERS:
-        ax.set_xticks(ticks[::2])
 
 
 def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[Style]) -> None:
@@ -187,15 +184,15 @@ def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[Style]) -> None:
         ax.plot(pair[:1], [row], markerfacecolor="white", **mark)
         ax.plot(pair[1:], [row], **mark)
     ax.axvline(1.0, color="0.6", linewidth=0.7, linestyle=":")
-    label = "RMS over the noise\nopen: fitted\nfull: held out"
-    ax.set(xlabel=label, xscale="log")
+    ax.set(xlabel="RMS over noise", xscale="log")
+    logarithmic_ticks(ax.xaxis, *ax.get_xlim())
     _with_methods(ax, table)
 
 
 def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     """Methods as rows, the first on top."""
     name_rows(ax, table.method.values.tolist())
-    ax.tick_params(labelsize=7)
+    ax.tick_params(labelsize=7, which="both")
     ax.xaxis.label.set_fontsize(8)
     ax.grid(axis="y", color="0.93", linewidth=0.5)
     ax.set_axisbelow(True)

@@ -26,7 +26,7 @@ from sysid_trib.plots.style import (
     unit_label,
 )
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.variables import group_names, record_groups, signal_units
+from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
 from sysid_trib.validation.findings import kept_results
 
 CURVE_HEIGHT = 2.6
@@ -161,6 +161,8 @@ def _label(panels: list[Axes], unit: str, name: str) -> None:
     panels[1].set(xlabel="time (s)")
     logarithmic_amplitude(panels[1], unit)
     panels[2].set(xlabel="frequency (Hz)", ylabel=f"density ({unit}$^2$/Hz)", xscale="log", yscale="log")
+    for axis in (panels[2].xaxis, panels[2].yaxis):
+        logarithmic_ticks(axis, *axis.get_view_interval())
 
 
 COLOURS = (ORANGE, BLUE)
@@ -202,8 +204,7 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
         shown = drawn_samples(remainder)
         label = f"{name}, RMS {rms:.3g} {unit_label(unit)}"
         residual.plot(time[shown], remainder[shown], color=colour, linewidth=0.6, label=label)
-    symbol = "angle" if unit == "rad" else "displacement"
-    motion.set_ylabel(f"{symbol} ({unit_label(unit)})")
+    motion.set_ylabel(signal_label(unit))
     residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model ({unit_label(unit)})")
     for panel in (motion, residual):
         panel.legend(ncols=3, **LEGEND)

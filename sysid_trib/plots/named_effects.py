@@ -1,6 +1,7 @@
 """Figures of a discovery: the gap, the effects named, the force that is missing, and the scores."""
 
-from textwrap import fill
+from collections.abc import Sequence
+from textwrap import fill, wrap
 from typing import Any
 
 import matplotlib as mpl
@@ -11,10 +12,12 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
+from sysid_trib.arrays import Array
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_panels import draw_in_time, motion_data
 from sysid_trib.plots.overview_data import (
     DOT_BEYOND,
+    MOST_CANDIDATES,
     held_out_sentence,
     missing_force,
     rankings_data,
@@ -26,8 +29,10 @@ from sysid_trib.results.variables import signal_label, signal_symbol, signal_uni
 from sysid_trib.validation.findings import residual_of
 from sysid_trib.validation.verdict import record_noise
 
-# Height of a panel of rankings, inch.
-RANKING_HEIGHT = 3.35
+# Height of a panel of rankings, inch: without candidates, and of a candidate.
+RANKING_HEIGHT, CANDIDATE_HEIGHT = 0.75, 0.135
+# For which there is always room: the legend beside takes some.
+FEWEST_CANDIDATES = 6
 
 
 def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
@@ -40,8 +45,11 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    drawn = rankings_data(tree)
-    figure, panels = style.grid(len(drawn), 2, width, RANKING_HEIGHT)
+    rows = -(-len(rankings_data(tree)) // (2 if width >= TWO_COLUMNS else 1))
+    room = int((style.TALLEST - 0.3 - rows * RANKING_HEIGHT) / (rows * CANDIDATE_HEIGHT))
+    drawn = rankings_data(tree, min(room, MOST_CANDIDATES))
+    most = max(FEWEST_CANDIDATES, *(data.sizes["candidate"] for data in drawn))
+    figure, panels = style.grid(len(drawn), 2, width, RANKING_HEIGHT + CANDIDATE_HEIGHT * most)
     for data, panel in zip(drawn, panels, strict=True):
         _ranking(panel, data)
     style.letter(panels, [data.title for data in drawn])
@@ -86,12 +94,12 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
 
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 2
-# Heights of the panels, inch: record, gap before, gap after, models without rows; of a row, and of a map.
-PANEL_HEIGHTS, MODEL_ROW, MAP_HEIGHT = (1.75, 1.15, 1.55, 0.85), 0.34, 2.3
-# Of a further line of a row's text, inch.
-LINE = 0.2
-# Of a text of 8 points, in an inch.
-CHARACTERS = 13
+# Heights of the panels, inch: record, gap before, gap after; models without rows; maps over a page and in a
+# column; of a row of a model, and of a line of its text.
+PANEL_HEIGHTS, LAST_HEIGHT, MAP_HEIGHTS = (1.6, 1.0, 1.4), 0.45, (2.3, 1.8)
+MODEL_ROW, LINE = 0.28, 0.26
+# Of a text, in an inch.
+CHARACTERS = 16
 
 
 def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
@@ -109,22 +117,21 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     wide = width >= TWO_COLUMNS
-    *heights, last = PANEL_HEIGHTS
-    texts = _texts_of_effects(tree, int(CHARACTERS * (width - 1.3)))
-    row = MODEL_ROW + LINE * max((text.count("\n") for text in texts), default=0)
-    heights.append(last + row * (1 + len(texts)))
-    rows = ["AA", "BB", "CC", "DE", "FF"] if wide else list("ABCDEF")
-    heights[-1:-1] = [MAP_HEIGHT] * (len(rows) - 4)
+    texts = ["", *_texts_of_effects(tree, width)]
+    # Each row has room for the text above its line.
+    below = np.cumsum([MODEL_ROW + LINE * len(text.splitlines()) for text in texts])
+    heights = [*PANEL_HEIGHTS, LAST_HEIGHT + below[-1]]
+    heights.insert(3, MAP_HEIGHTS[not wide])
     with mpl.rc_context({"font.size": style.FONT_SIZE}):
         figure = style.new_figure(width, sum(heights))
-        panels = list(figure.subplot_mosaic(";".join(rows), height_ratios=heights).values())
+        panels = list(figure.subplot_mosaic("AA;BB;CC;DE;FF", height_ratios=heights).values())
         drawn = motion_data(tree, run)
         draw_in_time(panels[:3], drawn, ["before", "after"])
         for panel in panels[1:3]:
             panel.set_ylabel(f"gap ({drawn.small_units[1]})")
         figure.align_ylabels(panels[:3])
-        _maps(tree, panels[3:5])
-        _explained(panels[5], tree, texts)
+        _maps(tree, panels[3:5], wide)
+        _explained(panels[5], tree, texts, below)
         titles = (
             "record",
             "gap before: record \N{MINUS SIGN} start model",
@@ -140,20 +147,24 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     return figure
 
 
-def _texts_of_effects(tree: xr.DataTree, room: int) -> list[str]:
-    """Each named effect in words, in lines of so many characters."""
-    steps, count = tree["steps"].to_dataset(), len(added_effects(tree))
-    return [fill(_in_words(steps.isel(step=at), signal_units(tree)), room) for at in range(count)]
+def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
+    """Each named effect, in a column in lines of their own the effects that it cannot be separated from."""
+    steps, units = tree["steps"].to_dataset(), signal_units(tree)
+    parts = [_in_parts(steps.isel(step=at), units) for at in range(len(added_effects(tree)))]
+    room = int(CHARACTERS * (width - 1.3))
+    if width < TWO_COLUMNS:
+        return ["\n".join([effect, *wrap(tied, room)]) for _, effect, tied in parts]
+    return [fill(f"{name}, {effect}{tied and '; '}{tied}", room) for name, effect, tied in parts]
 
 
-def _explained(ax: Axes, tree: xr.DataTree, texts: list[str]) -> None:
+def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -> None:
     """RMS residual of the start model and after each named effect, over the noise."""
     symbols, units = added_effects(tree), signal_units(tree)
     after = tree["steps"].residual_after.values.tolist() if symbols else []
     ratios = [residual / record_noise(tree) for residual in (residual_of(tree, "before"), *after)]
-    note = style.LABEL_OFFSET | {"fontsize": 8, "annotation_clip": False}
-    for row, (ratio, text) in enumerate(zip(ratios, ["", *texts], strict=True)):
-        look = style.CANDIDATE_MARKS["named"] if row else style.CANDIDATE_MARKS["other candidates"]
+    note = style.LABEL_OFFSET | {"fontsize": style.FONT_SIZE, "annotation_clip": False}
+    for row, ratio, text in zip(rows, ratios, texts, strict=True):
+        look = style.CANDIDATE_MARKS["named" if text else "other candidates"]
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
@@ -162,26 +173,27 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: list[str]) -> None:
         # A long one would squeeze all panels.
         words.set_in_layout(False)
     ax.axvline(1.0, **style.THRESHOLD)
-    style.name_rows(ax, ["start model", *(f"+ {symbol}" for symbol in symbols)])
+    ax.set_yticks(rows, ["start model", *(f"+ {symbol}" for symbol in symbols)])
+    ax.set_ylim(rows[-1] + MODEL_ROW, rows[0] - MODEL_ROW)
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
     label = f"RMS of the gap over the noise{style.short_unit('', units)[1]}"
     ax.set(xlabel=label, xscale="log", xlim=(low, high * (high / low) ** 0.2))
     style.logarithmic_ticks(ax.xaxis, low, high)
 
 
-def _in_words(step: xr.Dataset, units: str) -> str:
-    """An effect with its coefficient, and the effects that it cannot be separated from."""
+def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
+    """Name of an effect, its symbol with its coefficient, and what it cannot be separated from."""
     symbol = step.symbol.item()
     pairs = replacing_pairs(step)
     # Their names would be wider than the figure.
     together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else pairs
     others = [*(other for other in credible_set(step) if other != symbol), *together]
-    tied = f"; or {or_others(others, TIED_IN_A_ROW)}" if others else ""
+    tied = f"or {or_others(others, TIED_IN_A_ROW)}" if others else ""
     number = quantity(step, "coefficient", style.short_unit(step.unit.item(), units)[0])
-    return f"{step['name'].item()}, {symbol} = {number}{tied}"
+    return step["name"].item(), f"{symbol} = {number}", tied
 
 
-def _maps(tree: xr.DataTree, panels: list[Axes]) -> None:
+def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
     """The force that the model lacks, before and after, in the same colours."""
     units = signal_units(tree)
     x = signal_symbol(units)
@@ -191,7 +203,10 @@ def _maps(tree: xr.DataTree, panels: list[Axes]) -> None:
         mesh = draw_cells(ax, *missing_force(tree, after=after))
         ax.set(xlabel=f"{signal_label(units).split()[0]} ${x}$ ({units})")
         ax.set(ylabel=rf"$\dot{{{x}}}/\omega$ ({units})")
-    bar = panels[0].figure.colorbar(mesh, ax=panels, extend="both", pad=0.02)
+    panels[1].set_ylabel("")
+    panels[1].tick_params(labelleft=False)
+    place = "right" if wide else "bottom"
+    bar = panels[0].figure.colorbar(mesh, ax=panels, extend="both", pad=0.02, location=place)
     bar.set_label(f"missing force over $I\\omega^2$ ({small_units(units)[1]})")
 
 

@@ -85,7 +85,7 @@ def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.D
     return force, factor * shown.standard_error, limit
 
 
-def _ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
+def _ranking_data(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
     """The candidates of the highest scores at a selection step; those named or competing always.
 
     Parameters
@@ -94,6 +94,8 @@ def _ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
         Result of `discover`.
     selection_step : int
         0 before the first step, 1 before the second, ..., -1 at the end.
+    most : int
+        Candidates beside those named and competing.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def _ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
     named, competing = _named(tree, selection_step)
-    chosen = strongest(scores.expand_dims("selection_step"), MOST_CANDIDATES)
+    chosen = strongest(scores.expand_dims("selection_step"), most)
     tested = scores.candidate.values[np.isfinite(scores.z.values)]
     chosen += [s for s in (*named, *competing) if s in tested and s not in chosen]
     kinds = list(CANDIDATE_MARKS)
@@ -126,13 +128,13 @@ def _ranking_data(tree: xr.DataTree, selection_step: int) -> xr.Dataset:
     return shown.assign_attrs(title=title, logarithmic=logarithmic, low=low, high=high)
 
 
-def rankings_data(tree: xr.DataTree) -> list[xr.Dataset]:
+def rankings_data(tree: xr.DataTree, most: int = MOST_CANDIDATES) -> list[xr.Dataset]:
     """The ranking at the selection steps at which an effect of the final model was chosen, and at the end.
 
     That at the end is left out if every candidate is in the model.
     """
     chosen = tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
-    rankings = [_ranking_data(tree, step) for step in (*sorted(set(chosen)), -1)]
+    rankings = [_ranking_data(tree, step, most) for step in (*sorted(set(chosen)), -1)]
     return rankings if rankings[-1].sizes["candidate"] or len(rankings) == 1 else rankings[:-1]
 
 

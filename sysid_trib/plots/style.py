@@ -9,11 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import LayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
+from matplotlib.transforms import Bbox
 
 from sysid_trib.printing.exported import unit_in_latex
 
@@ -43,26 +45,31 @@ CANDIDATE_MARKS: dict[str, dict[str, Any]] = {
 }
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
-# Of figures of many panels, points.
-FONT_SIZE = 7.5
+# Of figures of many panels, and of the smallest sign, points: exponents too.
+FONT_SIZE, SMALLEST_SIGN = 7.5, 6.0
 # Of a figure over the whole page, and the least at which two panels stand side by side, inch.
 FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
+# Of a figure that has a caption below it on a page, inch.
+TALLEST = 9.0
 # A text beside the point that it annotates.
 LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 # Behind a text that may lie on lines.
 WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
-# Over so many times the smallest number there is room for powers of ten alone.
-CROWDED = 100.0
-# Over more there is room for fewer numbers between the powers of ten, and over less not enough are round.
-LONG_AXIS, SHORT_AXIS = 30.0, 8.0
+# Over less than so many times the smallest number not enough numbers are round.
+SHORT_AXIS = 8.0
 # Times that a figure is laid out anew, and points between a title and a legend.
-LAYOUTS, BETWEEN_TEXTS = 2, 6.0
+LAYOUTS, BETWEEN_TEXTS = 3, 6.0
+# Points between the numbers of ticks.
+BETWEEN_TICKS = 3.0
 # Characters of a unit for which numbers in a panel have room.
 LONG_UNIT = 4
 LEGEND: dict[str, Any] = {
     "frameon": False,
-    "fontsize": 8,
+    "fontsize": FONT_SIZE,
+    "columnspacing": 0.9,
+    "handlelength": 1.6,
+    "handletextpad": 0.3,
     "loc": "lower right",
     "bbox_to_anchor": (1.0, 1.0),
     "borderaxespad": 0.1,
@@ -88,14 +95,15 @@ def in_latex(symbol: str) -> str:
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure, its size in inches, that keeps labels apart."""
-    return LiteralFigure(figsize=(width, height), layout="constrained")
+    return LiteralFigure(figsize=(width, min(height, TALLEST)), layout="constrained")
 
 
 class LiteralFigure(Figure):
     """A figure that gives texts room, and draws one of a file as it is where it only looks like mathematics.
 
     What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels
-    longer than their panel are broken, a legend above a panel has the columns that fit beside its title.
+    longer than their panel are broken, a legend above a panel has the columns that fit beside its title. A
+    text with exponents is larger where they would be smaller than any text.
     """
 
     def draw(self, renderer: RendererBase) -> None:
@@ -104,11 +112,17 @@ class LiteralFigure(Figure):
             # Labels of ticks are written when they are asked for.
             _ = ax.get_xticklabels(), ax.get_yticklabels()
         for text in self.findobj(Text):
-            if not _is_written(text.get_text()):
+            part = _smallest_part(text.get_text())
+            if not part:
                 text.set_parse_math(False)
+            elif part * float(text.get_fontsize()) < SMALLEST_SIGN:
+                text.set_fontsize(SMALLEST_SIGN / part)
         engine = self.get_layout_engine()
         if engine is not None and self._drawn != self._texts():
             self._give_room(engine, renderer)
+            for ax in self.axes:
+                _thin_ticks(ax.xaxis, renderer)
+                _thin_ticks(ax.yaxis, renderer)
             self._drawn = self._texts()
         super().draw(renderer)
 
@@ -139,6 +153,19 @@ class LiteralFigure(Figure):
             if self._texts() == before:
                 break
             engine.execute(self)
+
+
+def _thin_ticks(axis: Axis, renderer: RendererBase) -> None:
+    """Hide numbers of ticks that would run into others, those of the minor ones first; names stay."""
+    if isinstance(axis.get_major_locator(), FixedLocator):
+        return
+    low, high = sorted(axis.get_view_interval())
+    kept, between = list[Bbox](), float(renderer.points_to_pixels(BETWEEN_TICKS))  # type: ignore[arg-type]
+    for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+        if tick.label1.get_visible() and tick.label1.get_text() and low <= tick.get_loc() <= high:
+            box = tick.label1.get_window_extent(renderer)
+            tick.label1.set_visible(not box.count_overlaps(kept))
+            kept += [box.padded(between)] if tick.label1.get_visible() else []
 
 
 def _titles(ax: Axes) -> list[Text]:
@@ -199,14 +226,14 @@ def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
 
 
 @lru_cache(maxsize=1000)
-def _is_written(text: str) -> bool:
-    """True if matplotlib can write a text with what it takes for mathematics in it."""
+def _smallest_part(text: str) -> float:
+    """Size of an exponent in a text over that of the text; 0 if matplotlib cannot write its mathematics."""
+    size: float = FontProperties().get_size_in_points()
     try:
-        for line in text.split("\n") if "$" in text else ():
-            MathTextParser("path").parse(line)
+        lines = [MathTextParser("path").parse(line) for line in text.split("\n") if "$" in text]
     except ValueError:
-        return False
-    return True
+        return 0.0
+    return min((sign[1] for line in lines for sign in line.glyphs), default=size) / size
 
 
 def unit_label(unit: str) -> str:
@@ -215,15 +242,18 @@ def unit_label(unit: str) -> str:
 
 
 def short_unit(unit: str, of_record: str) -> tuple[str, str]:
-    """A coefficient's unit behind its value, and what its axis says of it: a record's long one is `u`."""
+    """A coefficient's unit behind its value, and what its axis says of it: a record's long one is `u`.
+
+    Exponents are not raised: in texts of this size they would be too small to read.
+    """
     long = len(of_record) > LONG_UNIT
     written = unit.replace(of_record, "u") if long else unit
-    return "" if unit == "1" else f" {unit_label(written)}", f"; u: {of_record}" if long else ""
+    return "" if unit == "1" else f" {written}", f"; u: {of_record}" if long else ""
 
 
-def axes(ax: Axes | None, width: float = TWO_COLUMNS) -> Axes:
-    """The axes given, or new ones in a figure of a width in inch."""
-    return new_figure(width, min(3.2, 0.8 * width)).subplots() if ax is None else ax
+def axes(ax: Axes | None) -> Axes:
+    """The axes given, or new ones."""
+    return new_figure(TWO_COLUMNS, 3.2).subplots() if ax is None else ax
 
 
 def grid(
@@ -290,8 +320,7 @@ def logarithmic_ticks(axis: Axis, low: float, high: float) -> None:
     """Plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
     axis.set_major_formatter("{x:g}")
     if high > SHORT_AXIS * low:
-        digits = "" if high > CROWDED * low else "25" if high > LONG_AXIS * low else "235"
-        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in digits else "")
+        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
         return
     # Powers of ten and their multiples would leave most of the axis without a tick.
     axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))

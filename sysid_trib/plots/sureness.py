@@ -54,7 +54,7 @@ def profile(*data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
     ]
     contours = [part for part in data if "correlation" in part]
     count = len(rows) + len(contours)
-    figure, panels = grid(count, 3, width if count > 1 else min(width, TWO_COLUMNS), PROFILE_HEIGHT)
+    figure, panels = grid(count, 4, width if count > 1 else min(width, TWO_COLUMNS), PROFILE_HEIGHT)
     for ax, row in zip(panels, rows, strict=False):
         _profile(ax, row)
     for ax, of_two in zip(panels[len(rows) :], contours, strict=True):

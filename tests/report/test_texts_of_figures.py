@@ -46,8 +46,8 @@ def of_a_result(tree):
         names = ("overview", "backbone")
     made = {name: partial(getattr(plots, name), tree) for name in names}
     if "innovations" in tree.children:
-        pair = (tree[name].to_dataset() for name in ("innovations", "prediction_bands"))
-        made["innovations"] = partial(plots.innovations, *pair)
+        groups = [name for name in ("innovations", "prediction_bands") if name in tree.children]
+        made["innovations"] = partial(plots.innovations, *(tree[name].to_dataset() for name in groups))
     return made
 
 
