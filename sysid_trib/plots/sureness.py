@@ -41,7 +41,7 @@ def profile(*data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
 
     Parameters
     ----------
-    data : Dataset
+    *data : Dataset
         Of `validation.profile`, of `validation.contour`, or both.
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
