@@ -188,8 +188,8 @@ def test_figures_have_the_width_that_is_asked_for(tmp_path):
     ending = run("backbone", path, "--plot", tmp_path / "figures", "--width", "88")
     assert ending.status == 0, ending.err
     png = (tmp_path / "figures" / "backbone.png").read_bytes()
-    # Pixels of an image of 150 in an inch, in its header.
-    assert int.from_bytes(png[16:20], "big") == int(150 * 88 / 25.4)
+    # Pixels of an image of 300 in an inch, in its header.
+    assert int.from_bytes(png[16:20], "big") == int(300 * 88 / 25.4)
     assert "--width '20' must be" in run("backbone", path, "--width", "20").complaint
 
 
