@@ -13,7 +13,7 @@ from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.start_model import fit_start_model
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.records.smoothing import first_frequency
 from sysid_trib.validation.verdict import record_noise
 
 W, NOISE = 9.9, 2e-4
@@ -144,6 +144,6 @@ def test_while_a_mass_sticks_to_a_belt_its_friction_is_a_reaction_and_says_nothi
 def test_a_mass_that_a_belt_drags_beside_its_zero_has_its_frequency():
     belt = on_a_belt(friction=0.0, speed=0.03)
     beside = belt.assign(angle=belt.angle + 0.5)
-    assert swing_frequency(beside) == pytest.approx(swing_frequency(belt), rel=0.02)
+    assert first_frequency([beside]) == pytest.approx(first_frequency([belt]), rel=0.02)
     with pytest.raises(DecayError, match="0 whole half periods"):
-        swing_frequency(beside[["angle"]])
+        first_frequency([beside[["angle"]]])

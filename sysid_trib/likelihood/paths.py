@@ -351,14 +351,14 @@ def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
     rates = values_of_inputs(path.inputs, moving, tau / path.frequency, path.frequency)
     slowest, knot = PASSING * np.sqrt(np.mean(v**2)), (tau[-1] - tau[0]) / path.intervals
     sticking = np.zeros(len(tau), dtype=bool)
-    for rate in (np.zeros(1), *rates.values()):
+    for shortest, rate in ((2.0 * knot, np.zeros(1)), *((0.0, rate) for rate in rates.values())):
         slip = v - rate
         near = np.abs(slip) < STICKING_ERRORS * path.sensor.innovation
         first, end = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).T
         stay = tau[end - 1] - tau[first]
         stays = np.abs(slip[end - 1] - slip[first]) < slowest * stay
-        # What never stays for long only turns slowly there.
-        if stay[stays].max(initial=0.0) > 2.0 * knot:
+        # A surface that moves is known to be there; what never rests for long only turns slowly.
+        if stay[stays].max(initial=0.0) > shortest:
             for begin, after in zip(first[stays], end[stays], strict=True):
                 sticking[begin:after] = True
     return np.asarray(integrals @ sticking.astype(float) > 0.0)

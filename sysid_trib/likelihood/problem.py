@@ -16,7 +16,7 @@ from sysid_trib.likelihood.colour import NoisePair
 from sysid_trib.likelihood.optimizers import ConstraintMap
 from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form
 from sysid_trib.records.inputs import INPUT, KnownInput, inputs_for, values_of_inputs
-from sysid_trib.records.smoothing import nominal_frequency, sensor_noise, smooth, swing_frequency
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise, smooth
 from sysid_trib.simulation.model import rescaling_factors
 
 if TYPE_CHECKING:
@@ -260,11 +260,8 @@ def begin(
         The records are too short, or some of the forces are the same on them.
     """
     # A scale of time: near the motion's frequency, and the same for all runs.
-    nominal = reference_frequency
-    if nominal is None:
-        median = float(np.median([np.pi / swing_frequency(decay) for decay in decays]))
-        nominal = nominal_frequency(np.pi / median)
     free = reference_frequency is None
+    nominal = reference_frequency or nominal_frequency(first_frequency(decays))
     # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
     held = constraints.impose(np.zeros(len(library)))
     first = [_first_run(decay, library, shapes, nominal, free, run) for run, decay in enumerate(decays, 1)]

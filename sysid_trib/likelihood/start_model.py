@@ -26,7 +26,7 @@ from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_r
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
 from sysid_trib.likelihood.weak_form import coloured
-from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth, swing_frequency
+from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, first_frequency, smooth
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
@@ -99,7 +99,7 @@ def fit_start_model(
     LibraryError
         A force has no values along the motion.
     """
-    nominal = frequency or float(np.median([swing_frequency(run) for run in runs]))
+    nominal = frequency or first_frequency(runs)
     paths = [replace(_first_path(run, nominal, settings), held=tuple(held)) for run in runs]
     for at, (origin, before) in enumerate(pasts):
         earlier = None if before is None else paths[at].of_run(before, nominal, origin)

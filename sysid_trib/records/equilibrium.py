@@ -16,7 +16,6 @@ from sysid_trib.records.half_periods import (
     regular_run,
     smooth,
 )
-from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.signal import checked_signal
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -79,16 +78,20 @@ def _largest(swing: Swing) -> float:
     return float(swing.peaks.max(initial=0.0))
 
 
-def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array, HalfPeriods]:
+def with_half_periods(
+    decay: xr.Dataset, fewest: int = 3, equilibrium: float | None = 0.0
+) -> tuple[Array, Array, HalfPeriods]:
     """Times (s), angles (rad) and whole half periods of a centred decay.
 
     Parameters
     ----------
     decay : Dataset
         `angle(time)`. Several parts of the program ask for the half periods of the same one: the last ones
-        are kept. What is driven, as on a belt, may swing beside its zero: about its own middle then.
+        are kept.
     fewest : int
         How many are needed; an envelope needs three.
+    equilibrium : float or None, rad
+        None has it found.
 
     Raises
     ------
@@ -98,9 +101,7 @@ def with_half_periods(decay: xr.Dataset, fewest: int = 3) -> tuple[Array, Array,
     checked_signal(decay)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     source = str(decay.attrs.get("source", "decay"))
-    halves = _whole_half_periods(time.tobytes(), angle.tobytes(), 0.0)
-    if halves is not None and not halves.sign.size and inputs_of(decay):
-        halves = _whole_half_periods(time.tobytes(), angle.tobytes(), None)
+    halves = _whole_half_periods(time.tobytes(), angle.tobytes(), equilibrium)
     if halves is None:
         raise DecayError(f"{source}: no oscillation stands out of the noise.")
     count = halves.sign.size

@@ -1,6 +1,7 @@
 """The least-squares spline through a record: motion, derivatives, and the noise of the sensor."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.records.equilibrium import with_half_periods
 from sysid_trib.records.half_periods import noise_of_record
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.signal import clamped_knots
 
 SPLINE_DEGREE = 5
@@ -202,13 +204,15 @@ def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
     return design.tocsr()
 
 
-def swing_frequency(decay: xr.Dataset) -> float:
+def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float:
     """Frequency of a decay by the median of its half periods, rad/s.
 
     Parameters
     ----------
     decay : Dataset
         With `angle(time)`.
+    equilibrium : float or None, rad
+        None has it found.
 
     Returns
     -------
@@ -219,8 +223,25 @@ def swing_frequency(decay: xr.Dataset) -> float:
     DecayError
         No whole half period.
     """
-    _, _, halves = with_half_periods(decay, fewest=1)
+    _, _, halves = with_half_periods(decay, 1, equilibrium)
     return float(np.pi / np.median(halves.duration))
+
+
+def first_frequency(runs: Sequence[xr.Dataset]) -> float:
+    """Frequency from which fits of runs begin, by the median of theirs, rad/s.
+
+    What is driven, as by a belt, may swing beside its zero: about its own middle then.
+    """
+    return float(np.median([_frequency_off_zero(run) for run in runs]))
+
+
+def _frequency_off_zero(run: xr.Dataset) -> float:
+    try:
+        return swing_frequency(run)
+    except DecayError:
+        if not inputs_of(run):
+            raise
+        return swing_frequency(run, equilibrium=None)
 
 
 def nominal_frequency(frequency: float) -> float:
