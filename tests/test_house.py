@@ -145,7 +145,7 @@ def test_the_house_does_not_grow():
     now = numbers()
     assert len(arrows()) <= 141
     assert now["files"] <= 235
-    assert now["code lines"] <= 31_878
+    assert now["code lines"] <= 31_886
     assert now["classes"] <= 206
     assert now["code lines of tests"] <= 11_945
     assert now["code lines of benchmarks"] <= 5_930

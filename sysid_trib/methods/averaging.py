@@ -129,6 +129,12 @@ class Averaging(Constrained):
             error = dict(zip(asked.symbols, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
             furthest = max(passed, key=lambda k: abs(value[k] - passed[k]) / max(error[k], 1e-300))
             constraints = constraints.holding({furthest: passed[furthest]})
+            if len(constraints.fixed.keys() & set(asked.symbols)) == len(asked):
+                at_bounds = ", ".join(sorted(constraints.fixed.keys() - wanted.fixed.keys()))
+                raise DecayError(
+                    f"With what is fixed, {at_bounds} would pass the bounds: nothing is left to fit; "
+                    "fix other values, or fewer."
+                )
         result = as_identification(method, decay, asked, estimate, library)
         if constraints:
             at_bound = constraints.fixed.keys() - wanted.fixed.keys()

@@ -50,9 +50,11 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
         "not explained": f"The model does not explain the record: its motion leaves {unexplained} (RMS).",
     }[verdict]
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
+    others = [f"whose motion leaves less than that of {name}" for name in results if name != answer]
+    why = (others or ["since no motion by the other method follows the record"])[0]
     table = _table(results, compared, unit)
     return [
-        Block([first, f"The answer is {answer}'s, whose motion leaves less."], ALWAYS),
+        Block([first, f"The answer is {answer}'s, {why}."], ALWAYS),
         Block(record),
         Block([ERRORS], Layer.EXPLAIN, "Forces", table, figures="driven"),
         Block(table=table, layers=Layer.QUIET | Layer.DEFAULT),

@@ -106,7 +106,7 @@ def _after_discovery(tree: xr.DataTree) -> NextStep:
         most = tree.attrs["max_effects"]
         if outstanding and tree["steps"].attrs["count"] >= most:
             return NextStep("discover", "adds further effects", {"max-effects": str(most + MORE_EFFECTS)})
-        reason = "figure 1 shows the force that no candidate names"
+        reason = "story shows the force that no candidate names"
         return NextStep("discover", reason, {"plot": "figures"})
     if not determines(after):
         return _after_nothing(after)

@@ -96,7 +96,7 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
     failed = [label for label, row in by_label(data, "fit").items() if row.reason.item()]
     changed = [row[0] for row in rows if float(row[5]) > SIGNIFICANT_ERRORS]
     if changed:
-        sentences.append(f"Beyond {SIGNIFICANT_ERRORS:g} errors of a fit moves {', '.join(changed)}.")
+        sentences.append(f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {', '.join(changed)}.")
     sentences += [f"Without a result: {', '.join(failed)}."] if failed else []
     heads = ["force", "stated", "from", "to", "fits", "largest change / its error", "by"]
     table = text_table(heads, rows, numbers=(1, 2, 3, 4, 5))
@@ -199,7 +199,7 @@ def _first_sentence(tree: xr.DataTree) -> str:
         parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
     if parts:
         rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
-        rest += f"; {', '.join(held)} {'is' if len(held) == 1 else 'are'} not tested" if held else ""
+        rest += f"; not tested, since held in both: {', '.join(held)}" if held else ""
         return f"{'; '.join(parts)}{rest}."
     test = _test_of_all(data)
     if data.attrs["verdict"] == "together they differ":
