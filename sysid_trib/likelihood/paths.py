@@ -35,7 +35,7 @@ from sysid_trib.simulation.internal_states import GivenMotion, states_along, tan
 
 # A sensor that falls while the angle rises is none; a fit may pass by there.
 LEAST_SENSOR_GAIN = 0.05
-# Of the sensor's noise, some errors of a path's rate.
+# Of the sensor's noise: what the rates of a motion and of a surface that it sticks to may differ by (rad).
 STICKING_ERRORS = 3.0
 # Of the motion's RMS rate: the least acceleration (of tau) of what passes the rate of a surface.
 PASSING = 0.2

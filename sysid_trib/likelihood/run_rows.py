@@ -217,6 +217,7 @@ class RunRows:
         lower = _banded(self.path.form.gram, len(force))
         covariance = ratio * (lower + sp.tril(lower, -1).T)
         if self.path.sticking is not None:
+            # The largest of the band is that of a row that says nothing.
             covariance = covariance + sp.diags_array(self.band[0].max() * self.path.sticking)
         system = sp.block_array([[white.T @ white, felt.T], [felt, -covariance]], format="csc")
         right = np.concatenate([white.T @ innovations, force])

@@ -129,7 +129,7 @@ class Averaging(Constrained):
             error = dict(zip(asked.symbols, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
             furthest = max(passed, key=lambda k: abs(value[k] - passed[k]) / max(error[k], 1e-300))
             constraints = constraints.holding({furthest: passed[furthest]})
-            if len(constraints.fixed.keys() & set(asked.symbols)) == len(asked):
+            if not constraints.linear_map(asked, shapes)[0]:
                 at_bounds = ", ".join(sorted(constraints.fixed.keys() - wanted.fixed.keys()))
                 raise DecayError(
                     f"With what is fixed, {at_bounds} would pass the bounds: nothing is left to fit; "
