@@ -9,7 +9,7 @@ from command_line import run
 from helpers import FIVE, SIX, W, library_of_formulas, names, paper_run, values
 
 from sysid_trib import Model, compare, free_decay, identify, load_library, simulate
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.ties import parse_tie
@@ -285,3 +285,9 @@ def test_a_method_that_takes_no_constraint_keeps_its_row():
     assert methods["trajectory"]["coefficients"]["lambda"]["value"] == 0.0
     assert "not linear" in methods["direct"]["reason"]
     assert methods["Wu decrement"]["reason"].endswith("takes no fixed, bounded or tied coefficients")
+
+
+def test_what_is_fixed_too_high_leaves_nothing_to_fit_and_is_said(record):
+    held = {"zeta": 0.05, "lambda": (0, None), "delta": (0, None)}
+    with pytest.raises(DecayError, match="With what is fixed, delta, lambda would pass the bounds"):
+        Averaging(constraints=held).identify(record, FORCES.select(["lambda", "zeta", "delta"]))
