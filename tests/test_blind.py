@@ -34,28 +34,6 @@ def followed(base: dict[str, float], *effects, parts: int | None = None) -> Moti
     return motion(Oscillator(W, base), effects, START, STEP, COUNT, parts)
 
 
-def test_dry_friction_takes_twice_its_coefficient_each_half_period():
-    angle = followed({"lambda": 1e-3}).x
-    # 25 samples a half period: every extremum is a sample.
-    size = START - 2e-3 * np.arange(20)
-    np.testing.assert_allclose(np.abs(angle[::25]), size, rtol=0, atol=1e-8)
-
-
-def test_viscous_friction_is_the_closed_form():
-    zeta = 0.01
-    damped = np.sqrt(1.0 - zeta**2)
-    tau = W * TIME
-    exact = START * np.exp(-zeta * tau) * (np.cos(damped * tau) + zeta / damped * np.sin(damped * tau))
-    np.testing.assert_allclose(followed({"zeta": zeta}, parts=2).x, exact, rtol=0, atol=1e-8)
-
-
-def test_a_conservative_motion_keeps_its_energy():
-    found = followed({"nu": -0.4, "epsilon": 0.3}, parts=2)
-    x, v = found.x, found.v
-    energy = v**2 / 2 + x**2 / 2 - 0.4 * np.abs(x) ** 3 / 3 + 0.3 * x**4 / 4
-    np.testing.assert_allclose(energy, energy[0], rtol=1e-9)
-
-
 def test_five_forces_are_the_reference():
     exact = reference_motion(BASE, W, TIME, (START, 0.0))
     np.testing.assert_allclose(followed(BASE, parts=2).x, exact, rtol=0, atol=1e-9)

@@ -124,16 +124,6 @@ def test_table_of_the_example_on_an_ascii_terminal():
 
 
 @pytest.mark.slow
-def test_what_warns_is_printed_by_default(tmp_path):
-    time = np.arange(0.0, 12.0, 0.01)
-    angle = 0.4 * np.exp(-0.05 * time) * np.cos(9.0 * time - 0.4 * np.exp(-0.1 * time))
-    record = write_csv(tmp_path / "softening.csv", time, angle)
-    ending = run("identify", record, "--forces", "zeta")
-    assert ending.out.startswith("The model is approximate")
-    assert "The residuals of direct are correlated" in ending.out
-
-
-@pytest.mark.slow
 def test_alpha_is_the_papers(simulated, tmp_path):
     result = tmp_path / "result.nc"
     arguments = (simulated, "--window", ":9", "--omega0", "8.87±0.02", "--forces", "zeta,delta,nu,epsilon")
@@ -158,20 +148,6 @@ def test_reference_frequency_is_held_and_makes_alpha_an_unknown(simulated):
         for symbol, truth in {**PAPER_COEFFICIENTS, "alpha": 0.0}.items():
             one = method["coefficients"][symbol]
             assert abs(one["value"] - truth) < 4.5 * one["standard_error"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ending", [".csv", ".nc"])
-def test_simulated_forces_are_identified(tmp_path, ending):
-    path, truth = tmp_path / f"run{ending}", {"lambda": 2e-4, "zeta": 0.006, "epsilon": 0.25}
-    settings = [f"--set={symbol}={value}" for symbol, value in truth.items()]
-    run("simulate", "-o", path, *settings, "--noise", "1e-4", "--duration", "12", "--rate0", "0.5")
-    found = run("identify", path, "--forces", ",".join(truth), "--json")
-    methods = json.loads(found.out, parse_constant=number)["methods"]
-    for method in methods.values():
-        for symbol, value in truth.items():
-            one = method["coefficients"][symbol]
-            assert abs(one["value"] - value) < 4.5 * one["standard_error"]
 
 
 def test_degrees_and_their_equilibrium(tmp_path):

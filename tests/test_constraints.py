@@ -12,13 +12,11 @@ from sysid_trib import Model, compare, free_decay, identify, load_library, simul
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.forces.ties import parse_tie
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.validation.homogeneity import run_agreement
 
 FORCES = load_library()
 EFFECTS = load_library("candidate_effects")
-NAMES = ("lambda", "zeta", "nu", "delta", "dahl.s")
 METHODS = pytest.mark.parametrize("method", [Direct, Trajectory, Averaging], ids=lambda m: m.__name__)
 QUICK = ("--window", ":9")
 
@@ -152,34 +150,6 @@ def test_constraints_on_a_displacement_are_in_its_unit():
     assert json.loads(alone.attrs["options"])["constraints"]["zeta"] == [0.0, None]
     compared = compare(decay, library, [method], constraints=asked)["direct"]
     np.testing.assert_allclose(compared.coefficient, alone.coefficient, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "linear"),
-    [
-        ("(lambda - 3*zeta)/2 + 1e-3", (1e-3, {"lambda": 0.5, "zeta": -1.5})),
-        ("sqrt(2)*delta + 2*pi*0.1", (0.2 * np.pi, {"delta": np.sqrt(2.0)})),
-        ("(delta + 1)**2 - delta**2 - 1", (0.0, {"delta": 2.0})),
-        ("dahl.s*delta", None),
-        ("delta/0", None),
-        ("abs(delta)", None),
-    ],
-)
-def test_linear_ties_are_known_by_their_form(text, linear):
-    found = parse_tie("nu", text, [n for n in NAMES if n != "nu"]).linear()
-    assert (found is None) == (linear is None)
-    if linear is not None:
-        assert found[0] == pytest.approx(linear[0])
-        assert found[1] == pytest.approx(linear[1])
-
-
-@pytest.mark.parametrize("text", ["abs(lambda)*sign(zeta)*delta**1.5", "min(lambda, zeta)*exp(delta)/delta"])
-def test_derivatives_of_ties_are_those_of_differences(text):
-    tie, step = parse_tie("nu", text, NAMES), 1e-6
-    at = {"lambda": -0.3, "zeta": 0.7, "delta": 1.3}
-    for name, slope in tie.derivatives(at).items():
-        ends = [tie.value(at | {name: at[name] + s * step}) for s in (1.0, -1.0)]
-        assert slope == pytest.approx((ends[0] - ends[1]) / (2.0 * step), abs=1e-8)
 
 
 def test_ties_follow_each_other_and_hold_shapes():

@@ -203,19 +203,6 @@ def test_a_length_makes_an_angle(tmp_path):
     np.testing.assert_allclose(record["angle"], values, atol=1e-8)
 
 
-@pytest.mark.parametrize("digits", [2, 3])
-def test_a_rounded_clock_is_the_clock(tmp_path, digits):
-    time = np.arange(3000) / 30.0
-    values = 0.4 * np.exp(-0.01 * time) * np.cos(4.0 * time)
-    path = tmp_path / "film.csv"
-    rows = "\n".join(f"{t:.{digits}f},{x:.7f}" for t, x in zip(time, values, strict=True))
-    path.write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
-    (record,) = read_records(path)
-    np.testing.assert_allclose(record["time"], time, atol=0.5 * 10.0**-digits)
-    assert np.ptp(np.diff(record["time"])) < 1e-9
-    assert "stamps rounded to" in record.attrs["clock"]
-
-
 def test_jitter_is_no_rounding(tmp_path):
     time = np.arange(2000) / 30.0 + np.random.default_rng(0).uniform(-0.004, 0.004, 2000)
     path = tmp_path / "film.csv"

@@ -4,14 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-import xarray as xr
 from helpers import FIVE, decay, paper_run
 from scipy.stats import chi2
 
 from sysid_trib import load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.results.files import load, save
 from sysid_trib.validation.cross_check import cross_check
 from sysid_trib.validation.identify import identify
 
@@ -95,14 +93,6 @@ def test_first_order_bias_is_stated_where_it_is_not_removed():
     assert compared.attrs["verdict"] == "agree"
     corrected = paper_check()["comparison"].expected_difference
     assert np.all(np.abs(corrected) < 0.05 * paper_check()["comparison"].standard_error)
-
-
-def test_saved_and_read_back_the_same(tmp_path):
-    save(paper_check(), tmp_path / "result.nc")
-    back = load(tmp_path / "result.nc")
-    xr.testing.assert_identical(back, paper_check())
-    for name, node in paper_check().children.items():
-        assert back[name].attrs == node.attrs
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,11 @@ import pytest
 from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, sentences_of
 
-from sysid_trib import Model, load, plots
+from sysid_trib import Model, load
 from sysid_trib.commands.options import SearchOptions
-from sysid_trib.commands.terminal import command_after, print_blocks
-from sysid_trib.printing.blocks import Layer
+from sysid_trib.commands.terminal import command_after
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.json_results import discovery_json
-from sysid_trib.printing.layout import coefficient_text
 from sysid_trib.printing.next_step import next_step
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
@@ -107,27 +105,6 @@ def test_the_twins_phase_slips_most_at_large_amplitude(twin):
     assert np.isnan(after.departure_time)
 
 
-def test_layers_of_the_text(twin, capsys):
-    tree = twin[0]
-    texts = {}
-    for layer in Layer:
-        print_blocks(discovery_blocks(tree, ["Record: swing.csv"]), layer)
-        texts[layer] = capsys.readouterr().out
-    for text in texts.values():
-        verdict, _, *lines = text.splitlines()
-        assert verdict.startswith("Explained: with nu and epsilon the gap is ")
-        for symbol in ("nu", "epsilon"):
-            row = next(line for line in lines if line.startswith(f"{symbol} "))
-            assert coefficient_text(tree["steps"].isel(step=["nu", "epsilon"].index(symbol))) in row
-    assert len(texts[Layer.QUIET].splitlines()) == 5
-    for layer in (Layer.DEFAULT, Layer.EXPLAIN):
-        assert "Record: swing.csv" in texts[layer]
-        assert "these names stand: nu in 3 of 3; epsilon in 3 of 3." in texts[layer]
-        assert "may be present and unseen" in texts[layer]
-    assert "fall of the deviance" in texts[Layer.EXPLAIN]
-    assert "fall of the deviance" not in texts[Layer.DEFAULT]
-
-
 def test_what_is_not_predicted_is_said_and_fitted_next(twin):
     tree = twin[0].copy(deep=True)
     assert next_step(tree).command == "identify"
@@ -177,23 +154,6 @@ def test_figures_are_written(folder, tmp_path):
     assert names == {
         f"{name}.{ending}" for name in ("overview", "story", "ranking") for ending in ("pdf", "png")
     }
-
-
-def test_story_in_one_picture(twin):
-    tree = twin[0]
-    record, before, after, _, _, explained, _ = plots.story(tree).axes
-    angle = tree["record"].to_dataset().angle.values
-    for panel, model in ((before, "before"), (after, "after")):
-        gap = 1e3 * (angle - tree["record"].simulated_angle.sel(model=model).values)
-        np.testing.assert_allclose(panel.lines[0].get_ydata(), gap)
-    assert [text.get_text() for text in explained.get_yticklabels()] == ["start model", "+ nu", "+ epsilon"]
-    marks = [line.get_xdata()[0] for line in explained.lines if line.get_linestyle() == "None"]
-    expected = [residual_of(tree, "before"), *tree["steps"].residual_after.values]
-    np.testing.assert_allclose(marks, np.array(expected) / record_noise(tree))
-    named = [text.get_text() for text in explained.texts if " = " in text.get_text()]
-    assert [text.partition(" = ")[0].split(", ")[-1] for text in named] == ["nu", "epsilon"]
-    assert [text.partition("; ")[2] for text in named] == ["", ""]
-    assert {panel.get_ylabel() for panel in (record, before, after)} == {"angle (rad)", "gap (mrad)"}
 
 
 @pytest.fixture(scope="module")

@@ -26,26 +26,6 @@ def damped(time, zeta=0.01, amplitude=0.3, phase=0.0):
     return amplitude * np.exp(-zeta * OMEGA * time) * np.cos(OMEGA * time + phase)
 
 
-def dissipative(result, w):
-    a, rate = result["amplitude"].to_numpy(), result["amplitude_rate"].to_numpy()
-    columns = np.stack([np.full(a.size, -2 / np.pi), -a, -4 * a**2 / (3 * np.pi)], axis=1) * w
-    return np.linalg.lstsq(columns, rate)[0]
-
-
-def test_the_papers_run_by_the_papers_rule_and_with_fitted_frequency():
-    result = envelope(free_decay(paper_run(FIVE).decay()))
-    a, w = result["amplitude"].to_numpy(), result["frequency"].to_numpy()
-    assert result.sizes == {"half_period": 77, "instant": 75}
-    columns = np.stack([4 * a / (3 * np.pi), 3 * a**2 / 8], axis=1)
-    last = np.linalg.lstsq(w[-1] * columns, w - w[-1])[0]
-    assert w[-1] == pytest.approx(9.875, abs=5e-4)
-    assert last.round(2).tolist() == [-0.25, -0.31]
-    fitted = np.linalg.lstsq(np.column_stack([columns, np.ones(a.size)]), w)[0]
-    assert fitted[2] == pytest.approx(9.9098, abs=1e-4)
-    assert fitted[:2] / fitted[2] == pytest.approx([-0.402, 0.280], abs=1e-3)
-    assert dissipative(result, fitted[2]) == pytest.approx([-2.37e-5, 0.00976, 0.0377], rel=0.01)
-
-
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     phase=st.floats(-np.pi, np.pi),
@@ -106,18 +86,6 @@ def test_clean_records_keep_their_errors(zeta, periods):
     for _ in range(40):
         found = envelope(decay_of(time, damped(time, zeta) + 1e-4 * generator.standard_normal(time.size)))
         assert (found.attrs["scatter_of_extrema"], found.attrs["scatter_of_times"]) == (1.0, 1.0)
-
-
-def test_chattering_and_coarse_crossings_make_no_half_periods():
-    time = np.arange(0.0, 25.0, 1e-3)
-    noisy = damped(time, 0.011) + 1e-3 * np.random.default_rng(4).standard_normal(time.size)
-    coarse = 0.01 * np.round(damped(time, 0.011) / 0.01)
-    for angle in (noisy, coarse):
-        result = envelope(decay_of(time, angle))
-        assert result.sizes["half_period"] in (77, 78)
-        assert np.all(np.diff(result["extremum_time"]) > 0.9 * np.pi / OMEGA)
-        assert np.all(np.diff(result["sign"]) != 0)
-    assert result["white_noise"].item() == pytest.approx(0.01 / np.sqrt(12), rel=0.01)
 
 
 def test_cut_half_periods_do_not_count():

@@ -14,10 +14,8 @@ from known_results import PAPER, known
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.printing.as_code import cited, methods_text
 from sysid_trib.printing.exported import (
-    _sum,
     csv_text,
     equation_latex,
     equation_text,
@@ -46,16 +44,6 @@ def test_the_equation_is_the_model():
     expected = x + model_force(st.physics.model_of(result), np.array([0.0, 1.0, 2.0]), x, v, np.zeros(3))
     np.testing.assert_allclose(total, expected, atol=1e-3)
     assert float(inside[2]) == pytest.approx(W, abs=1e-2)
-
-
-def test_the_sign_of_a_formula_goes_to_its_number():
-    terms = [("2.67", "-v"), ("-0.04", "-x*v"), ("0.9", "sin(x) - x"), ("3", "-x + v")]
-    assert _sum(terms) == " - 2.67*v + 0.04*x*v + 0.9*(sin(x) - x) + 3*(-x + v)"
-
-
-def test_a_word_is_no_letter_with_an_index():
-    names = {"lambda": r"\lambda", "c_3": "c_{3}", "sensor_curve": r"\mathrm{sensor\ curve}"}
-    assert {name: symbol_latex(name) for name in names} == names
 
 
 def test_a_stiffness_that_is_in_the_frequency_is_not_in_the_equation():
@@ -155,32 +143,6 @@ def test_a_decay_has_no_warm_up(warm_up, tmp_path):
     refused = run("identify", tmp_path / "a.csv", "--warm-up", warm_up)
     assert refused.status == 2
     assert "--window" in refused.err
-
-
-@pytest.mark.slow
-def test_many_methods_are_rows(tree):
-    record = tree["record"].to_dataset()[["angle"]]
-    methods = [
-        st.methods.Direct(),
-        st.methods.Averaging(),
-        st.methods.FrequencyShift(),
-        st.methods.WuDecrement(),
-    ]
-    text = latex_text(st.compare(record, FORCES, methods))
-    assert r"\begin{tabular}{l" + "c" * (len(FIVE) + 2) + "}" in text
-    assert "direct & $" in text
-
-
-def test_commands_write_them(tmp_path):
-    path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
-    places = {flag: tmp_path / f"result.{ending}" for flag, ending in (("--csv", "csv"), ("--latex", "tex"))}
-    ending = run("identify", path, "--forces", "zeta", *(word for pair in places.items() for word in pair))
-    assert ending.status == 0, ending.err
-    assert "Equation: x'' = -w^2 (x + 0.0" in ending.out
-    for place in places.values():
-        assert f"Written: {place}" in ending.out
-    assert places["--csv"].read_text().startswith("method,quantity")
-    assert r"\begin{equation}" in places["--latex"].read_text()
 
 
 def test_figures_have_the_width_that_is_asked_for(tmp_path):

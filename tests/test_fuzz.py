@@ -158,26 +158,6 @@ def test_data_that_are_no_record(change):
             asked(data)
 
 
-@pytest.mark.parametrize("exponent", [-20, -133])
-@pytest.mark.parametrize("method", [st.methods.Direct(), st.methods.Averaging(), st.methods.Trajectory()])
-def test_a_tiny_angle_has_the_coefficients_of_its_size(method, exponent):
-    size, noise = 2.0**exponent, 1e-4 * np.random.default_rng(0).standard_normal(ANGLE.size)
-    library = st.load_library().select(["zeta", "delta"])
-    found = []
-    for scale in (1.0, size):
-        angle = ("time", scale * (ANGLE + noise), {"units": "rad"})
-        data = xr.Dataset({"angle": angle}, {"time": ("time", TIME, {"units": "s"})})
-        found.append(st.identify(st.free_decay(data), library, method))
-    usual, tiny = found
-    factors = size ** np.array([0.0, -1.0])
-    for name in ("coefficient", "standard_error"):
-        np.testing.assert_array_equal(tiny[name], usual[name] * factors)
-    for name in ("reference_frequency", "reference_frequency_standard_error"):
-        assert tiny[name].item() == usual[name].item()
-    assert tiny.noise.item() == usual.noise.item() * size
-    assert tiny.unit.values.tolist() == usual.unit.values.tolist()
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of another kind")
 @pytest.mark.parametrize(

@@ -136,15 +136,3 @@ def test_the_step_of_a_sensor_is_that_of_its_lattice(step):
     # Digits of a file, and a unit, change nothing.
     assert sensor_step(np.round(57.3 * rounded, 9)) == pytest.approx(57.3 * step, rel=1e-2)
     assert np.isnan(sensor_step(signal))
-
-
-def test_values_between_the_steps_of_an_encoder_do_not_hide_them():
-    time = np.arange(20000) / 1000.0
-    signal = 0.4 * np.exp(-0.1 * time) * np.cos(8.0 * time)
-    step = 1.57e-4
-    counts = step * np.round(signal / step)
-    changes = np.flatnonzero(np.diff(counts, prepend=counts[0] - 1.0))
-    # Where it moves, the logger interpolates between the counts.
-    between = np.interp(time, time[changes], counts[changes])
-    shown = np.where(np.diff(counts, prepend=counts[0]) == 0.0, counts, between + 1e-9 * time)
-    assert sensor_step(shown) == pytest.approx(step, rel=1e-3)

@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,13 +10,11 @@ from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
-from sysid_trib.physics import with_contactless_frequency
 from sysid_trib.physics.contact import SLIP_RATIO, contact_stiffness, slip_fingerprint, sphere_stiffness
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.si_units import inertia_with_mass, physical_units
 from sysid_trib.physics.sliding import sliding_coefficients
-from sysid_trib.printing.physics import physics_json, physics_sentences
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 INERTIA = 1.33e-6
@@ -289,25 +285,6 @@ def test_constant_coefficients_pass_and_a_drift_is_found():
 
 
 # Printing and wrong requests.
-
-
-def test_sentences_and_data():
-    result = with_contactless_frequency(with_errors(DRY), 8.87, 0.02)
-    in_si = physical_units(result, INERTIA)
-    sentences = physics_sentences(result, np.linspace(0.02, 0.3, 5), in_si)
-    text = " ".join(sentences)
-    for part in ("At 0.3 rad", "At 0.02 rad", "weigh the same", "stops after", "partial slip", " J."):
-        assert part in text
-    # What happens at amplitudes that were not seen is told as such.
-    crossings = [s for s in sentences if "weigh the same" in s]
-    missed = [s for s in crossings if "not reached by this motion" in s]
-    assert 0 < len(missed) < len(crossings)
-    data = json.loads(json.dumps(physics_json(result, [0.02, 0.3], in_si), allow_nan=False))
-    assert data["weights"][0]["amplitude"] == 0.3
-    assert data["arrest"]["arrest_time"]["value"] > 0
-    assert {row["first"] for row in data["crossovers"]} >= {"lambda", "zeta", "nu"}
-    assert data["physical_units"]["coefficients"]["zeta"]["unit"] == "N m s rad-1"
-    assert data["slip_fingerprint"]["verdict"] == "not compatible"
 
 
 @pytest.mark.parametrize(

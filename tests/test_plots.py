@@ -11,7 +11,6 @@ from sysid_trib import Model, load_library, plots, simulate
 from sysid_trib.physics import predict_envelope, weights
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_panels import MOST_POINTS
-from sysid_trib.records import envelope
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residual_force import residual_force
 
@@ -62,45 +61,6 @@ def test_a_decay_stands_inside_its_averaged_envelope():
     np.testing.assert_array_equal(lower.get_ydata(), -averaged.amplitude)
     assert axes.get_xlabel() == "time (s)"
     assert "(rad)" in axes.get_ylabel()
-
-
-def test_half_periods_are_marks_and_the_averaged_model_a_line_of_their_colour():
-    measured, predicted = {}, {}
-    for nu in (-0.5, 0.9):
-        motion, predicted[f"{nu}"] = moved({"zeta": 0.05, "nu": nu})
-        measured[f"{nu}"] = envelope(motion)
-    axes = plots.frequency_shift(measured, predicted)
-    for label, found in measured.items():
-        marks = labelled(axes)[label]
-        np.testing.assert_array_equal(marks.get_xdata(), found.amplitude)
-        np.testing.assert_array_equal(marks.get_ydata(), found.frequency)
-        assert marks.get_linestyle() == "None"
-        same = [line for line in axes.lines if line.get_color() == marks.get_color() and line is not marks]
-        np.testing.assert_array_equal(same[0].get_ydata(), predicted[label].frequency)
-    texts = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert texts == list(measured)
-
-
-@pytest.mark.parametrize("begin", [0.0, 0.4])
-def test_half_sines_go_through_their_extrema(begin):
-    decay = paper_run(FIVE).decay(0)
-    found = envelope(decay)
-    part = decay.sel(time=slice(begin, begin + 1.5))
-    axes = plots.motions(part, half_periods=found)
-    lines = labelled(axes)
-    extrema = lines[r"$\pm b_i$ at $t_i$"]
-    shown = np.isin(found.extremum_time, extrema.get_xdata())
-    assert shown.sum() == extrema.get_xdata().size >= 3
-    np.testing.assert_array_equal(extrema.get_ydata(), (found.sign * found.extremum)[shown])
-    # The arcs are the record, to the noise and what a decaying half period is beside a half-sine.
-    arcs = lines["half-sines"]
-    time, angle = (values[np.isfinite(values)] for values in (arcs.get_xdata(), arcs.get_ydata()))
-    np.testing.assert_allclose(np.interp(time, part.time, part.angle), angle, atol=0.02 * angle.max())
-    # The chord: its middle is the amplitude of the instant between, its length the period there.
-    chord = next(line for line in axes.lines if line.get_color() == "black")
-    instant = int(np.flatnonzero(shown)[0])
-    assert abs(chord.get_ydata().mean()) == pytest.approx(found.amplitude[instant].item(), rel=1e-12)
-    assert np.ptp(chord.get_xdata()) == pytest.approx(2 * np.pi / found.frequency[instant].item(), rel=1e-12)
 
 
 @pytest.mark.parametrize(

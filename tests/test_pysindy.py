@@ -6,7 +6,6 @@ import numpy as np
 import pysindy
 import pytest
 import statsmodels.api
-from candidates import candidate
 from helpers import (
     EIGHT_MORE,
     FIVE,
@@ -25,7 +24,7 @@ from sysid_trib import load_library
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.optimizers import WhitenedLeastSquares
-from sysid_trib.likelihood.pysindy_features import ForceFeatures, readable
+from sysid_trib.likelihood.pysindy_features import ForceFeatures
 from sysid_trib.methods import Direct
 from sysid_trib.results.schema import model_of
 
@@ -64,18 +63,6 @@ def test_sindy_prints_a_readable_equation(capsys):
         " + -0.050000 theta +  0.400000 theta |theta| + -0.300000 theta^3"
     )
     assert model.equations()[0].endswith("-0.300 theta^3")
-
-
-@pytest.mark.parametrize(
-    ("symbol", "text"),
-    [
-        ("stribeck", "exp(-(theta'/0.05)^2) sgn(theta')"),
-        ("jenkins", "max(-0.02, min(0.02, jenkins.zr + theta - jenkins.xr))"),
-        ("masing", "(masing.hr - (theta - masing.xr) |theta - masing.xr|/2)"),
-    ],
-)
-def test_readable_names(symbol, text):
-    assert readable(candidate(symbol)) == text
 
 
 def test_inputs_are_those_of_pysindy():

@@ -14,10 +14,7 @@ from hypothesis import given, strategies as st
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import probe
 from sysid_trib.records.as_angle import scale_translation
-from sysid_trib.records.free_decay import free_decay
-from sysid_trib.records.headers import split_header
 from sysid_trib.records.read import read_record
-from sysid_trib.records.signal import is_uniform
 
 TIME = np.round(np.arange(0.0, 3.0, 0.01), 3)
 ANGLE = np.round(0.3 * np.exp(-0.1 * TIME) * np.cos(9.91 * TIME), 6)
@@ -306,22 +303,6 @@ def test_dates_become_seconds(tmp_path):
     np.testing.assert_allclose(read_record(path)["time"], TIME, atol=1e-6)
 
 
-def test_gyroscope(tmp_path):
-    time = np.arange(0.0, 12.0, 0.002)
-    angle = 0.3 * np.exp(-0.08 * time) * np.cos(9.91 * time)
-    rate = np.gradient(angle, time, edge_order=2) + 0.02
-    path = written(tmp_path, table(header="time,gyro (deg/s)", time=time, angle=np.degrees(rate)))
-    record = read_record(path, signal="rate")
-    np.testing.assert_allclose(record["rate"], rate, atol=1e-7)
-    assert record.attrs["rate_bias"] == pytest.approx(0.02, abs=1e-4)
-    assert "bias" in record.attrs["integration"]
-    difference = record["angle"].to_numpy() - angle
-    assert np.ptp(difference - np.polyval(np.polyfit(time, difference, 1), time)) < 2e-3
-    assert np.ptp(difference) < 3e-3
-    decay = free_decay(record)
-    assert decay["time"][[0, -1]].values == pytest.approx([0.0, time[-1]], abs=0.05)
-
-
 def test_translation(tmp_path):
     path = written(tmp_path, table(header="time,position (mm)"))
     record = read_record(path)
@@ -424,45 +405,6 @@ def test_truncated_file(tmp_path, format, share):
     path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(RecordError, match=f"run.{format}"):
         read_record(path)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [{"signal": "speed"}, {"units": "-"}, {"length": 0.0}, {"time_units": "weeks"}, {"sampling_rate": 0.0}],
-)
-def test_unknown_options(tmp_path, options):
-    with pytest.raises(UsageError):
-        read_record(written(tmp_path, table()), **options)
-
-
-@pytest.mark.parametrize(
-    ("header", "base", "unit"),
-    [
-        ("angle (deg)", "angle", "deg"),
-        ("time_ms", "time", "ms"),
-        ("t / s", "t", "s"),
-        ("rate_rad_s", "rate", "rad/s"),
-        ("angular velocity (°/s)", "angular velocity", "°/s"),
-        ("Y_id[0][1]", "y id[0][1]", ""),
-    ],
-)
-def test_headers(header, base, unit):
-    assert split_header(header) == (base, unit)
-
-
-@pytest.mark.parametrize(
-    ("file", "options", "samples"),
-    [
-        ("single_pendulum/free_swing.csv", {}, 97265),
-        ("single_pendulum/slice_15s_70s.mat", {"time": "Time_id[1]", "angle": "Y_id[1][0]"}, 9167),
-        ("string_pendulum/run_1.txt", {}, 2330),
-        ("roll_decay/model_test_21337.csv", {"angle": "phi"}, 9166),
-    ],
-)
-def test_measured(data_folder, file, options, samples):
-    record = read_record(data_folder / file, **options)
-    assert record.sizes["time"] == samples
-    assert is_uniform(record["time"].to_numpy())
 
 
 def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):

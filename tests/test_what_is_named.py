@@ -59,12 +59,6 @@ def test_a_pendulum_has_gravity_far_from_its_frequency():
     assert errors_off(found.models[-1], "zeta") == 0.0
 
 
-def test_a_known_coefficient_is_kept_in_the_text_of_a_library():
-    assert EVERY["gravity"].coefficient == 1.0
-    assert "coefficient = 1.0" in EFFECTS.select(["gravity"]).to_toml()
-    assert "coefficient" not in EFFECTS.select(["bias"]).to_toml()
-
-
 @pytest.mark.slow
 def test_a_ripple_of_the_angle_is_not_explained_by_what_a_random_force_leaves():
     """Springs stand in its place, and the rest is blamed on a random force, which goes with the angle."""

@@ -1,7 +1,6 @@
 """Pages of results: what is on them, that they ask for nothing, and what is refused; no browser."""
 
 import html
-import os
 import re
 from html.parser import HTMLParser
 from xml.etree import ElementTree
@@ -222,20 +221,6 @@ def test_bad_places_are_refused(folder, tmp_path):
     ending = run("report", source, "-o", tmp_path / "page.pdf")
     assert ending.status == 2
     assert ".html" in ending.complaint
-
-
-def test_no_half_page_is_left(results, tmp_path, monkeypatch):
-    target = tmp_path / "page.html"
-    target.write_text("before", encoding="utf-8")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(st.errors.RecordError, match="No space left"):
-        st.report(results["identify"], target)
-    assert target.read_text(encoding="utf-8") == "before"
-    assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
 
 
 @pytest.mark.parametrize(
