@@ -53,10 +53,15 @@ def linear(time=TIME, zeta=0.01, omega=9.9, amplitude=0.3):
     return amplitude * np.exp(-zeta * omega * time) * np.cos(omega * time)
 
 
+def write_table(path: Path, header: str, *columns) -> Path:
+    """Write columns of numbers below their header."""
+    rows = (",".join(f"{value:.9g}" for value in row) for row in zip(*columns, strict=True))
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
 def write_csv(path: Path, time=TIME, angle=None, header="time (s),angle (rad)") -> Path:
     """Write a record; without an angle, of a decay with a little noise."""
     if angle is None:
         angle = linear(time) + 1e-4 * np.random.default_rng(1).standard_normal(len(time))
-    rows = (f"{t:.9g},{a:.9g}" for t, a in zip(time, angle, strict=True))
-    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
-    return path
+    return write_table(path, header, time, angle)

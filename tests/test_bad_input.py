@@ -1,24 +1,29 @@
 """Whatever is given to the command line, Ctrl-C too: a status, one clear line, nothing left behind."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import command_line
+import numpy as np
 import pytest
 import xarray as xr
-from command_line import TIME, linear, run, write_csv
+from command_line import TIME, linear, run, write_csv, write_table
 
 from sysid_trib.commands import record_inputs
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """A folder with one good record, from which every command of a test is run."""
+    """A folder with a decay and a driven record, from which every command of a test is run."""
     write_csv(tmp_path / "good.csv")
+    columns = [TIME[:601], np.sin(3.0 * TIME[:601]), linear(TIME[:601]), np.ones(601)]
+    write_table(tmp_path / "driven.csv", "time (s),drive (V),angle (rad),still (V)", *columns)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -60,83 +65,16 @@ def test_record(refused, folder, name):
 
 
 GOOD = ("identify", "good.csv")
-SIMULATE = ("simulate", "-o", "x.csv")
-# Arguments after `sysid-trib`, exit status, and a part of what is said.
-COMMANDS = [
-    (["frobnicate"], 2, "No such command 'frobnicate'"),
-    (["identfy"], 2, "Did you mean 'identify'? See"),
-    ([], 2, "Missing command"),
-    (["identify", "--frob"], 2, "No such option: --frob"),
-    (["identify", "missing.csv"], 2, "missing.csv: there is no such file"),
-    (["identify", "."], 1, "is a directory"),
-    (["identify", "/dev/zero"], 1, "a pipe or a device"),
-    ([*GOOD, "missing.csv"], 2, "missing.csv: there is no such file"),
-    ([*GOOD, "--window", "a:b"], 2, "--window: 'a' is not a finite number"),
-    ([*GOOD, "--window", "9:3"], 2, "start must come before its end"),
-    ([*GOOD, "--window", "50:"], 1, "the record runs from 0 s to 19.99 s"),
-    ([*GOOD, "--omega0", "-5"], 2, "--omega0 '-5' must be"),
-    ([*GOOD, "--omega0", "9±-1"], 2, "the error must be positive"),
-    ([*GOOD, "--omega0", "9±1±2"], 2, "must be VALUE or VALUE±ERROR"),
-    ([*GOOD, "--omega0", "9", "--reference-frequency", "9"], 2, "choose one"),
-    ([*GOOD, "--reference-frequency", "nan"], 2, "--reference-frequency 'nan' must be"),
-    ([*GOOD, "--reference-frequency", "1e6"], 2, "swings at 9.9 rad/s, less than a fifth of that"),
-    ([*GOOD, "--reference-frequency", "1.57"], 2, "which is 1.576 Hz; give it in rad/s"),
-    (
-        [*GOOD, "--omega0", "89"],
-        2,
-        "--omega0 '89': the record swings at 9.9 rad/s, less than a fifth of that",
-    ),
-    (["discover", "good.csv", "--reference-frequency", "89"], 2, "correct it, or leave it out: w is"),
-    ([*GOOD, "--sampling-rate", "nan"], 2, "sampling rate nan"),
-    ([*GOOD, "--time", "0", "--sampling-rate", "100"], 2, "not both"),
-    ([*GOOD, "--equilibrium", "foo"], 2, "--equilibrium: 'foo'"),
-    ([*GOOD, "--equilibrium", "5"], 1, "an equilibrium of 5 is outside of the record"),
-    ([*GOOD, "--units", "furlong"], 2, "says rad, but --units says furlong"),
-    (
-        [*GOOD, "--units", "furlong"],
-        2,
-        "none of those that are known (rad, deg, mrad, m, mm, px",
-    ),
-    ([*GOOD, "--decay", "2"], 2, "holds 1 decay; give 1 to 1"),
-    ([*GOOD, "--length", "-1"], 2, "give the pendulum's length in m"),
-    ([*GOOD, "--sampling-rate", "50"], 2, "say 100 Hz, but --sampling-rate says 50 Hz"),
-    ([*GOOD, "--time-units", "fortnight"], 2, "'fortnight' are unknown: give s, ms, us, ns, min, h or d"),
-    ([*GOOD, "--signal", "foo"], 2, "signal 'foo' is unknown"),
-    ([*GOOD, "--time", "7"], 2, "no single column '7'; its columns are 0: time (s), 1: angle (rad)"),
-    ([*GOOD, "--forces", "foo"], 2, "no force 'foo'; it has lambda, zeta"),
-    ([*GOOD, "--forces", ""], 2, "names no force"),
-    ([*GOOD, "--forces", "alpha"], 2, "cannot be separated from the frequency: give --omega0"),
-    ([*GOOD, "--library", "foo"], 2, "There is no library 'foo'"),
-    ([*GOOD, "--library", "good.csv"], 1, "good.csv: not a readable TOML file"),
-    (["forces", "missing.toml"], 2, "There is no library 'missing.toml'"),
-    (["identify", "--units", "deg"], 2, "--units is for a RECORD"),
-    ([*GOOD, "-o", "missing/x.nc"], 1, "missing/x.nc: cannot be written, its folder does not exist"),
-    ([*GOOD, "-o", "good.csv"], 2, "the ending must be .nc"),
-    ([*GOOD, "--plot", "good.csv"], 1, "good.csv is a file"),
-    (["identify", "good.csv", "--angle", "0"], 1, "but time (s), which --angle takes"),
-    (["simulate"], 2, "Missing option '-o'"),
-    (["simulate", "-o", "x.txt"], 2, "the ending must be .csv or .nc"),
-    ([*SIMULATE, "--duration", "1e8"], 2, "change --duration or --sampling-rate"),
-    ([*SIMULATE, "--sampling-rate", "-100"], 2, "--sampling-rate '-100' must be"),
-    ([*SIMULATE, "--reference-frequency", "1e6"], 2, "more than 1,000,000 periods"),
-    ([*SIMULATE, "--angle0", "nan"], 2, "--angle0 'nan' must be a number from -1000 to 1000 rad."),
-    ([*SIMULATE, "--rate0", "inf"], 2, "--rate0 'inf' must be a number from -1e+09 to 1e+09 rad/s."),
-    ([*SIMULATE, "--noise", "1e308"], 2, "--noise '1e+308' must be a number from 0 to 1000 rad."),
-    ([*SIMULATE, "--random-force", "-1"], 2, "--random-force '-1' must be a number from 0 to 1e+09"),
-    ([*SIMULATE, "--set", "zeta=1e-3", "--random-force", "1e9"], 1, "a strong random force"),
-    ([*SIMULATE, "--seed", "-1"], 2, "--seed '-1' must be a whole number, 0 or more."),
-    ([*SIMULATE, "--set", "lambda"], 2, "must be SYMBOL=VALUE"),
-    ([*SIMULATE, "--set", "lambda=x"], 2, "--set lambda: 'x' is not a finite number"),
-    ([*SIMULATE, "--set", "epsilon=1e300"], 2, "larger than 1e+09"),
-    ([*SIMULATE, "--set", "foo=1"], 2, "no force 'foo'"),
-    ([*SIMULATE, "--set", "zeta=1,zeta.s=1"], 2, "no shape parameter 's'"),
-    ([*SIMULATE, "--set", "zeta=-3"], 1, "The motion diverges"),
-]
+# Of each command what it does not take: arguments, exit status, and a part of what is said.
+REFUSALS = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("arguments", "status", "reason"), COMMANDS, ids=lambda a: None)
-def test_command(refused, arguments, status, reason):
-    found, complaint = refused(*arguments)
+@pytest.mark.parametrize(
+    ("command", "arguments", "status", "reason"),
+    [(command, *row) for command, rows in REFUSALS.items() for row in rows],
+)
+def test_command(refused, command, arguments, status, reason):
+    found, complaint = refused(*filter(None, [command]), *shlex.split(arguments))
     assert reason in complaint
     assert found == status
 
@@ -201,7 +139,7 @@ def test_disk_that_fills_up_leaves_no_half_file(refused, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    assert "x.csv: cannot be written (No space left on device)" in refused(*SIMULATE)[1]
+    assert "x.csv: cannot be written (No space left on device)" in refused("simulate", "-o", "x.csv")[1]
 
 
 @pytest.mark.parametrize(
@@ -241,12 +179,6 @@ def test_what_a_method_refuses_names_the_file(folder):
     write_library(folder / "own.toml", z="2*v", g="v")
     said = run("identify", *paths, "--library", folder / "own.toml").complaint
     assert said.startswith("sysid-trib: 0.csv and 1 more: ")
-
-
-def test_one_sample_is_no_plural():
-    assert (
-        "only 1 sample in the window 3:3.001" in run("identify", "good.csv", "--window", "3:3.001").complaint
-    )
 
 
 # One module asked for ends in an interrupt, as if it came while it is imported.

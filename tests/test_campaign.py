@@ -249,23 +249,6 @@ def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
     assert "(its search ended before it had converged)" in ending.out
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        (("--max-effects", "1"), "--max-effects is no option of --task identify"),
-        (("--task", "compare", "--refit"), "--refit is no option of --task compare"),
-        (("--task", "discover", "--random-force", "off"), "--random-force is no option of --task discover"),
-        (("--task", "discover", "--level", "2"), "--level '2' must lie between 0 and 1"),
-    ],
-)
-def test_an_option_that_a_task_does_not_have_is_refused(tmp_path, options, complaint):
-    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
-    ending = run("campaign", file, *options, "-o", tmp_path / "a.zarr")
-    assert complaint in ending.complaint
-    assert ending.status == 2
-    assert not (tmp_path / "a.zarr").exists()
-
-
 def test_a_folder_is_refused_before_a_store_is_made(tmp_path):
     (tmp_path / "data").mkdir()
     said = run("campaign", tmp_path / "data", "-o", tmp_path / "a.zarr")

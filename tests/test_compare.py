@@ -229,20 +229,6 @@ def test_command_json():
     assert found["common_frequency"] == pytest.approx(W, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status", "reason"),
-    [
-        (("nowhere.csv",), 2, "nowhere.csv"),
-        (("--forces", "mu"), 2, "no force 'mu'"),
-        (("--window", ":0.5"), 1, ""),
-    ],
-)
-def test_bad_command(arguments, status, reason):
-    ending = run("compare", *arguments)
-    assert ending.status == status
-    assert reason in ending.complaint
-
-
 def test_the_decay_is_left_as_it_was():
     record = RUN.decay(7)
     before = record.copy(deep=True)

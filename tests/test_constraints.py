@@ -166,51 +166,6 @@ def test_ties_follow_each_other_and_hold_shapes():
 
 
 @pytest.mark.parametrize(
-    ("fix", "bound", "tie", "said"),
-    [
-        (["lambda=nan"], [], [], "finite"),
-        ([], ["zeta=:"], [], "LOW:HIGH"),
-        ([], ["zeta=2:1"], [], "must rise"),
-        ([], ["nu=0:"], ["nu=delta"], "both tied and bounded"),
-        ([], [], ["nu=gamma"], "holds 'gamma'"),
-        ([], [], ["nu=2*delta", "delta=zeta", "zeta=nu"], "in a circle"),
-        ([], [], ["nu=delta^2"], "not a formula"),
-        ([], [], ["nu=__import__('os')"], "holds '__import__'"),
-        ([], [], ["nu=(lambda: 1)()"], "not a formula"),
-    ],
-)
-def test_what_cannot_be_asked_is_refused_in_a_sentence(fix, bound, tie, said):
-    with pytest.raises(UsageError, match=said) as refused:
-        Constraints.from_texts(fix, bound, tie).check(FORCES)
-    assert str(refused.value).endswith(".")
-    assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--fix", "lambda"], "--fix 'lambda' must be of the form lambda=0."),
-        (["--fix", "lambda=x"], "--fix 'lambda=x': 'x' is not a number."),
-        (["--fix", "lambda=0", "--fix", "lambda=1"], "--fix is given twice for lambda; choose one."),
-        (["--fix", "gamma=0"], "No parameter 'gamma' can be constrained; there are lambda, zeta"),
-        (["--bound", "zeta=1"], "--bound 'zeta=1' must be LOW:HIGH, of which one side may be empty."),
-        (["--fix", "nu=1", "--tie", "nu=delta"], "Parameter nu is both tied and fixed; choose one."),
-        (["--tie", "nu=2*nu"], "ties nu to itself; use other parameters."),
-        (["--tie", "nu=delta.__class__"], "holds 'delta.__class__', which is no parameter"),
-        (
-            ["--tie", "zeta=delta**2"],
-            "is not linear in the coefficients, which only a trajectory fit can do.",
-        ),
-        (["--fix", "zeta=2", "--bound", "zeta=0:1"], "outside of its bounds 0:1."),
-    ],
-)
-def test_the_command_refuses_in_a_sentence(options, said):
-    ending = run("identify", *QUICK, *options)
-    assert ending.status == 2
-    assert said in ending.complaint
-
-
-@pytest.mark.parametrize(
     ("method", "asked", "said"),
     [
         (Direct, dict.fromkeys(SIX, 0.0), "leave at least one free"),

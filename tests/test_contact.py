@@ -147,13 +147,6 @@ def test_a_signal_may_be_a_formula_of_columns(tmp_path):
             read_records(path, Reading(angle=text))
 
 
-def test_the_nearest_name_is_offered(tmp_path):
-    time, values = swing()
-    path = write_csv(tmp_path / "swing.csv", time, values, "time (s),Theta (rad)")
-    assert "Did you mean 'theta'?" in run("look", path, "--angle", "thta").err
-    assert "Did you mean 'lambda'?" in run("identify", path, "--forces", "lamda").err
-
-
 @pytest.mark.parametrize(
     ("head", "columns", "signal"),
     [

@@ -206,26 +206,6 @@ def test_runs_that_differ_are_told(folder, tmp_path):
     assert told["p_value"][-1] > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status", "reason"),
-    [
-        (("--forces", "alpha"), 2, "cannot be separated from the frequency"),
-        (("--candidates", "nothing_such"), 2, "no library 'nothing_such'"),
-        (("--max-effects", "-1"), 2, "max-effects"),
-        (("--quiet", "--explain"), 2, "--explain prints more and --quiet prints less: choose one."),
-        (("--holdout", "5"), 2, "--holdout '5' must be START:STOP"),
-        (("--holdout", "5:10"), 2, "must reach to the start or the end"),
-        (("--holdout", "90:"), 1, "holds out nothing"),
-        (("--reference-frequency", "-1"), 2, "--reference-frequency"),
-        (("--window", ":0.5"), 1, ""),
-    ],
-)
-def test_bad_command(arguments, status, reason):
-    ending = run("discover", *arguments)
-    assert ending.status == status
-    assert reason in ending.complaint
-
-
 def test_bad_candidates(folder, tmp_path):
     broken = tmp_path / "broken.toml"
     broken.write_text('[[force]]\nsymbol = "a"\nformula = "__import__(1)"\n', encoding="utf-8")

@@ -136,15 +136,6 @@ def test_shapes_stand_in_table_csv_and_equation(tmp_path):
     assert "{stribeck.s}$ & $0.05$ (held)" in written
 
 
-@pytest.mark.parametrize("warm_up", ["-1", "1"])
-def test_a_decay_has_no_warm_up(warm_up, tmp_path):
-    record = paper_run(FIVE, sampling_rate=50.0, duration=8.0).decay(7)
-    write_csv(tmp_path / "a.csv", record.time, record.angle)
-    refused = run("identify", tmp_path / "a.csv", "--warm-up", warm_up)
-    assert refused.status == 2
-    assert "--window" in refused.err
-
-
 def test_figures_have_the_width_that_is_asked_for(tmp_path):
     path = write_csv(tmp_path / "swing.csv", time=np.arange(0.0, 12.0, 0.02))
     ending = run("backbone", path, "--plot", tmp_path / "figures", "--width", "88")
@@ -153,23 +144,6 @@ def test_figures_have_the_width_that_is_asked_for(tmp_path):
     # Pixels of an image of 300 in an inch, in its header.
     assert int.from_bytes(png[16:20], "big") == int(300 * 88 / 25.4)
     assert "--width '20' must be" in run("backbone", path, "--width", "20").complaint
-
-
-@pytest.mark.parametrize(("flag", "name"), [("--csv", "table.txt"), ("--latex", "table.csv")])
-def test_another_ending_is_refused(tmp_path, flag, name):
-    path = write_csv(tmp_path / "swing.csv")
-    assert "ending must be" in run("identify", path, flag, tmp_path / name).complaint
-
-
-def test_a_table_never_replaces_the_record(tmp_path):
-    path = write_csv(tmp_path / "swing.csv")
-    before = path.read_bytes()
-    assert "with --csv" in run("identify", path, "--csv", path).complaint
-    assert path.read_bytes() == before
-
-
-def test_a_time_limit_must_be_a_time():
-    assert "--time-limit" in run("discover", "--time-limit", "-1").complaint
 
 
 def test_a_displacement_is_written_with_its_unit_and_is_no_angle():

@@ -268,26 +268,6 @@ def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
     assert "warm_up=1.5" in written
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--input", "none"], "there is no single column 'none'"),
-        (["--input", "still"], "the input u is 1 throughout"),
-        (["--input", "missing.csv:b"], "missing.csv does not exist"),
-        (["--input", "u=drive,u=still"], "a name of its own"),
-        (["--input", "x=drive"], "'x' cannot name an input"),
-        (["--input", "drive", "--forces", "zeta,lambda"], "No force holds the input u"),
-        (["--input", "b=drive", "--forces", "gain,zeta"], "No force holds the input b"),
-        (["--input", "drive", "--forces", "gain,zeta", "--between", "steps"], "between 'steps' is unknown"),
-        (["--input", "drive", "--forces", "gain,zeta", "--window", "3:3.001"], "holds 1 samples of 601"),
-    ],
-)
-def test_inputs_that_cannot_be_are_refused_in_a_sentence(table, options, words) -> None:
-    ending = run("identify", table, "--angle", "angle", *options)
-    assert ending.status in (1, 2)
-    assert words in ending.complaint
-
-
 def test_an_input_of_another_length_or_kind_is_refused() -> None:
     record = driven_record(1)
     short = record.drop_vars("u").assign(u=("u_time", record.u.values[:600], record.u.attrs))

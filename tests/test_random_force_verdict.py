@@ -6,7 +6,6 @@ import xarray as xr
 from helpers import correlated_noise, sentences_of
 
 import sysid_trib as st
-from sysid_trib.commands.checks import parse_random_force
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.printing.identification import identification_blocks
@@ -140,14 +139,6 @@ def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
         data = identification_json(tree)
         assert (data["verdict"], data["random_force"], data["innovations"]) == (verdict, None, None)
         assert "random_force" not in tree.children
-
-
-@pytest.mark.parametrize("text", ["much", "-1", "nan", "1e30", ""])
-def test_the_command_line_refuses_what_is_no_density(text):
-    with pytest.raises(UsageError, match="auto, estimated, off, or a density"):
-        parse_random_force(text)
-    assert parse_random_force(" 1e-4") == 1e-4
-    assert (parse_random_force("auto"), parse_random_force("off")) == ("auto", "off")
 
 
 def coloured(model, seed, density=0.0, time=TIME):

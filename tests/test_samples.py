@@ -122,20 +122,6 @@ def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     assert data["coefficients"]["zeta"]["second_between_runs"] is not None
 
 
-@pytest.mark.parametrize("given", [["a.csv"], ["a.csv", "b.csv", "c.csv"], [":", "a.csv"], ["a.csv", ":"]])
-def test_a_command_without_two_samples_says_how_they_are_given(given):
-    ending = command("difference", *given)
-    assert ending.status == 2
-    assert "two samples: A.csv B.csv" in ending.err
-
-
-def test_a_record_in_both_samples_is_refused(tmp_path):
-    RUN.decay(1).to_dataframe().to_csv(tmp_path / "a.csv")
-    ending = command("difference", str(tmp_path / "a.csv"), ":", str(tmp_path / "a.csv"))
-    assert ending.status == 2
-    assert "in both samples" in ending.err
-
-
 def in_mm(seed):
     """The record as a displacement: 900 mm a radian."""
     decay = RUN.decay(seed)
