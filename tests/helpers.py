@@ -11,8 +11,9 @@ from scipy.stats import binom, chi2
 from sysid_trib import Model, load_library
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
+from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.printing.blocks import Layer
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.simulate import simulate, trajectory
 
 Array = NDArray[np.float64]
 
@@ -67,11 +68,32 @@ def paper_run(
     return Run(Model(load_library(), coefficients, W), time)
 
 
-def decay(time: Array, angle: Array, seed: int | None = None, noise: float = NOISE) -> xr.Dataset:
+def decay(
+    time: Array, angle: Array, seed: int | None = None, noise: float = NOISE, units: str | None = None
+) -> xr.Dataset:
     """Dataset with `angle(time)`, with white noise if there is a seed."""
     if seed is not None:
         angle = angle + noise * np.random.default_rng(seed).standard_normal(len(angle))
-    return xr.Dataset({"angle": ("time", angle)}, {"time": time})
+    return xr.Dataset({"angle": ("time", angle, {"units": units} if units else {})}, {"time": time})
+
+
+def measured(
+    model: Model, time: Array, start: float = 0.3, *, noise: float = NOISE, seed: int = 0, **simulated: object
+) -> xr.Dataset:
+    """A simulated record, the angle alone, in white noise."""
+    angle = simulate(model, time, start, seed=seed, **simulated).angle.values
+    return decay(time, angle, seed, noise)
+
+
+def density_that_wanders(levels: float, noise: float, time: Array, w: float) -> float:
+    """Density of a random force that lets an angle wander by so many noise levels until the end."""
+    return RandomForce.density_of(2.0 * (levels * noise) ** 2 / (w * time[-1]), w)
+
+
+def scores(result: xr.Dataset, truth: Mapping[str, float]) -> Array:
+    """Errors of coefficients over those that are stated."""
+    result = result.sel(force=list(truth))
+    return (result.coefficient.values - list(truth.values())) / result.standard_error.values
 
 
 def library_of_formulas(**formulas: str) -> ForceLibrary:

@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import xarray as xr
 from helpers import (
     FIVE,
     SIX,
@@ -18,11 +17,9 @@ from helpers import (
     values,
 )
 
-import sysid_trib as st
 from sysid_trib import Model, load_library
-from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
-from sysid_trib.methods import Averaging, EnergyDecay, FeenyLiang, FrequencyShift, WuDecrement
+from sysid_trib.errors import UsageError
+from sysid_trib.methods import Averaging
 from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
 from sysid_trib.results.references import with_contactless_frequency
 
@@ -113,121 +110,9 @@ def test_contactless_frequency_needs_a_force_of_formula_x():
         with_contactless_frequency(result, 8.87)
 
 
-def test_forces_of_one_signature_are_refused_by_name():
-    library = library_of_formulas(zeta="2*v", delta="v*abs(v)", positional="x**2*sign(v)")
-    with pytest.raises(DecayError, match="cannot tell apart delta and positional"):
-        Averaging().identify(paper_run(FIVE).decay(0), library)
-
-
-def test_a_force_without_signature_is_refused_by_name():
-    library = library_of_formulas(zeta="2*v", even="x**2")
-    with pytest.raises(DecayError, match="even has no signature"):
-        Averaging().identify(paper_run(FIVE).decay(0), library)
-
-
-def test_too_few_half_periods_are_refused():
-    run = paper_run(FIVE)
-    short = Run(run.model, run.time[:140])
-    with pytest.raises(DecayError, match="cannot decide 5 forces"):
-        Averaging().identify(short.decay(0), FORCES)
-
-
-def test_unknown_rule_is_refused():
-    with pytest.raises(UsageError, match="neither 'fit' nor 'last'"):
-        Averaging(frequency="first")
-
-
 def test_a_force_with_both_signatures_is_one_unknown():
     library = library_of_formulas(zeta="2*v", tilted="x*abs(x) + v*abs(v)")
     run = Run(Model(library, {"zeta": 0.005, "tilted": 0.05}, W), paper_run().time)
     result = Averaging().identify(run.decay(), library)
     np.testing.assert_allclose(result.coefficient.values, [0.005, 0.05], rtol=2e-3)
     assert result.reference_frequency.item() == pytest.approx(W, rel=1e-5)
-
-
-NOISE = 2e-4
-TIME = np.arange(1200) * 2.0 * np.pi / W / 60
-LIBRARY = library_of_formulas(zeta="2*v", delta="v*abs(v)")
-TRUTH = {"zeta": 2e-3, "delta": 2e-2}
-# Five noise levels of wander at the end.
-DENSITY = RandomForce.density_of(2.0 * (5.0 * NOISE) ** 2 / (W * TIME[-1]), W)
-
-
-def pushed_decay(density, seed, truth=TRUTH):
-    model = st.Model(LIBRARY, truth, W)
-    angle = st.simulate(model, TIME, angle=0.3, random_force=density, seed=seed).angle
-    return xr.Dataset({"angle": angle + NOISE * np.random.default_rng(seed).standard_normal(len(TIME))})
-
-
-@pytest.mark.slow
-def test_averaging_tells_the_two_noises_apart():
-    scores, ratios = [], []
-    for seed in range(4):
-        record = pushed_decay(DENSITY, seed)
-        result = Averaging(random_force="estimated").identify(record, LIBRARY)
-        scores.append((result.coefficient - list(TRUTH.values())) / result.standard_error)
-        force = random_force_of(result)
-        assert force.p_value < 1e-4
-        ratios.append(force.density / DENSITY)
-    assert result.noise.item() == pytest.approx(NOISE, rel=0.1)
-    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
-    # Each is known to a quarter.
-    assert np.mean(ratios) == pytest.approx(1.0, abs=0.3)
-    assert result.birge_ratio.item() == pytest.approx(1.0, abs=0.1)
-    plain = Averaging().identify(record, LIBRARY)
-    assert (plain.standard_error < 0.7 * result.standard_error).all()
-
-
-def test_without_a_random_force_the_result_is_that_of_off():
-    absent = 0
-    for seed in range(4):
-        plain, auto = (
-            Averaging(random_force=option).identify(pushed_decay(0.0, seed), LIBRARY)
-            for option in ("off", "estimated")
-        )
-        if force := random_force_of(auto):
-            assert force.p_value > 0.01
-            assert np.abs((auto.coefficient - plain.coefficient) / plain.standard_error).max() < 0.5
-        else:
-            absent += 1
-            xr.testing.assert_identical(auto.drop_attrs(deep=False), plain.drop_attrs(deep=False))
-    assert absent
-
-
-@pytest.mark.in_full
-@pytest.mark.parametrize("method", [FeenyLiang, EnergyDecay, WuDecrement], ids=lambda m: m.__name__)
-def test_decrements_have_errors_of_a_motion_that_is_pushed(method):
-    truth = {"lambda": 1e-3, "zeta": 2e-3}
-    library = library_of_formulas(**{"lambda": "sign(v)", "zeta": "2*v"})
-    model, scores = st.Model(library, truth, W), []
-    for seed in range(4):
-        angle = st.simulate(model, TIME[:600], angle=0.3, random_force=DENSITY, seed=seed).angle
-        record = xr.Dataset({"angle": angle + NOISE * np.random.default_rng(seed).standard_normal(600)})
-        result = method(random_force="estimated").identify(record, library)
-        assert 0.2 < random_force_of(result).density / DENSITY < 5.0
-        scores.append((result.coefficient - list(truth.values())) / result.standard_error)
-    assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 1.8
-
-
-def test_the_papers_rule_takes_no_random_force():
-    with pytest.raises(UsageError, match="frequency='last' takes no random_force"):
-        Averaging(frequency="last", random_force=1e-4)
-
-
-@pytest.mark.parametrize("method", [Averaging, FeenyLiang, FrequencyShift], ids=lambda m: m.__name__)
-def test_no_density_is_refused(method):
-    with pytest.raises(UsageError, match="random_force"):
-        method(random_force="maybe")
-
-
-def test_a_frequency_that_the_wander_hides_is_asked_for():
-    truth = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
-    model = st.Model(st.load_library("contact_forces").select(truth), truth, W)
-    # The swing loses 4 % of its amplitude, and wanders by twenty noise levels.
-    angle = st.simulate(model, TIME, angle=0.3, random_force=16.0 * DENSITY, seed=18).angle
-    record = xr.Dataset({"angle": angle + NOISE * np.random.default_rng(18).standard_normal(len(TIME))})
-    with pytest.raises(DecayError, match=r"give it \(reference_frequency=\)"):
-        Averaging(random_force="estimated").identify(record, model.library)
-    result = Averaging(random_force="estimated", reference_frequency=W).identify(record, model.library)
-    gaps = (result.coefficient - list(truth.values())) / result.standard_error
-    assert np.abs(gaps).max() < 3.0

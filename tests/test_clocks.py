@@ -43,16 +43,6 @@ def test_a_clock_that_is_coarser_than_the_sampling(tmp_path, texts, said):
     assert "left out" not in record.attrs["clock"]
 
 
-@pytest.mark.parametrize("at_once", [0.001, 0.0])
-def test_packets_that_come_late(tmp_path, at_once):
-    row = np.arange(TIME.size)
-    late = 0.03 * np.random.default_rng(1).random(TIME.size)[row // 8]
-    stamps = row // 8 * (8.0 / RATE) + at_once * (row % 8) + late
-    record = read_record(written(tmp_path / "r.csv", [f"{t:.4f}" for t in stamps]))
-    holds(record, 2e-3)
-    assert "packets" in record.attrs["clock"]
-
-
 def test_bursts_with_gaps_between_them_are_no_packets(tmp_path):
     stamps = TIME + np.arange(TIME.size) // 100 * 9.3
     values = 20.0 * np.exp(-0.001 * stamps) * np.cos(2.0 * np.pi * stamps / PERIOD)
@@ -64,28 +54,6 @@ def test_bursts_with_gaps_between_them_are_no_packets(tmp_path):
 def test_a_clock_that_stands_still_for_a_swing_is_refused(tmp_path):
     with pytest.raises(RecordError, match="most time stamps are repeated"):
         read_record(written(tmp_path / "r.csv", [f"{t:.0f}" for t in TIME]))
-
-
-def test_of_two_clocks_the_finer_one_is_taken(tmp_path):
-    texts = [f"16:04:{20 + t:06.3f},{np.floor(10 * t) / 10:.1f}" for t in TIME]
-    record = read_record(written(tmp_path / "r.csv", texts, "Timestamp,Elapsed (s),angle (deg)"))
-    holds(record)
-    assert record.attrs["time_column"] == "Timestamp"
-
-
-@pytest.mark.parametrize("first", [44000.512345, 737791.512345])
-def test_days_of_a_calendar(tmp_path, first):
-    record = read_record(written(tmp_path / "r.csv", [f"{first + t / 86400.0:.11f}" for t in TIME]))
-    holds(record, 0.02)
-    assert "time in days" in record.attrs["reading"]
-
-
-@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("d", 1.0 / 86400.0)])
-def test_a_period_that_no_laboratory_has_is_asked_about(tmp_path, unit, factor):
-    path = written(tmp_path / "r.csv", [f"{factor * t:.13g}" for t in TIME])
-    with pytest.raises(RecordError, match=r"nothing states the unit of its times.*--time-units"):
-        read_record(path)
-    holds(read_record(path, time_units=unit))
 
 
 @pytest.mark.parametrize("count", ["samples", "samples of 8 bits", "packets"])

@@ -2,81 +2,16 @@
 
 import json
 import re
-import shlex
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import xarray as xr
 from command_line import run, write_csv
 
-from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.errors import UsageError
 from sysid_trib.records.free_decay import free_decays
-from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
-
-# Decays of a file, where it holds several.
-DECAYS = {"07_gyroscope.csv": 2, "23_five_plucks.csv": 5, "27_gaps.csv": 2, "39_two_runs.csv": 2}
-# A potentiometer's volts are a displacement in V: its calibration stands in a comment alone.
-QUANTITIES = {"15_potentiometer_volts.txt": "displacement"}
-
-
-@pytest.fixture(scope="module")
-def files(data_folder, tmp_path_factory):
-    """The folder of the files, and what is right of each."""
-    maker = data_folder.parent / "contact" / "make_files.py"
-    if not maker.is_file():
-        pytest.skip(f"{maker} is absent: the generator of lab files is not part of the package.")
-    folder = tmp_path_factory.mktemp("contact")
-    subprocess.run([sys.executable, "-W", "ignore", str(maker), str(folder)], check=True, capture_output=True)
-    return folder, json.loads((folder / "expected.json").read_text(encoding="utf-8"))
-
-
-def read(folder, name, right):
-    """The records of a file and their decays, with the options that it needs."""
-    words = shlex.split(right["options"])
-    options = {
-        key.strip("-").replace("-", "_"): value for key, value in zip(words[::2], words[1::2], strict=True)
-    }
-    records = read_records(folder / name, Reading(**options))
-    return records, [decay for record in records for decay in free_decays(record)]
-
-
-@pytest.mark.slow
-def test_what_can_be_read_is_read_as_what_it_is(files):
-    folder, expected = files
-    wrong = []
-    for name, right in expected.items():
-        if right["outcome"] != "identify":
-            continue
-        records, decays = read(folder, name, right)
-        attrs = records[0].attrs
-        seen = (attrs["signal"], attrs["angle_unit_in_file"], len(decays))
-        quantity = QUANTITIES.get(name, right["quantity"])
-        if seen != (quantity, right["unit"], DECAYS.get(name, 1)):
-            wrong.append(f"{name}: {seen}")
-        period = dominant_periods(decays[-1].time.values, decays[-1].angle.values)[0]
-        if abs(period / right["period"] - 1.0) > 0.03:
-            wrong.append(f"{name}: period {period:.4g} s, not {right['period']:.4g} s")
-    assert not wrong
-
-
-@pytest.mark.slow
-def test_what_cannot_is_refused_by_its_cause(files):
-    folder, expected = files
-    for name, right in expected.items():
-        if right["outcome"] == "identify":
-            continue
-        with pytest.raises(SysidTribError) as refusal:
-            read(folder, name, right)
-        message = str(refusal.value)
-        assert "\n" not in message
-        if right["outcome"] == "refuse":
-            assert any(word in message.lower() for word in right["keywords"]), message
-        else:
-            assert sum(column in message for column in right["columns"]) >= 2, message
 
 
 def test_look_says_what_was_understood_and_what_comes_next(tmp_path):
@@ -131,43 +66,6 @@ def test_systems_are_data(tmp_path):
     assert load_system(str(path)).symbols == ("zeta",)
 
 
-def test_a_signal_may_be_a_formula_of_columns(tmp_path):
-    time, values = swing()
-    path = tmp_path / "film.csv"
-    table = zip(time, 3.1 + 0.6 * np.sin(values), -0.6 * np.cos(values), 500 + 87.0 * values, strict=True)
-    rows = "\n".join(",".join(f"{value:.9g}" for value in row) for row in table)
-    path.write_text(f"t (s),x (m),y (m),pot\n{rows}\n", encoding="utf-8")
-    (record,) = read_records(path, Reading(angle="atan2(x - 3.1, -y)"))
-    np.testing.assert_allclose(record["angle"], values, atol=1e-6)
-    assert record["angle"].attrs["units"] == "rad"
-    (record,) = read_records(path, Reading(angle="(pot - 500)/87", units="rad"))
-    np.testing.assert_allclose(record["angle"], values, atol=1e-6)
-    for text in ("pot - z", "__import__('os')", "atan2(x)", "2*3", "x - (y"):
-        with pytest.raises(UsageError):
-            read_records(path, Reading(angle=text))
-
-
-@pytest.mark.parametrize(
-    ("head", "columns", "signal"),
-    [
-        ("time,angle,angular velocity", "xv", "angle"),
-        ("time,ax,gy", "av", "rate"),
-        ("No.,Time (s),Angle (rad)", "nx", "angle"),
-        ("t,drive,response", "0x", "angle"),
-    ],
-)
-def test_columns_as_laboratories_name_them(tmp_path, head, columns, signal):
-    time, values = swing()
-    kinds = {"x": values, "v": np.gradient(values, time), "a": -64.0 * values, "0": 1e-4 * time % 3e-4}
-    table = [time, *(kinds[k] for k in columns)] if columns != "nx" else [np.arange(time.size), time, values]
-    path = tmp_path / "lab.csv"
-    rows = "\n".join(",".join(f"{value:.6g}" for value in row) for row in zip(*table, strict=True))
-    path.write_text(f"{head}\n{rows}\n", encoding="utf-8")
-    (record,) = read_records(path)
-    assert record.attrs["signal"] == signal
-    assert dominant_periods(record.time.values, record.angle.values)[0] == pytest.approx(0.785, rel=0.02)
-
-
 def swing(samples=2000, seed=3):
     time = np.arange(samples) / 100.0
     angle = 0.4 * np.exp(-0.05 * time) * np.cos(8.0 * time)
@@ -194,20 +92,6 @@ def test_a_length_makes_an_angle(tmp_path):
     (record,) = read_records(path, Reading(length=1.18))
     assert record["angle"].attrs["units"] == "rad"
     np.testing.assert_allclose(record["angle"], values, atol=1e-8)
-
-
-def test_jitter_is_no_rounding(tmp_path):
-    time = np.arange(2000) / 30.0 + np.random.default_rng(0).uniform(-0.004, 0.004, 2000)
-    path = tmp_path / "film.csv"
-    rows = "\n".join(f"{t:.6f},{0.4 * np.exp(-0.01 * t) * np.cos(4.0 * t):.7f}" for t in time)
-    path.write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
-    (record,) = read_records(path)
-    np.testing.assert_allclose(record["time"], time, atol=1e-6)
-    assert "jitter" in record.attrs["clock"]
-    (decay,) = free_decays(record)
-    assert "uneven steps: interpolated to" in decay.attrs["free_decay"]
-    exact = 0.4 * np.exp(-0.01 * decay.time) * np.cos(4.0 * decay.time)
-    assert np.abs(decay.angle + decay.equilibrium - exact).max() < 1e-5
 
 
 @pytest.mark.parametrize(("unit", "power"), [("rad/s", 1), ("rad/s^2", 2)])
@@ -253,13 +137,3 @@ def test_a_swing_that_ends_in_the_noise_is_not_said_to_end_by_a_hand(tmp_path):
     (decay,) = free_decays(as_record(time, values))
     assert "lost in the noise" in decay.attrs["free_decay"]
     assert "hand" not in decay.attrs["free_decay"]
-
-
-def test_an_angle_that_was_cut_at_a_whole_turn_does_not_grow(tmp_path):
-    time, values = swing()
-    wrapped = (np.degrees(2.0 * values) + 180.0 + 180.0) % 360.0 - 180.0
-    path = write_csv(tmp_path / "upright.csv", time, wrapped, "time (s),angle (deg)")
-    said = run("look", path)
-    assert said.status == 0
-    assert "put together again where it was cut at a whole turn" in said.out
-    assert "grows" not in said.out + said.err

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import FIVE, SIX, Run, W, decay, library_of_formulas, paper_run, rms, rms_range
+from helpers import FIVE, SIX, Run, W, decay, paper_run, rms, rms_range
 from hypothesis import given, settings, strategies as st
 
 from sysid_trib import Model, load_library
@@ -88,32 +88,6 @@ def test_standard_errors_tell_the_scatter(case):
     low, high = rms_range(SEEDS)
     assert np.all((rms(pulls) > low) & (rms(pulls) < high))
     assert 0.9 < np.mean(birge_ratios) < 1.1
-
-
-@pytest.mark.parametrize(
-    ("method", "formulas", "sentence"),
-    [
-        (LogarithmicDecrement(), {"solid": "sign(v)"}, "wants a force of formula 2\\*v, and the library has"),
-        (LinearDecrement(), {"viscous": "2*v"}, "wants a force of formula sign\\(v\\)"),
-        (FeenyLiang(), {"viscous": "2*v"}, "wants a force of formula sign\\(v\\)"),
-        (EnergyDecay(), {"solid": "sign(v)"}, "wants a force of formula 2\\*v"),
-        (QuadraticDecay(), {"viscous": "2*v"}, "wants a force of formula v\\*abs\\(v\\)"),
-        (WuDecrement(), {"solid": "sign(v)", "mixed": "abs(x)*v"}, "wants a power of the speed beside"),
-        (FrequencyShift(), {"viscous": "2*v", "linear": "x"}, "wants a nonlinear conservative force"),
-        (WindowedERA(), {"solid": "sign(v)"}, "wants a force of formula 2\\*v"),
-    ],
-    ids=lambda value: type(value).__name__,
-)
-def test_what_does_not_apply_is_told_in_a_sentence(method, formulas, sentence):
-    with pytest.raises(DecayError, match=sentence):
-        method.identify(paper_run().decay(0), library_of_formulas(**formulas))
-
-
-def test_a_short_record_is_refused():
-    short = paper_run({"zeta": 0.0097}, duration=1.6).decay(0)
-    for method in (FeenyLiang(), WuDecrement(), EnergyDecay(), FrequencyShift(), WindowedERA()):
-        with pytest.raises(DecayError, match="give a longer record"):
-            method.identify(short, FORCES)
 
 
 def test_a_steady_amplitude_tells_no_shift_of_the_frequency():

@@ -11,7 +11,6 @@ from helpers import (
     W,
     correlated_noise,
     decay,
-    library_of_formulas,
     over_seeds,
     paper_run,
     rms,
@@ -21,7 +20,6 @@ from helpers import (
 )
 
 from sysid_trib import Model
-from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
@@ -180,20 +178,3 @@ def test_correlated_noise_is_allowed_for():
         pulls.append((values(result, FIVE) - list(FIVE.values())) / result.standard_error.values)
     assert min(lags) > 0
     assert np.all(rms(pulls) < 1.25 * rms_range(20)[1])
-
-
-def test_forces_that_are_the_same_are_refused_by_name():
-    library = library_of_formulas(zeta="2*v", viscous="v", delta="v*abs(v)")
-    with pytest.raises(DecayError, match="zeta and viscous are the same force"):
-        Direct(W).identify(paper_run().decay(0), library)
-
-
-def test_too_short_a_record_is_refused():
-    run = paper_run()
-    with pytest.raises(DecayError):
-        Direct(W).identify(Run(run.model, run.time[:30]).decay(0), run.model.library)
-
-
-def test_unknown_form_is_refused():
-    with pytest.raises(UsageError, match="neither 'weak' nor 'strong'"):
-        Direct(form="medium")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
+from helpers import decay, density_that_wanders
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
@@ -14,15 +14,11 @@ FORCES = st.load_library("contact_forces").select(["lambda", "zeta", "delta"])
 MODEL = st.Model(FORCES, {"lambda": 3e-4, "zeta": 5e-5, "delta": 2e-3}, W)
 TIME = np.arange(700) * 2.0 * np.pi / W / 40
 # Five noise levels of wander at the end.
-DENSITY = RandomForce.density_of(2.0 * (5.0 * NOISE) ** 2 / (W * TIME[-1]), W)
+DENSITY = density_that_wanders(5.0, NOISE, TIME, W)
 
 
 def measured(angle, seed=0):
-    values = np.asarray(angle)
-    return xr.Dataset(
-        {"angle": ("time", values + NOISE * np.random.default_rng(seed).standard_normal(len(values)))},
-        {"time": TIME[: len(values)]},
-    )
+    return decay(TIME, np.asarray(angle), seed, NOISE)
 
 
 def identified(decay, random_force, forces=FORCES):

@@ -22,8 +22,10 @@ scope_keysight physics_toolbox repeated_header hum excel.xlsx excel_times.xlsx t
 """
 
 
-@pytest.mark.parametrize("name", ONCE_WRONG.split())
-def test_what_was_once_read_wrongly(name, tmp_path):
+@pytest.mark.parametrize(
+    "name", [pytest.param(k, marks=[pytest.mark.slow] * (k not in ONCE_WRONG.split())) for k in KINDS]
+)
+def test_every_kind_is_read_as_what_it_is(name, tmp_path):
     assert drawn(name, tmp_path, seed=1, number=0)[1] == ""
 
 

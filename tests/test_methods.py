@@ -6,13 +6,13 @@ from inspect import signature
 import numpy as np
 import pytest
 from command_line import run
-from helpers import FIVE, paper_run
+from helpers import FIVE, library_of_formulas, paper_run
 
 import sysid_trib as st
 from sysid_trib import load_library, methods
 from sysid_trib.commands.campaign import CampaignOptions
-from sysid_trib.errors import UsageError
-from sysid_trib.methods import METHODS, Averaging, Trajectory, method_of
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.methods import METHODS, Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import MethodScope, scope_of
 from sysid_trib.plots.compared import FAMILY_MARKS
 from sysid_trib.validation.compare import every_method
@@ -75,6 +75,77 @@ def test_a_method_from_elsewhere_cannot_be_made_again():
     assert method_of(result) == methods.Direct()
     with pytest.raises(UsageError, match="'froude' is no method of this package"):
         method_of(result.assign_attrs(method="froude"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "sentence"),
+    [
+        (Averaging, {"frequency": "first"}, "neither 'fit' nor 'last'"),
+        (Averaging, {"frequency": "last", "random_force": 1e-4}, "frequency='last' takes no random_force"),
+        (Direct, {"form": "medium"}, "neither 'weak' nor 'strong'"),
+        (Direct, {"form": "strong", "random_force": 1e-4}, "form='weak'"),
+        (Trajectory, {"noise": "pink"}, "coloured"),
+        (Trajectory, {"noise": "coloured", "random_force": 1e-4}, "noise='white'"),
+        (Direct, {"random_force": "maybe"}, "random_force"),
+        (Trajectory, {"random_force": -1.0}, "random_force"),
+        (methods.FeenyLiang, {"random_force": float("nan")}, "random_force"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(kind, options, sentence):
+    with pytest.raises(UsageError, match=sentence):
+        kind(**options)
+
+
+SPEED = {"zeta": "2*v", "delta": "v*abs(v)"}
+
+
+@pytest.mark.parametrize(
+    ("method", "formulas", "sentence"),
+    [
+        (Averaging(), SPEED | {"positional": "x**2*sign(v)"}, "cannot tell apart delta and positional"),
+        (Averaging(), {"zeta": "2*v", "even": "x**2"}, "even has no signature"),
+        (Direct(9.91), SPEED | {"viscous": "v"}, "zeta and viscous are the same force"),
+        (Trajectory(5.0), {"zeta": "2*v"}, "follows"),
+        (
+            methods.LogarithmicDecrement(),
+            {"solid": "sign(v)"},
+            r"wants a force of formula 2\*v",
+        ),
+        (methods.LinearDecrement(), {"viscous": "2*v"}, r"wants a force of formula sign\(v\)"),
+        (methods.FeenyLiang(), {"viscous": "2*v"}, r"wants a force of formula sign\(v\)"),
+        (methods.EnergyDecay(), {"solid": "sign(v)"}, r"wants a force of formula 2\*v"),
+        (methods.QuadraticDecay(), {"viscous": "2*v"}, r"wants a force of formula v\*abs\(v\)"),
+        (
+            methods.WuDecrement(),
+            {"solid": "sign(v)", "mixed": "abs(x)*v"},
+            "wants a power of the speed",
+        ),
+        (methods.FrequencyShift(), {"viscous": "2*v", "linear": "x"}, "wants a nonlinear conservative force"),
+        (methods.WindowedERA(), {"solid": "sign(v)"}, r"wants a force of formula 2\*v"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_forces_that_a_method_cannot_tell_are_refused_in_a_sentence(method, formulas, sentence):
+    with pytest.raises(DecayError, match=sentence):
+        method.identify(paper_run(FIVE, duration=10.0).decay(0), library_of_formulas(**formulas))
+
+
+@pytest.mark.parametrize(
+    ("method", "duration", "sentence"),
+    [
+        (Averaging(), 1.4, "cannot decide 5 forces"),
+        (Direct(9.91), 0.3, ""),
+        *(
+            (kind(), 1.6, "give a longer record")
+            for kind in (methods.FeenyLiang, methods.WuDecrement, methods.EnergyDecay)
+        ),
+        *((kind(), 1.6, "give a longer record") for kind in (methods.FrequencyShift, methods.WindowedERA)),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_short_record_is_refused(method, duration, sentence):
+    with pytest.raises(DecayError, match=sentence):
+        method.identify(paper_run(FIVE, duration=duration).decay(0), load_library())
 
 
 @pytest.fixture(scope="module")

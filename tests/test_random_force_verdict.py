@@ -1,13 +1,13 @@
 """Is a random force one: its dependence on angle, speed, amplitude and time, and what is said of it."""
 
+import helpers
 import numpy as np
 import pytest
 import xarray as xr
-from helpers import correlated_noise, sentences_of
+from helpers import correlated_noise, density_that_wanders, measured, sentences_of
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.json_results import identification_json
 from sysid_trib.printing.verdict import verdict_sentence
@@ -19,14 +19,9 @@ MODEL = st.Model(FORCES, TRUTH, W)
 TIME = np.arange(500) * 2.0 * np.pi / W / 25
 
 
-def density_of(wander):
-    """Density that lets the angle wander by so many noise levels at the end."""
-    return RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * TIME[-1]), W)
-
-
-def measured(model, density=0.0, seed=0, time=TIME):
-    angle = st.simulate(model, time, 0.3, random_force=density, seed=seed).angle
-    return xr.Dataset({"angle": angle + NOISE * np.random.default_rng(seed).standard_normal(len(time))})
+def pushed_record(model, wander=0.0, seed=0, time=TIME):
+    density = density_that_wanders(wander, NOISE, time, W)
+    return measured(model, time, noise=NOISE, seed=seed, random_force=density)
 
 
 def identified(decay, forces=FORCES, random_force="estimated"):
@@ -36,7 +31,7 @@ def identified(decay, forces=FORCES, random_force="estimated"):
 
 @pytest.fixture(scope="module")
 def pushed():
-    decay = measured(MODEL, density_of(5.0), 3)
+    decay = pushed_record(MODEL, 5.0, 3)
     return decay, identified(decay)
 
 
@@ -44,7 +39,7 @@ def pushed():
 def test_a_random_force_alone_depends_on_nothing():
     values = []
     for seed in range(4):
-        decay = measured(MODEL, density_of(5.0), seed)
+        decay = pushed_record(MODEL, 5.0, seed)
         values.append(st.validation.random_force_dependence(decay, identified(decay)))
     tested = xr.concat(values, "seed")
     assert (tested.p_value > 0.01).all()
@@ -64,7 +59,7 @@ def test_a_force_that_is_left_out_shows_on_what_it_depends(symbol, coefficient, 
     whole = {f.symbol: f for name in ("contact_forces", "candidate_effects") for f in st.load_library(name)}
     kept = FORCES.select(["zeta", "delta"])
     library = st.forces.ForceLibrary("whole", (*kept, whole[symbol]))
-    decay = measured(st.Model(library, {"zeta": 5e-3, "delta": 2e-3, symbol: coefficient}, W))
+    decay = pushed_record(st.Model(library, {"zeta": 5e-3, "delta": 2e-3, symbol: coefficient}, W))
     result = identified(decay, kept)
     tested = st.validation.random_force_dependence(decay, result)
     assert tested.p_value < 1e-6
@@ -80,9 +75,7 @@ def test_a_size_that_follows_the_amplitude_is_seen():
     last = pushed.isel(time=500)
     rest = st.simulate(model, time[500:], last.angle.item(), last.rate.item()).angle
     angle = np.concatenate([pushed.angle.values[:500], rest.values])
-    decay = xr.Dataset(
-        {"angle": ("time", angle + NOISE * np.random.default_rng(1).standard_normal(1500))}, {"time": time}
-    )
+    decay = helpers.decay(time, angle, 1, NOISE)
     tested = st.validation.random_force_dependence(decay, identified(decay, FORCES.select(["zeta"])))
     assert tested.dependence_p_value.sel(aspect="size", on="amplitude") < 1e-4
     assert tested.p_value < 1e-3
@@ -120,7 +113,7 @@ def test_a_cross_check_says_that_a_random_force_explains(checked):
 @pytest.mark.slow
 def test_a_cross_check_says_that_a_force_is_missing():
     damped = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 5e-3, "delta": 5e-2}, W)
-    decay = measured(damped)
+    decay = pushed_record(damped)
     library = damped.library.select(["zeta"])
     tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library), draws=1)
     assert tree["comparison"].attrs["verdict_on_record"] == "approximate"
@@ -133,7 +126,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
 
 @pytest.mark.slow
 def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
-    free = measured(MODEL)
+    free = pushed_record(MODEL)
     for decay, verdict in ((free, "explained"), (pushed[0], "approximate")):
         tree = st.cross_check(decay, *[identified(decay, random_force="off")] * 2, draws=1)
         data = identification_json(tree)
@@ -165,5 +158,5 @@ def test_the_verdict_in_coloured_noise(wander, symbol, coefficient, verdict):
     further = [] if symbol is None else [st.load_library("candidate_effects")[symbol]]
     library = st.forces.ForceLibrary("whole", (*FORCES, *further))
     model = st.Model(library, TRUTH | {force.symbol: coefficient for force in further}, W)
-    density = RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * time[-1]), W)
+    density = density_that_wanders(wander, NOISE, time, W)
     assert direct_verdict(coloured(model, 2, density, time)) == verdict

@@ -91,41 +91,6 @@ def test_any_text_table_is_read_as_written(tmp_path_factory, delimiter, decimal,
 
 
 @pytest.mark.parametrize(
-    ("header", "options"),
-    [
-        ("time,angle (deg)", {}),
-        ("time,Angle [°]", {}),
-        ("time,angle", {"units": "deg"}),
-        ("time,angle (°)", {"units": "deg"}),
-    ],
-)
-def test_degrees(tmp_path, header, options):
-    path = written(tmp_path, table(header=header, angle=np.degrees(ANGLE)))
-    np.testing.assert_allclose(read_record(path, **options)["angle"], ANGLE, atol=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("header", "unit"),
-    [
-        ("time,gz (deg/s)", "rad/s"),
-        ("time,gz_deg_per_s", "rad/s"),
-        ("time,Gyro Z [°/s]", "rad/s"),
-        ("time,speed (mm/s)", "mm/s"),
-    ],
-)
-def test_a_rate_is_read_as_a_rate(tmp_path, header, unit):
-    record = read_record(written(tmp_path, table(header=header)))
-    assert record.attrs["signal"] == "rate"
-    assert record["rate"].attrs["units"] == unit
-    assert "integrated once" in record.attrs["integration"]
-
-
-@pytest.mark.parametrize("header", ["time,angle (deg)", "t / s,phi / rad", "time_s,roll_m", "time,angles"])
-def test_an_angle_is_not_taken_for_a_rate(tmp_path, header):
-    assert "rate" not in read_record(written(tmp_path, table(header=header)))
-
-
-@pytest.mark.parametrize(
     ("header", "options", "reason"),
     [
         ("time,angle (rad)", {"units": "deg"}, r"angle \(rad\) says rad, but --units says deg \(units="),
@@ -228,16 +193,6 @@ def test_matlab_7_3(tmp_path):
     holds(read_record(path, time="t", angle="Y[0]"))
 
 
-def test_excel(tmp_path):
-    path = tmp_path / "run.xlsx"
-    pd.DataFrame({"Time (ms)": 1000 * TIME, "angle (deg)": np.degrees(ANGLE)}).to_excel(path, index=False)
-    holds(read_record(path))
-    pd.DataFrame([["pendulum", None], [None, None], *zip(TIME, ANGLE, strict=True)]).to_excel(
-        path, index=False, header=False
-    )
-    holds(read_record(path))
-
-
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 def test_netcdf(tmp_path, engine):
     path = tmp_path / "run.nc"
@@ -254,13 +209,6 @@ def test_own_netcdf_comes_back(tmp_path):
     record.to_netcdf(tmp_path / "own.nc", engine="h5netcdf")
     again = read_record(tmp_path / "own.nc")
     xr.testing.assert_equal(again, record)
-
-
-def test_hdf5(tmp_path):
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        file["run/time"], file["run/angle"] = 1000 * TIME, ANGLE
-        file["run/time"].attrs["units"] = "ms"
-    holds(read_record(tmp_path / "run.h5"))
 
 
 def test_parquet(tmp_path):
@@ -296,13 +244,6 @@ def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
         read_record(path)
 
 
-def test_dates_become_seconds(tmp_path):
-    path = tmp_path / "run.xlsx"
-    times = pd.Timestamp("2024-05-01 12:00:00") + pd.to_timedelta(TIME, unit="s")
-    pd.DataFrame({"time": times, "angle": ANGLE}).to_excel(path, index=False)
-    np.testing.assert_allclose(read_record(path)["time"], TIME, atol=1e-6)
-
-
 def test_translation(tmp_path):
     path = written(tmp_path, table(header="time,position (mm)"))
     record = read_record(path)
@@ -316,13 +257,6 @@ def test_translation(tmp_path):
         scale_translation(record, 1.0, 1.0, 0.0)
     with pytest.raises(UsageError, match="units=m"):
         scale_translation(scaled, 1.0, 1.0, 1.0)
-
-
-@pytest.mark.parametrize("cell", ["nan", "", "NaN", "#N/A"])
-def test_missing_values_are_left_out_and_counted(tmp_path, cell):
-    record = read_record(written(tmp_path, changed(17, angle=cell)))
-    holds(record, np.delete(ANGLE, 16), np.delete(TIME, 16))
-    assert "1 value missing" in record.attrs["reading"]
 
 
 def changed(row, time=None, angle=None):
