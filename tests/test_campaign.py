@@ -218,20 +218,6 @@ def test_a_campaign_without_any_result_ends_with_one(tmp_path):
     assert (tmp_path / "out.html").exists()
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--methods", "direct", "--omega0", "89"),
-        ("--task", "discover", "--reference-frequency", "89"),
-    ],
-)
-def test_a_frequency_that_cannot_be_a_records_is_why_it_has_no_result(tmp_path, options):
-    file = write_csv(tmp_path / "a.csv", angle=linear(zeta=0.01))
-    done = run("campaign", file, "--workers", "0", "--forces", "zeta", *options, "-o", tmp_path / "a.zarr")
-    assert done.status == 1
-    assert "'89': the record swings at 9.9 rad/s, less than a fifth of that" in done.out
-
-
 @pytest.mark.slow
 def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
     drag = st.simulate(st.Model(LIBRARY_OF_ALL, {"zeta": 0.01, "delta": 0.2}, 9.9), TIME[:800], 0.3, 0.0)
@@ -312,19 +298,3 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
     # Of other processes, where arrays lie otherwise in memory: sums may differ by rounding.
     xr.testing.assert_allclose(resumed, whole, rtol=1e-9, atol=0.0)
     assert not list((tmp_path / "part.zarr").rglob("*.partial"))
-
-
-@pytest.mark.slow
-def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
-    for at in range(4):
-        write_csv(tmp_path / f"run{at}.csv", angle=linear(zeta=0.01 + 0.001 * at))
-    command = [sys.executable, "-m", "sysid_trib", "campaign", "run*.csv", "-o", "out.zarr"]
-    with subprocess.Popen(
-        command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True
-    ) as process:
-        time.sleep(4.0)
-        # To all of its processes, as a terminal does; it may have ended already.
-        os.killpg(process.pid, signal.SIGINT)
-        told = process.stderr.read().decode()
-    assert "Traceback" not in told
-    assert process.returncode in (0, 130)

@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy import pi
-from scipy.integrate import solve_ivp
 from scipy.special import beta, dawsn, j1
 
 from sysid_trib import Model, load_library
@@ -246,71 +245,6 @@ def test_one_force_written_twice_is_told_apart_by_nothing(pair, shapes):
 
 def test_no_two_candidates_are_the_same_force():
     assert exactly_dependent(BOTH, 1.0) == []
-
-
-def alike(first, second):
-    return abs(first @ second) / (np.linalg.norm(first) * np.linalg.norm(second))
-
-
-def test_an_error_of_the_clock_is_a_frequency_and_its_drift_a_drift_of_stiffness():
-    time = np.linspace(0.0, 20.0, 2001)
-    model = Model(BOTH, {"zeta": 2e-3, "stiffness_drift": 0.0}, W)
-
-    def motion(**changes):
-        return trajectory(replace(model, **changes), time, 0.3).angle
-
-    here = trajectory(model, time, 0.3)
-    v = here.rate / W
-    step = 1e-6
-    faster = (motion(reference_frequency=W * (1 + step)) - here.angle) / step
-    np.testing.assert_allclose(faster, W * time * v, atol=1e-3 * np.abs(faster).max())
-    stiffer = motion(coefficients={"zeta": 2e-3, "stiffness_drift": step}) - here.angle
-    assert alike(stiffer, time**2 * v) > 0.9999
-
-
-# Relative frequency shifts over (strength a)^2, by an integration that shares nothing with the project's.
-SECOND_ORDER = [
-    ("even_spring", lambda x, v, c: c * x**2, -5 / 12, -5 / 12),
-    ("even_drag", lambda x, v, c: c * v**2, -1 / 6, -1 / 6),
-    # Between extrema as the table says; between zero crossings, whose phase moves with the amplitude, less.
-    ("delta", lambda x, v, c: c * v * abs(v), -1 / 6, -1 / 6 + 4 / (9 * pi)),
-]
-
-
-@pytest.mark.parametrize("row", SECOND_ORDER, ids=lambda row: row[0])
-def test_second_order_frequency_shift(row):
-    symbol, h, between_extrema, between_zeros = row
-    strength, start = 0.05, 0.3
-
-    def slows(tau, y):
-        return y[1]
-
-    def crosses(tau, y):
-        return y[0]
-
-    found = solve_ivp(
-        lambda tau, y: (y[1], -y[0] - h(y[0], y[1], strength)),
-        (0.0, 25.0),
-        (start, 0.0),
-        "DOP853",
-        events=(slows, crosses),
-        rtol=1e-13,
-        atol=1e-15,
-        dense_output=True,
-        max_step=0.02,
-    )
-    turns = np.append(0.0, found.t_events[0][found.t_events[0] > 1e-6])
-    ends = found.sol(turns)[0]
-    envelope = 0.5 * np.abs(np.diff(ends)) if symbol != "delta" else np.abs(ends)
-    at_times = turns[: len(envelope)] if symbol == "delta" else 0.5 * (turns[1:] + turns[:-1])
-    for times, expected in ((turns, between_extrema), (found.t_events[1], between_zeros)):
-        period, middle = times[2:] - times[:-2], times[1:-1]
-        size = strength * np.interp(middle, at_times, envelope)
-        np.testing.assert_allclose((2 * pi / period - 1) / size**2, expected, rtol=5e-3)
-    # The project's own motion has the same half periods.
-    grid = np.linspace(0.0, 25.0, 251)
-    ours = trajectory(Model(BOTH, {symbol: strength}, 1.0), grid, start).angle
-    np.testing.assert_allclose(ours, found.sol(grid)[0], atol=1e-10)
 
 
 def test_even_spring_fakes_a_cubic_force_of_minus_ten_ninths_of_its_square():

@@ -111,45 +111,6 @@ def test_figure(twin):
     assert (twin[0] / "new/figures/overview.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_table_of_the_example_on_an_ascii_terminal():
-    ending = run("identify", "--window", ":9", "--omega0", "8.87+-0.02", encoding="ascii")
-    assert (ending.status, ending.err) == (0, "")
-    verdict, _, first, second, *_ = ending.out.splitlines()
-    assert verdict.startswith("The record is explained: its residual is nothing but noise")
-    assert first.startswith("Embedded example: simulation")
-    assert second.startswith("Free decay: kept 0 s to 9 s")
-    for row in ("lambda   solid friction", "alpha    linear elastic force", "w_inf (rad/s)"):
-        assert row in ending.out
-    assert "Averaging and direct agree" in ending.out
-
-
-@pytest.mark.slow
-def test_alpha_is_the_papers(simulated, tmp_path):
-    result = tmp_path / "result.nc"
-    arguments = (simulated, "--window", ":9", "--omega0", "8.87±0.02", "--forces", "zeta,delta,nu,epsilon")
-    ending = run("identify", *arguments, "--json", "-o", result)
-    for name, method in json.loads(ending.out, parse_constant=number)["methods"].items():
-        limit, error = method["asymptotic_frequency"], method["asymptotic_frequency_standard_error"]
-        alpha = method["coefficients"]["alpha"]
-        assert alpha["value"] == pytest.approx((limit / 8.87) ** 2 - 1.0, rel=1e-12)
-        slope = 2.0 * limit / 8.87**2
-        assert alpha["standard_error"] == pytest.approx(np.hypot(slope * error, slope * limit / 8.87 * 0.02))
-        assert alpha["refers_to"] == 8.87
-        assert set(method["coefficients"]) == {"zeta", "delta", "alpha", "nu", "epsilon"}
-        assert result_files.load(result)[name].ds.omega0.item() == 8.87
-
-
-@pytest.mark.slow
-def test_reference_frequency_is_held_and_makes_alpha_an_unknown(simulated):
-    ending = run("identify", simulated, "--reference-frequency", "9.91", "--json")
-    methods = json.loads(ending.out, parse_constant=number)["methods"]
-    for method in methods.values():
-        assert method["reference_frequency"] == 9.91
-        for symbol, truth in {**PAPER_COEFFICIENTS, "alpha": 0.0}.items():
-            one = method["coefficients"][symbol]
-            assert abs(one["value"] - truth) < 4.5 * one["standard_error"]
-
-
 def test_degrees_and_their_equilibrium(tmp_path):
     time = np.arange(0.0, 6.0, 0.01)
     angle = 180.0 + 15.0 * np.exp(-0.1 * time) * np.cos(9.0 * time)
@@ -158,17 +119,6 @@ def test_degrees_and_their_equilibrium(tmp_path):
     assert ending.status == 0
     assert f"Record: {path}, angle in deg from column angle (deg); 100 Hz clock." in ending.out.splitlines()
     assert "centred on 3.14159 as given rad" in ending.out
-
-
-def test_state_and_shape_of_an_own_library(tmp_path, dahl_library):
-    angles = []
-    for size in ("0.01", "0.1"):
-        path = tmp_path / f"dahl{size}.csv"
-        settings = ["--set", f"dahl=0.02,dahl.s={size}", "--set", "zeta=0.01"]
-        assert run("simulate", "-o", path, "--library", dahl_library, *settings).status == 0
-        angles.append(np.loadtxt(path, delimiter=",", skiprows=1)[:, 1])
-    assert path.read_text().startswith("time (s),angle (rad)\n")
-    assert np.max(np.abs(angles[0] - angles[1])) > 1e-3
 
 
 @pytest.mark.slow

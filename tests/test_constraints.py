@@ -190,20 +190,6 @@ def test_old_arguments_are_parts_of_the_one_with_a_warning():
 
 
 @pytest.mark.slow
-def test_the_command_holds_and_says_what_it_was_asked():
-    data = json.loads(run("identify", *QUICK, "--fix", "lambda=0", "--tie", "nu=-2.356*delta", "--json").out)
-    for method in data["methods"].values():
-        found = method["coefficients"]
-        assert found["lambda"]["value"] == found["lambda"]["standard_error"] == 0.0
-        assert found["nu"]["value"] == pytest.approx(-2.356 * found["delta"]["value"], rel=1e-12)
-    # What is fixed or tied adds no difference of its own.
-    assert set(data["cross_check"]["differences"]) == {"zeta", "delta", "epsilon", "asymptotic frequency"}
-    told = " ".join(run("identify", *QUICK, "--fix", "lambda=0", "--bound", "zeta=0.02:").out.split())
-    assert "Constraints: lambda is fixed (0); zeta is at its bound (0.02)." in told
-    assert "0.02 (bound)" in told
-
-
-@pytest.mark.slow
 def test_a_method_that_takes_no_constraint_keeps_its_row():
     ending = run("compare", *QUICK, "--fix", "lambda=0", "--tie", "zeta=delta**2", "--json")
     methods = json.loads(ending.out)["methods"]

@@ -130,33 +130,10 @@ def test_errors_of_frequency_and_damping_are_those_of_the_covariance():
         np.testing.assert_allclose(found[f"{name}_standard_error"], error, rtol=1e-5)
 
 
-def limit_cycle_by_control(solid, viscous):
-    # The linear part is closed by -lambda sgn(v): G(s) = w s/(s^2 + 2 zeta w s + w^2).
-    plant = control.tf([W, 0.0], [1.0, 2 * viscous * W, W**2])
-    nonlinear = control.descfcn.describing_function
-
-    class Friction(control.DescribingFunctionNonlinearity):
-        def __call__(self, v):
-            return solid * np.sign(v)
-
-        def describing_function(self, a):
-            return 4 * solid / (np.pi * a)
-
-    probe = nonlinear(lambda v: solid * np.sign(v), 1e-3, num_points=1001, try_method=False)
-    assert probe.real == pytest.approx(4 * solid / (np.pi * 1e-3), rel=1e-3)
-    response = control.describing_function_response(
-        plant, Friction(), np.geomspace(5e-4, 5e-3, 200), np.linspace(0.99 * W, 1.01 * W, 201), refine=False
-    )
-    return response.intersections[0]
-
-
 def test_limit_cycle_of_negative_friction():
     solid, viscous = -2.3e-5, 0.0097
     expected = -2 * solid / (np.pi * viscous)
     assert expected == pytest.approx(1.5095e-3, abs=1e-7)
-    amplitude, frequency = limit_cycle_by_control(solid, viscous)
-    assert amplitude == pytest.approx(expected, rel=1e-3)
-    assert frequency == pytest.approx(W, rel=1e-3)
     found = crossovers(known({"lambda": solid, "zeta": viscous})).isel(pair=0)
     assert found.opposed.item()
     assert found.amplitude.sel(rule="averaged").item() == pytest.approx(expected, rel=1e-9)

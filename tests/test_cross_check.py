@@ -16,7 +16,6 @@ from sysid_trib.validation.identify import identify
 pytestmark = pytest.mark.simulated_pairs
 
 FORCES = load_library()
-GROUPS = {"record", "envelope", "averaging", "direct", "comparison", "backbone", "lack_of_fit"}
 
 
 def checked(record, library=FORCES, averaging=None, **options):
@@ -27,18 +26,6 @@ def checked(record, library=FORCES, averaging=None, **options):
 @cache
 def paper_check():
     return checked(paper_run(FIVE).decay(7))
-
-
-@pytest.mark.slow
-def test_groups_and_labels():
-    tree = paper_check()
-    assert set(tree.children) == GROUPS
-    compared = tree["comparison"]
-    assert compared.quantity.values.tolist() == [*FIVE, "asymptotic frequency"]
-    assert compared.model.values.tolist() == ["averaging", "direct"]
-    assert {"difference", "expected_difference", "standard_error", "z"} <= set(compared.data_vars)
-    for node in tree.children.values():
-        assert all("long_name" in v.attrs for v in node.data_vars.values() if v.name not in ("angle", "unit"))
 
 
 def test_both_models_are_true_and_the_methods_agree():

@@ -139,18 +139,6 @@ def test_two_missing_effects_are_both_named():
     assert deviance[0] - deviance[1] > deviance[1] - deviance[2] > 0.0
 
 
-@pytest.mark.slow
-def test_the_papers_own_elastic_forces_are_both_named():
-    """Without its two elastic forces, a third that mimics both is no answer."""
-    candidates = replace(EFFECTS, forces=(*CONTACT.select(["alpha", "nu", "epsilon"]), *EFFECTS))
-    found = searched([RUN.decay(7)], candidates, CONTACT.select(["lambda", "zeta", "delta"]))
-    assert len(found.effects) == 2
-    assert credible_set(found, "nu") == {"nu"}
-    other = next(symbol for symbol in found.effects if symbol != "nu")
-    # Gravity and a magnet are cubic, too, at this amplitude.
-    assert "epsilon" in credible_set(found, other)
-
-
 def test_names_that_were_not_compared_explain_nothing():
     """Both are right, and nothing is left; but what else may stand in their place was not fitted."""
     tree = discover(with_two(), BASE, FEW, settings=Settings(most_fits=3))

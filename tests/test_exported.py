@@ -20,7 +20,6 @@ from sysid_trib.printing.exported import (
     equation_latex,
     equation_text,
     latex_text,
-    rounded,
     unit_in_latex,
 )
 from sysid_trib.results.references import with_contactless_frequency
@@ -50,21 +49,6 @@ def test_a_stiffness_that_is_in_the_frequency_is_not_in_the_equation():
     result = with_contactless_frequency(known(PAPER, ERRORS), 8.87, 0.01)
     assert "alpha" in result.force
     assert equation_text(result) == equation_text(known(PAPER, ERRORS))
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [
-        (0.0097, 0.0002, "0.00970"),
-        (-2.31e-5, 4.2e-6, "-2.31e-05"),
-        (9.91, 0.0, "9.91"),
-        (250.0, 30.0, "250"),
-        (0.0, 1.0, "0"),
-        (2e-6, 2e-5, "2e-06"),
-    ],
-)
-def test_a_number_has_two_digits_of_its_error(value, error, text):
-    assert rounded(value, error) == text
 
 
 def test_the_equation_for_latex_is_balanced_and_has_no_e():

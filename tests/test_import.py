@@ -6,14 +6,12 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import sysid_trib as st
 from sysid_trib import _MOVED as MOVED
 from sysid_trib.commands.terminal import one_thread
-from sysid_trib.records.sensor import sensor_step
 
 PACKAGE = Path(st.__file__).parent
 # What changes the process for all that runs in it.
@@ -124,15 +122,3 @@ for name in {COMMANDS!r}:
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [f"{name} " for name in COMMANDS], done.stdout
-
-
-@pytest.mark.parametrize("step", [1e-6, 1.57e-4, 2e-2])
-def test_the_step_of_a_sensor_is_that_of_its_lattice(step):
-    random = np.random.default_rng(0)
-    time = np.arange(3000) / 100.0
-    signal = 0.4 * np.exp(-0.01 * time) * np.cos(8.0 * time) + 1e-4 * random.standard_normal(time.size)
-    rounded = step * np.round(signal / step)
-    assert sensor_step(rounded) == pytest.approx(step, rel=1e-3)
-    # Digits of a file, and a unit, change nothing.
-    assert sensor_step(np.round(57.3 * rounded, 9)) == pytest.approx(57.3 * step, rel=1e-2)
-    assert np.isnan(sensor_step(signal))

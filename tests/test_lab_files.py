@@ -3,15 +3,12 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.contact.judging import drawn
 from benchmarks.contact.kinds import KINDS
-from sysid_trib.records.headers import noted_rate
-from sysid_trib.records.numbers import numbers
 from sysid_trib.records.units import signal_unit
 
 ONCE_WRONG = """
@@ -58,39 +55,3 @@ def test_every_kind_in_further_draws(name, tmp_path):
 )
 def test_units_in_every_spelling(text, unit):
     assert signal_unit(text).text == unit
-
-
-@pytest.mark.parametrize(
-    ("note", "rate"),
-    [
-        ("# fs = 200 Hz", 200.0),
-        ("Sampling rate (kHz): 2", 2000.0),
-        ("# dt = 0.005 s", 200.0),
-        ("Sampling interval: 5 ms", 200.0),
-        ("Delta_X\t0,010000", 100.0),
-        ("# 30 fps", 30.0),
-        ("recorded at 65 samples/s", 65.0),
-        ("Ts = 0.002", 500.0),
-        ("Serial 0012, gain 2.0", None),
-    ],
-)
-def test_rates_that_notes_state(note, rate):
-    found = noted_rate([note])
-    assert found == (None if rate is None else pytest.approx(rate))
-
-
-@pytest.mark.parametrize(
-    "texts",
-    [
-        ("14:02:33.120", "14:02:34.5"),
-        ("02:33.120", "02:34.5"),
-        ("2:02:33.120 PM", "2:02:34.5 PM"),
-        ("00:02:33:120", "00:02:34:500"),
-        ("2019-03-12T14:02:33.120Z", "2019-03-12T14:02:34.5Z"),
-        ("23:59:59.120", "00:00:00.5"),
-    ],
-)
-def test_clock_times_are_seconds(texts):
-    # A time of m:s was once taken for h:m, sixty times too slow.
-    seconds = numbers(np.array(texts, dtype=object), "time", "run.csv")
-    assert np.diff(seconds) == pytest.approx([1.38])

@@ -62,19 +62,6 @@ def test_a_record_that_is_not_explained_leads_to_discover():
     assert next_step(unexplained()).command == "discover"
 
 
-@pytest.mark.slow
-def test_a_search_starts_from_the_forces_that_were_given(tmp_path):
-    time = np.arange(0.0, 12.0, 0.02)
-    moved = st.simulate(st.Model(FORCES, {"lambda": 1e-3, "zeta": 0.01, "nu": -0.4}, W), time, 0.4, 0.0).angle
-    path = write_csv(tmp_path / "swing.csv", time, moved.values)
-    told = json.loads(run("identify", path, "--forces", "lambda,zeta", "--json").out)["next"]
-    assert shlex.split(told, comments=True)[1:] == ["discover", str(path), "--forces", "lambda,zeta"]
-    given = dataclasses.replace(ModelOptions(), forces="lambda,zeta")
-    methods = {"direct": st.methods.Direct(), "averaging": st.methods.Averaging()}
-    compared = st.compare(RUN.decay(7), FORCES.select(["lambda", "zeta"]), methods)
-    assert command_after(next_step(compared), [given]) == "sysid-trib discover --forces lambda,zeta"
-
-
 def test_the_next_command_takes_over_what_was_given(tmp_path):
     record = tmp_path / "a swing.csv"
     given = dataclasses.replace(DecayOptions(), records=[record], angle="theta", units="deg", window="2:60")

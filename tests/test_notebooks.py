@@ -120,17 +120,6 @@ def put(folder, name):
     (folder / "records" / name).write_text("0 1\n", encoding="utf-8")
 
 
-def test_records_are_found_in_the_folder(measured, tmp_path, capsys):
-    for names in measured.RECORDS.values():
-        put(tmp_path, names[0])
-    assert {k: path.name for k, path in measured.files().items()} == {
-        "pendulum": "free_swing.csv",
-        "string": "run_1.txt",
-        "ship": "model_test_21337.csv",
-    }
-    assert capsys.readouterr().out == ""
-
-
 def test_what_is_missing_is_told_in_one_sentence_and_nothing_goes_online(
     measured, tmp_path, capsys, monkeypatch
 ):
@@ -161,11 +150,3 @@ def test_fetched_files_are_checked(measured, monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(measured.SOURCES, RUN, source)
     assert measured.files()["string"].read_text(encoding="utf-8") == "0 1\n"
     assert capsys.readouterr().out.count("there is no connection") == 2
-
-
-def test_a_driven_record_is_found_or_its_absence_told(measured, tmp_path, capsys):
-    assert measured.driven("silverbox") is None
-    assert "SYSID_TRIB_DATA" in capsys.readouterr().out
-    put(tmp_path, measured.DRIVEN["silverbox"])
-    assert measured.driven("silverbox").name == "multisine_1_to_6.csv"
-    assert capsys.readouterr().out == ""

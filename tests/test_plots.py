@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run
-from known_results import PAPER, known
 
 import sysid_trib as st
-from sysid_trib import Model, load_library, plots, simulate
-from sysid_trib.physics import predict_envelope, weights
+from sysid_trib import plots
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_panels import MOST_POINTS
 from sysid_trib.simulation.simulate import trajectory
@@ -37,42 +35,6 @@ def test_a_long_record_keeps_its_peaks_on_paper():
     drawn = plots.motions(record, {}).lines[0].get_ydata()
     assert drawn.size <= MOST_POINTS
     assert {0.3, -0.4} <= set(drawn)
-
-
-LIBRARY = load_library()
-TIME = np.arange(0.0, 40.0, 0.05)
-
-
-def moved(coefficients):
-    model = Model(LIBRARY, coefficients, 1.0)
-    return simulate(model, TIME, 1.0), predict_envelope(model, TIME, 1.0)
-
-
-def labelled(axes):
-    return {line.get_label(): line for line in axes.lines}
-
-
-def test_a_decay_stands_inside_its_averaged_envelope():
-    motion, averaged = moved({"zeta": 0.05})
-    axes = plots.motions(motion, {"averaged envelope": averaged})
-    curve, upper, lower = axes.lines
-    np.testing.assert_array_equal(curve.get_ydata(), motion.angle)
-    np.testing.assert_array_equal(upper.get_ydata(), averaged.amplitude)
-    np.testing.assert_array_equal(lower.get_ydata(), -averaged.amplitude)
-    assert axes.get_xlabel() == "time (s)"
-    assert "(rad)" in axes.get_ylabel()
-
-
-@pytest.mark.parametrize(
-    ("quantity", "unit"), [("peak_force", " (rad)"), ("decay", " (rad)"), ("frequency_share", "")]
-)
-def test_weights_against_amplitude(quantity, unit):
-    found = weights(known(PAPER), np.linspace(0.02, 0.3, 15))
-    axes = plots.weights(found, quantity)
-    lines = labelled(axes)
-    np.testing.assert_array_equal(lines[r"$\nu$"].get_ydata(), found[quantity].sel(force="nu"))
-    np.testing.assert_array_equal(lines[r"$\lambda$"].get_xdata(), found.amplitude)
-    assert axes.get_ylabel() == found[quantity].attrs["long_name"] + unit
 
 
 FORCES = st.load_library()

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from command_line import run as command
 from helpers import FIVE, Run, paper_run, rms, rms_range, values
 from scipy.stats import kstest, norm
 
-from sysid_trib import identify, load, save
+from sysid_trib import identify
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.validation import difference, run_agreement
@@ -134,18 +133,3 @@ def test_what_is_no_run_is_refused(nothing):
 def test_the_papers_rule_takes_one_record():
     with pytest.raises(UsageError, match="a rule for one record"):
         identify(two_runs(0), LIBRARY, Averaging(frequency="last"))
-
-
-@pytest.mark.slow
-def test_command_line_takes_several_records(tmp_path):
-    for name, run, seed in (("a.csv", replace(SHORT, start=0.4), 1), ("b.csv", SHORT, 2)):
-        run.decay(seed).to_dataframe().to_csv(tmp_path / name)
-    places = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
-    ending = command("identify", *places, "--explain", "-o", str(tmp_path / "r.nc"))
-    assert ending.status == 0, ending.err
-    assert "run 2" in ending.out
-    assert "No difference between the runs was found: chi-square" in ending.out
-    tree = load(tmp_path / "r.nc")
-    assert {"record_1", "record_2", "envelope_2", "runs"} <= set(tree.children)
-    save(tree, tmp_path / "again.nc")
-    assert load(tmp_path / "again.nc").identical(tree)

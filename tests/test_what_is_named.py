@@ -8,18 +8,16 @@ from command_line import run
 from discovery import (
     BASE,
     EFFECTS,
-    EVERY,
     TIME,
     coefficients_of,
     credible_set,
     exact,
     library,
     model_of,
-    rows_about,
     searched,
     with_effect,
 )
-from helpers import FIVE, W, decay, library_of_formulas
+from helpers import W, decay, library_of_formulas
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -28,10 +26,8 @@ from sysid_trib.discovery.discover import discover
 from sysid_trib.discovery.fits import credible, errors_off, probabilities
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.settings import DEFAULTS
-from sysid_trib.likelihood.trials import TrialEffect, trials_of
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.json_results import discovery_json
-from sysid_trib.simulation.internal_states import values_along
 from sysid_trib.simulation.simulate import trajectory
 
 VISCOUS = {"zeta": 3e-3}
@@ -91,10 +87,6 @@ def test_what_the_limit_and_the_library_leave_out_is_unknown():
     assert tree.attrs["closing_effect"] == ""
 
 
-PATH = rows_about(model_of(FIVE), TIME[:320]).path
-WITH_A_PAST = [force.symbol for force in EFFECTS if not force.memoryless]
-
-
 @given(arrays(float, st.integers(1, 30), elements=st.floats(-50.0, 50.0)))
 def test_a_credible_set_is_the_smallest_that_is_probable_enough(costs):
     each = probabilities(costs)
@@ -104,26 +96,6 @@ def test_a_credible_set_is_the_smallest_that_is_probable_enough(costs):
     # Without its least probable member it is not.
     assert each[inside].sum() - each[inside].min() < DEFAULTS.credible
     assert each[inside].min() >= each[~inside].max(initial=0.0)
-
-
-@pytest.mark.parametrize("symbol", WITH_A_PAST)
-def test_what_a_force_remembers_of_a_motion_is_what_it_would_move(symbol):
-    points, force = PATH.points, EVERY[symbol]
-    default = {f"{symbol}.{name}": shape.default for name, shape in force.shape.items()}
-    trials = trials_of([force], [], W) if len(force.shape) < 2 else [TrialEffect(force, default)]
-    found = values_along(PATH.motion, force, [trial.shapes for trial in trials])
-    names = (*force.state, *force.memory)
-    followed = []
-    for trial in trials:
-        one = model_of(FIVE | {symbol: 1e-9}, trial.shapes)
-        hidden = trajectory(one, points.time, 0.3, 0.0).hidden
-        past = {name: hidden[f"{symbol}.{name}"] for name in names}
-        followed.append(force.value(points.x, points.v, points.time, shapes=trial.shapes, hidden=past))
-    exact = np.stack(followed, axis=1)
-    # Slips of 1e-4 rad fall between two points; the rows hardly notice.
-    for values, limit in ((found, 0.02), (points.integrals @ found, 5e-3)):
-        true = exact if len(values) == len(exact) else points.integrals @ exact
-        assert np.all(np.linalg.norm(values - true, axis=0) < limit * np.linalg.norm(true, axis=0))
 
 
 def test_a_likely_rival_is_in_the_set():
