@@ -14,14 +14,8 @@ from known_results import PAPER, known
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
-from sysid_trib.printing.as_code import cited, methods_text
-from sysid_trib.printing.exported import (
-    csv_text,
-    equation_latex,
-    equation_text,
-    latex_text,
-    unit_in_latex,
-)
+from sysid_trib.printing.equation import equation_latex, equation_text
+from sysid_trib.printing.exported import cited, csv_text, latex_text, methods_text, unit_in_latex
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation.residual_force import model_force
 

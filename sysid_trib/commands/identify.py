@@ -118,7 +118,7 @@ class IdentificationFiles(Destination):
 
     def texts(self, tree: "xr.DataTree") -> "dict[Path | None, Callable[[], str]]":
         """What stands in files of text, by their places: the paragraph and its bibliography too."""
-        from sysid_trib.printing.as_code import cited, methods_text
+        from sysid_trib.printing.exported import cited, methods_text
 
         text, bibliography = self.places[-2:]
         more = {text: lambda: methods_text(tree), bibliography: lambda: cited(methods_text(tree))}

@@ -138,7 +138,7 @@ def export(
     with progress():
         from sysid_trib.commands.checks import model_of_file
         from sysid_trib.commands.destination import check_output
-        from sysid_trib.printing.as_code import model_code
+        from sysid_trib.printing.equation import model_code
         from sysid_trib.results.files import load, write_file
 
         check_output(output, ".m" if language == "simulink" else ".py", reads=[result])

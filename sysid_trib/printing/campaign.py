@@ -12,15 +12,8 @@ from rich.table import Table
 
 from sysid_trib.campaigns.variables import EFFECT_P_VALUE, TIED
 from sysid_trib.printing.blocks import USUALLY, Block
-from sysid_trib.printing.layout import (
-    Source,
-    first_and_more,
-    p_value_text,
-    per_label,
-    same,
-    text_table,
-    values_with_errors,
-)
+from sysid_trib.printing.layout import by_label, first_and_more, p_value_text, text_table, values_with_errors
+from sysid_trib.printing.plain_data import Source, per_label, same
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
@@ -114,19 +107,23 @@ def named_text(record: xr.Dataset) -> str:
 def _between_records(compared: xr.Dataset) -> Table:
     """Each quantity: mean, effects of the conditions, standard deviation between the records, verdict."""
     terms, conditions = compared.term.values.tolist(), compared.condition.values.tolist()
+    deviations = {"between records": "between_run"}
+    deviations |= {k: k for k in ("repeatability", "reproducibility") if "repeatability" in compared}
     rows = []
-    for name in compared.quantity.values.tolist():
-        of_quantity = compared.sel(quantity=name)
-        cells = values_with_errors(of_quantity.effect, of_quantity.effect_standard_error)
-        p_values = [p_value_text(p, "") for p in of_quantity.condition_p_value.values.tolist()]
-        unit = of_quantity.unit.item() if "unit" in of_quantity.coords else ""
-        rows.append([name, unit.removeprefix("1"), *cells, *p_values, _interval(of_quantity, "between_run")])
-        if "repeatability" in of_quantity:
-            rows[-1] += [_interval(of_quantity, key) for key in ("repeatability", "reproducibility")]
-        rows[-1].append(of_quantity.verdict.item())
-    heads = ["quantity", "unit", *terms, *(f"p of {name}" for name in conditions), "between records"]
-    heads += ["repeatability", "reproducibility"] if "repeatability" in compared else []
-    return text_table([*heads, "verdict"], rows, numbers=tuple(range(2, len(heads))))
+    for name, row in by_label(compared, "quantity").items():
+        effects = values_with_errors(row.effect, row.effect_standard_error)
+        p_values = [p_value_text(p, "") for p in row.condition_p_value.values.tolist()]
+        rows.append(
+            {
+                "quantity": name,
+                "unit": row.unit.item().removeprefix("1") if "unit" in row.coords else "",
+                **dict(zip(terms, effects, strict=True)),
+                **{f"p of {condition}": p for condition, p in zip(conditions, p_values, strict=True)},
+                **{head: _interval(row, key) for head, key in deviations.items()},
+                "verdict": row.verdict.item(),
+            }
+        )
+    return text_table(rows, ("quantity", "unit", "verdict"))
 
 
 def _interval(of_quantity: xr.Dataset, name: str) -> str:

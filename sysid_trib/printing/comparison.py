@@ -98,14 +98,14 @@ def _quality_table(tree: xr.DataTree) -> Table:
     failed = [f"failed: {text}" if text else "" for text in table.failure.values.tolist()]
     remarks = zip(failed, table.reason.values.tolist(), table.bias.values.tolist(), neglected, strict=True)
     columns["remarks"] = ["; ".join(filter(None, remark)) for remark in remarks]
-    return _method_table(table, columns, words=["remarks"])
+    return _method_table(table, columns)
 
 
-def _method_table(table: xr.Dataset, columns: dict[str, list[str]], words: Sequence[str] = ()) -> Table:
-    """A row a method; columns of numbers, and of words."""
-    rows = [list(row) for row in zip(table.method.values.tolist(), *columns.values(), strict=True)]
-    right = tuple(at for at, head in enumerate(columns, 1) if head not in words)
-    return text_table(["method", *columns], rows, whole=(0,), numbers=right)
+def _method_table(table: xr.Dataset, columns: dict[str, list[str]]) -> Table:
+    """A row a method, its columns with their cells."""
+    cells = {"method": table.method.values.tolist(), **columns}
+    rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
+    return text_table(rows, ("method", "remarks"), ("method",))
 
 
 def _signed(z: float, best: bool) -> str:

@@ -60,9 +60,7 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
     verdict, *sentences = verdict_sentences(tree)
     count, details = tree["steps"].attrs["count"], Layer.EXPLAIN
     remarks = [line for at in range(count) for line in _remarks(tree, at)]
-    models = given_results(tree)
-    rows = [*coefficient_rows(models).values()]
-    coefficients = text_table(["force", "formula", *models], rows, numbers=(2, 3))
+    coefficients = text_table([*coefficient_rows(given_results(tree)).values()], ("force", "formula"))
     blocks = [
         Block([verdict], ALWAYS),
         Block(sources),

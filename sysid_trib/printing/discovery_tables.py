@@ -74,29 +74,24 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table:
     details : bool
         Show also how far each lowers the deviance, and the random force before and after.
     """
-    noise, held, rows, units = record_noise(tree), tree["holdout"].rms.values, [], DENSITY_UNITS
+    noise, held, rows = record_noise(tree), tree["holdout"].rms.values, []
     for at, step in enumerate(steps_of(tree)):
         of_sensor = " (error of the sensor)" if step.kind.item() == "sensor" else ""
-        name = f"{step['name'].item()}{of_sensor}"
-        residuals = [step.residual_before.item(), step.residual_after.item()]
-        ratios = [_to(residuals, noise), _to(held[at : at + 2], noise)]
-        words = [_effect_name(step), name, formula_text(step), coefficient_text(step)]
-        rows.append([*words, p_value_text(step.p_value.item(), ""), *ratios])
+        row = {
+            "effect": _effect_name(step),
+            "name": f"{step['name'].item()}{of_sensor}",
+            "formula": formula_text(step),
+            "coefficient": coefficient_text(step),
+            "corrected p": p_value_text(step.p_value.item(), ""),
+            "residual / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
+            "held out / noise": _to(held[at : at + 2], noise),
+        }
         if details:
-            units = step.random_force_before.attrs.get("units", units)
+            units = step.random_force_before.attrs.get("units", DENSITY_UNITS)
             forces = [step.random_force_before.item(), step.random_force_after.item()]
-            rows[-1] += [f"{step.gain.item():.3g}", _to(forces)]
-    heads = [
-        "effect",
-        "name",
-        "formula",
-        "coefficient",
-        "corrected p",
-        "residual / noise",
-        "held out / noise",
-    ]
-    heads += ["fall of the deviance", f"random force ({units})"] if details else []
-    return text_table(heads, rows, whole=(0,), numbers=tuple(range(3, len(heads))))
+            row |= {"fall of the deviance": f"{step.gain.item():.3g}", f"random force ({units})": _to(forces)}
+        rows.append(row)
+    return text_table(rows, ("effect", "name", "formula"), ("effect",))
 
 
 def _to(values: list[float], unit: float = 1.0) -> str:
@@ -134,15 +129,16 @@ def ranking_table(tree: xr.DataTree) -> Table:
     ranking, detectable = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
     named = [symbol for symbol in added_effects(tree) if symbol in ranking.candidate]
     last = strongest(ranking.isel(selection_step=[-1]), LAST)
-    count = ranking.sizes["selection_step"]
-    heads = ["candidate", "name", *(f"step {at + 1}" for at in range(count - 1)), "end", "detectable"]
-    rows = []
+    heads, rows = [*(f"step {at}" for at in range(1, ranking.sizes["selection_step"])), "end"], []
     for symbol in dict.fromkeys([*named, *strongest(ranking, ROWS), *last]):
         candidate = ranking.sel(candidate=symbol)
-        cells = [f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values]
-        rows.append([symbol, candidate["name"].item(), *cells, _detectable(detectable, symbol)])
-    rows.append(["threshold", "", *(f"{z:.3g}" for z in ranking.threshold.values), ""])
-    return text_table(heads, rows, whole=(0,), numbers=tuple(range(2, len(heads))))
+        cells = (f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values)
+        words = {"candidate": symbol, "name": candidate["name"].item()}
+        end = {"detectable": _detectable(detectable, symbol)}
+        rows.append(words | dict(zip(heads, cells, strict=True)) | end)
+    cells = (f"{z:.3g}" for z in ranking.threshold.values)
+    rows.append({"candidate": "threshold", **dict(zip(heads, cells, strict=True))})
+    return text_table(rows, ("candidate", "name"), ("candidate",))
 
 
 def _detectable(detectable: xr.Dataset, symbol: str) -> str:
@@ -226,14 +222,16 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
     # The record's own: the model's may be far off.
     amplitude = (spans.amplitude + spans.amplitude_error).values
     ends = int(np.argmax(amplitude)), int(np.argmin(amplitude))
+    at_ends = [f"at {amplitude[end]:.3g} {signal_units(tree)}" for end in ends]
     rows = []
     for name, part in parts.items():
         most = int(np.argmax(np.nan_to_num(np.abs(part.values))))
         run = f" of run {spans.run.values[most] + 1}" if len(record_groups(tree)) > 1 else ""
-        cells = [f"{value:+.2g}" for value in (part.values[most], *part.values[list(ends)])]
-        rows.append([name, cells[0], f"{spans.time.values[most]:.3g} s{run}", *cells[1:]])
-    at_ends = [f"at {amplitude[end]:.3g} {signal_units(tree)}" for end in ends]
-    return text_table(["record minus model", "largest", "when", *at_ends], rows, numbers=(1, 3, 4))
+        row = {"record minus model": name, "largest": f"{part.values[most]:+.2g}"}
+        row["when"] = f"{spans.time.values[most]:.3g} s{run}"
+        cells = (f"{part.values[end]:+.2g}" for end in ends)
+        rows.append(row | dict(zip(at_ends, cells, strict=True)))
+    return text_table(rows, ("record minus model", "when"))
 
 
 def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:

@@ -13,7 +13,7 @@ from sysid_trib.printing.discovery_tables import (
     steps_of,
     times_noise,
 )
-from sysid_trib.printing.exported import equation_text
+from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p_value_text, quantity
 from sysid_trib.printing.verdict import heterogeneity_sentences
 from sysid_trib.records.decay import RECORD_PARTS

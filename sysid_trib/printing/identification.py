@@ -10,7 +10,7 @@ from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.physics.si_units import si_of
 from sysid_trib.printing import verdict
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
-from sysid_trib.printing.exported import equation_text
+from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import (
     coefficient_rows,
     constraint_sentences,
@@ -100,9 +100,9 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
 def estimate_blocks(tree: xr.DataTree) -> list[Block]:
     """What is shown of one identification alone, a result of `identify`."""
     result = tree.to_dataset()
-    rows = [*coefficient_rows({result.attrs["method"]: result}).values()]
-    rows.append([f"noise ({signal_units(result)})", "standard deviation", f"{result.noise.item():.2g}"])
-    table = text_table(["force", "formula", result.attrs["method"]], rows, numbers=(2,))
+    method, words = result.attrs["method"], (f"noise ({signal_units(result)})", "standard deviation")
+    noise = {"force": words[0], "formula": words[1], method: f"{result.noise.item():.2g}"}
+    table = text_table([*coefficient_rows({method: result}).values(), noise], ("force", "formula"))
     blocks = [Block([reference_sentence(result)], title=COEFFICIENTS, table=table)]
     # The largest amplitude that is known: an identification without a cross-check keeps no record.
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
@@ -119,13 +119,13 @@ def identification_table(tree: xr.DataTree) -> Table:
     checked, results = tree["comparison"].to_dataset(), kept_results(tree)
     kept = checked.sel(model=list(results))
     rows = coefficient_rows(results)
-    for label, row in rows.items():
-        known = label in checked.quantity and len(results) > 1
-        z = checked.z.sel(quantity=label).item() if known else np.nan
-        row.append(f"{z:+.1f}" if np.isfinite(z) else "")
-    ratios = [f"{residual_over_noise(tree, name):.3g} x noise" for name in results]
+    # Of one method there is no difference.
+    for label, row in rows.items() if len(results) > 1 else ():
+        z = checked.z.sel(quantity=label).item() if label in checked.quantity else np.nan
+        row["difference / error"] = f"{z:+.1f}" if np.isfinite(z) else ""
+    ratios = {name: f"{residual_over_noise(tree, name):.3g} x noise" for name in results}
     noise = f"noise: {record_noise(tree):.2g} {signal_units(tree)}"
-    rows["residual"] = ["residual (RMS)", noise, *ratios, ""]
+    rows["residual"] = {"force": "residual (RMS)", "formula": noise, **ratios}
     stochastic = [bool(random_force_of(result)) for result in results.values()]
     further = {
         ("beyond the noise", "from (s)"): np.where(stochastic, np.nan, kept.departure_time.values),
@@ -133,12 +133,9 @@ def identification_table(tree: xr.DataTree) -> Table:
     }
     for (what, unit), values in further.items():
         if np.isfinite(values).any():
-            rows[what] = [what, unit, *(f"{x:.3g}" if np.isfinite(x) else "-" for x in values), ""]
-    heads = ["force", "formula", *results, "difference / error"]
-    # Of one method there is no difference.
-    last = len(heads) if len(results) > 1 else len(heads) - 1
-    shown = [row[:last] for row in rows.values()]
-    return text_table(heads[:last], shown, numbers=tuple(range(2, last)))
+            cells = (f"{x:.3g}" if np.isfinite(x) else "-" for x in values)
+            rows[what] = {"force": what, "formula": unit, **dict(zip(results, cells, strict=True))}
+    return text_table(list(rows.values()), ("force", "formula"))
 
 
 def consequences(tree: xr.DataTree) -> list[str]:

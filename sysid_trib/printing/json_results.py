@@ -9,7 +9,8 @@ import xarray as xr
 from sysid_trib.physics.si_units import MU, SI, si_of
 from sysid_trib.printing.discovery_tables import steps_of
 from sysid_trib.printing.identification import consequences
-from sysid_trib.printing.layout import (
+from sysid_trib.printing.physics import physics_json
+from sysid_trib.printing.plain_data import (
     COEFFICIENT,
     FREQUENCIES_JSON,
     Source,
@@ -19,7 +20,6 @@ from sysid_trib.printing.layout import (
     records_json,
     same,
 )
-from sysid_trib.printing.physics import physics_json
 from sysid_trib.printing.random_force import random_force_json
 from sysid_trib.printing.verdict import GROUP, TESTED, runs_json
 from sysid_trib.records.decay import RECORD_PARTS

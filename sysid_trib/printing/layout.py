@@ -1,6 +1,6 @@
 """Numbers with errors, tables, coefficients side by side, plain data for JSON, and what results say alike."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import floor, log10
 from typing import Any
 
@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from rich.table import Table
 
-from sysid_trib.results.variables import record_groups, small_units
+from sysid_trib.results.variables import small_units
 
 # Attributes of a comparison that warn, and their sentences.
 ENVELOPE = "Methods of the envelope and the frequency, such as averaging, cannot"
@@ -20,7 +20,13 @@ UNIDENTIFIABLE = {
     "averaging_cannot_see": f"{ENVELOPE} identify: {{}}.",
 }
 MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
-FREQUENCY_TITLES = {"reference frequency": "w (rad/s)", "asymptotic frequency": "w_inf (rad/s)"}
+FREQUENCIES = {"reference_frequency": "w (rad/s)", "asymptotic_frequency": "w_inf (rad/s)"}
+# Columns of a row of `quantities`, and the variables of a force that they hold.
+COLUMNS = {
+    **{"quantity": "force", "name": "name", "formula": "formula", "value": "coefficient"},
+    **{name: name for name in ("standard_error", "unit", "refers_to", "error_of_noise", "error_of_model")},
+    **{name: name for name in ("error_of_calibration", "constraint", "z", "p_value", "active")},
+}
 
 
 def value_with_error(value: float, error: float) -> str:
@@ -110,81 +116,97 @@ def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
 
 
 def text_table(
-    heads: list[str], rows: list[list[str]], *, whole: tuple[int, ...] = (), numbers: tuple[int, ...] = ()
+    rows: Sequence[Mapping[str, str]], words: Collection[str] = (), whole: Collection[str] = ()
 ) -> Table:
-    """A table whose words a narrow terminal may fold, but not the columns `whole` nor the `numbers`."""
+    """A table of rows, each with its cells by the heads of their columns.
+
+    Parameters
+    ----------
+    rows : sequence of mapping of str to str
+        A cell that a row lacks is empty.
+    words : collection of str
+        Heads of the columns of words, which a narrow terminal may fold; the others are numbers.
+    whole : collection of str
+        Heads of those that it may not fold.
+    """
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for at, head in enumerate(heads):
+    heads = list(dict.fromkeys(head for row in rows for head in row))
+    for head in heads:
         # As wide as a word of the head: a narrow terminal would break it.
-        cells = (*(row[at] for row in rows), *head.split())
+        cells = (*(row.get(head, "") for row in rows), *head.split())
         longest = max(len(line) for cell in cells for line in cell.split("\n"))
+        folds = head in words and head not in whole
         table.add_column(
             head,
-            justify="right" if at in numbers else "left",
-            min_width=longest if at in (*whole, *numbers) else min(longest, 12),
+            justify="left" if head in words else "right",
+            min_width=min(longest, 12) if folds else longest,
             overflow="fold",
         )
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(row.get(head, "") for head in heads))
     return table
 
 
-def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, list[str]]:
-    """Rows of a table: what it is, its formula, and a cell for each identification.
+def quantities(result: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Coefficients, shape parameters and frequencies of an identification, a row each (see `COLUMNS`)."""
+    for force in by_label(result, "force").values():
+        yield {column: force[name].item() for column, name in COLUMNS.items() if name in force}
+    shapes = by_label(result, "shape_parameter") if "shape" in result else {}
+    for name, shape in shapes.items():
+        row = {"quantity": name, "name": "shape", "value": shape["shape"].item()}
+        error = shape.shape_standard_error.item()
+        yield row | ({"constraint": "fixed"} if np.isnan(error) else {"standard_error": error})
+    for name in FREQUENCIES:
+        row = {"quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
+        yield row | {"value": result[name].item(), "standard_error": result[error_of(name)].item()}
+
+
+def number_and_mark(row: Mapping[str, Any]) -> tuple[str, str]:
+    """The number of a quantity with its error, and behind it that it is held, fixed, at its bound or tied."""
+    if "standard_error" not in row:
+        return f"{row['value']:g}", " (held)"
+    number = value_with_error(row["value"], row["standard_error"])
+    return number, MARKS.get(row.get("constraint", ""), " (tied)")
+
+
+def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, dict[str, str]]:
+    """Rows of a table by the names of quantities: what it is, its formula, and a cell by each identification.
 
     Parameters
     ----------
     results : mapping of str to Dataset
         Identifications by name.
-
-    Returns
-    -------
-    dict of str to list of str
-        By symbols of forces, names of shape parameters, and names of the two frequencies.
     """
-    forces = {s: r.sel(force=s) for r in results.values() for s in r.force.values.tolist()}
-    width, rows = max([8, *map(len, forces)]), {}
-    for symbol, force in forces.items():
-        unit = "" if force.unit.item() == "1" else f" ({force.unit.item()})"
-        cells = [coefficient_cell(result, symbol) for result in results.values()]
-        head = f"{symbol:{width}} {force['name'].item()}{unit}"
-        rows[symbol] = [head, force["formula"].item(), *cells]
-    shaped = [r.shape_parameter.values.tolist() for r in results.values() if "shape" in r]
-    for name in dict.fromkeys(name for names in shaped for name in names):
-        rows[name] = [name, "shape parameter", *(_shape_cell(r, name) for r in results.values())]
-    for name, title in FREQUENCY_TITLES.items():
-        variable = name.replace(" ", "_")
-        rows[name] = [title, name, *(quantity(result, variable) for result in results.values())]
+    named = {name: list(quantities(result)) for name, result in results.items()}
+    symbols = {row["quantity"] for found in named.values() for row in found if "formula" in row}
+    width, rows = max([8, *map(len, symbols)]), {}
+    # Forces, then shape parameters, then frequencies, of whichever method.
+    every = [row for found in named.values() for row in found]
+    for row in sorted(every, key=lambda row: ("formula" not in row) + (row["quantity"] in FREQUENCIES)):
+        label, name = row["quantity"], row["name"]
+        if "formula" in row:
+            words = {
+                "force": f"{label:{width}} {name_and_unit(name, row['unit'])}",
+                "formula": row["formula"],
+            }
+        elif label in FREQUENCIES:
+            label, words = name, {"force": FREQUENCIES[label], "formula": name}
+        else:
+            words = {"force": label, "formula": "shape parameter"}
+        rows[label] = words | dict.fromkeys(results, "-")
+    for name, found in named.items():
+        for row in found:
+            label = row["name"] if row["quantity"] in FREQUENCIES else row["quantity"]
+            dropped = not row.get("active", True)
+            rows[label][name] = (
+                f"dropped (± {row['standard_error']:.2g})" if dropped else "".join(number_and_mark(row))
+            )
     return rows
 
 
-def coefficient_cell(result: xr.Dataset, symbol: str) -> str:
-    """A coefficient with its error, or why there is none."""
-    if symbol not in result.force:
-        return "-"
-    force = result.sel(force=symbol)
-    if not force.active.item():
-        return f"dropped (± {force.standard_error.item():.2g})"
-    return f"{quantity(force, 'coefficient')}{constraint_mark(force)}"
-
-
-def constraint_mark(force: xr.Dataset) -> str:
-    """Behind a coefficient: that it is fixed, at its bound or tied."""
-    return MARKS.get(force.constraint.item() if "constraint" in force.coords else "", " (tied)")
-
-
-def _shape_cell(result: xr.Dataset, name: str) -> str:
-    """A shape parameter: fitted with an error, or held."""
-    if "shape" not in result or name not in result.shape_parameter:
-        return "-"
-    return "".join(shape_and_mark(result, name))
-
-
-def shape_and_mark(result: xr.Dataset, name: str) -> tuple[str, str]:
-    """A shape parameter, with its error where it was fitted, and behind it that it is held."""
-    shape = result.sel(shape_parameter=name)
-    value, error = shape["shape"].item(), shape.shape_standard_error.item()
-    return (f"{value:g}", " (held)") if np.isnan(error) else (value_with_error(value, error), "")
+def name_and_unit(name: str, unit: str) -> str:
+    """A name with the unit behind it, where there is one."""
+    return name if unit == "1" else f"{name} ({unit})"
 
 
 def reference_sentence(result: xr.Dataset) -> str:
@@ -199,84 +221,3 @@ def reference_sentence(result: xr.Dataset) -> str:
         if unit != "1":
             units.append(f"{symbol} in {unit}")
     return f"{'; '.join(refers)}. {'; '.join(units)}."
-
-
-# See `mapped`.
-Source = str | tuple[str, Any] | Mapping[str, Any] | Callable[[Any], Any]
-# Attributes of a record that JSON holds as they are.
-PLAIN = (str, int, float)
-
-
-def mapped(data: Any, table: Mapping[str, Source]) -> dict[str, Any]:
-    """What a table says of a dataset, as JSON can hold it.
-
-    Parameters
-    ----------
-    data : Dataset or DataTree
-        Its variables and attributes are named by the table.
-    table : mapping of str to str, tuple, mapping or callable
-        By key: the name of a variable, `name?` of one that may be missing, `name±` of one with its standard
-        error, `@name` of an attribute; a dimension with what stands at each of its labels, or a group with
-        what stands in it; a table; or what takes `data`.
-    """
-    return {key: _value(data, source) for key, source in table.items() if not _is_missing(data, source)}
-
-
-def _is_missing(data: Any, source: Source) -> bool:
-    return isinstance(source, str) and source.endswith("?") and source[:-1] not in data
-
-
-def _value(data: Any, source: Source) -> Any:
-    if callable(source):
-        return source(data)
-    if isinstance(source, Mapping):
-        return mapped(data, source)
-    if isinstance(source, tuple):
-        of, inner = source
-        if isinstance(data, xr.DataTree):
-            return _value(data[of].to_dataset(), inner)
-        return per_label(data, of, inner)
-    if source.startswith("@"):
-        return data.attrs.get(source[1:])
-    if source.endswith("±"):
-        return mapped(data, {"value": source[:-1], "standard_error": error_of(source[:-1])})
-    return number(data[source.removesuffix("?")].values.tolist())
-
-
-def per_label(data: Any, dim: str, source: Source) -> dict[str, Any]:
-    """What a source says at each label of a dimension; nothing where there is none."""
-    if dim not in data.dims:
-        return {}
-    return {label: _value(part, source) for label, part in by_label(data, dim).items()}
-
-
-def same(*names: str) -> dict[str, Source]:
-    """Keys that are the names of their variables."""
-    return {name: name for name in names}
-
-
-def number(value: Any) -> Any:
-    """A number, or a list of them: in place of one that is not finite stands None."""
-    if isinstance(value, list):
-        return [number(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def records_json(tree: xr.DataTree) -> dict[str, Any]:
-    """What is known of the record, and of all if there are several."""
-    records = [
-        {k: v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)} for group in record_groups(tree)
-    ]
-    return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
-
-
-# Tables that several kinds of result share.
-FREQUENCIES_JSON = same(
-    *("reference_frequency", "asymptotic_frequency"),
-    *("reference_frequency_standard_error", "asymptotic_frequency_standard_error"),
-)
-COEFFICIENT: dict[str, Source] = {
-    "value": "coefficient",
-    "standard_error": "standard_error",
-    "constraint": "constraint?",
-}

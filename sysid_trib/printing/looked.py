@@ -1,7 +1,5 @@
 """What is shown without a fit: the forces of a library, what a record holds, and its backbone."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from math import pi
@@ -17,7 +15,8 @@ from sysid_trib.cycles.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.printing.blocks import Block
-from sysid_trib.printing.layout import Source, mapped, same, text_table, value_with_error
+from sysid_trib.printing.layout import text_table, value_with_error
+from sysid_trib.printing.plain_data import Source, csv_of, mapped, same
 
 # What the table of a library refers to, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -25,6 +24,7 @@ NORMALISED = (
     "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
     "A coefficient c has no unit where none stands."
 )
+FORCE_HEADS = ("symbol", "force", "kind", "<h sin phi>", "<h cos phi>")
 WORDS, AT_TWO = 34, " (a = 0.1, 1)"
 
 
@@ -37,8 +37,9 @@ def force_table(library: ForceLibrary) -> Table:
         kind = filter(None, (force.parity, force.character, POWER_WORDS.get(power, power), unit))
         words = "\n".join(fill(line, WORDS) for line in (force.name, *equations_of(force)))
         averaged = (text.removesuffix(AT_TWO).replace(", ", "\n") for text in signature_text(force))
-        rows.append([force.symbol, words, "\n".join(kind), *averaged])
-    return text_table(["symbol", "force", "kind", "<h sin phi>", "<h cos phi>"], rows, whole=(0, 3, 4))
+        cells = (force.symbol, words, "\n".join(kind), *averaged)
+        rows.append(dict(zip(FORCE_HEADS, cells, strict=True)))
+    return text_table(rows, FORCE_HEADS, (FORCE_HEADS[0], *FORCE_HEADS[3:]))
 
 
 def equations_of(force: Force) -> list[str]:
@@ -268,26 +269,24 @@ def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
     """A row for each run and amplitude."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["run", "unit", "amplitude", *CURVE_COLUMNS])
+    heads, rows = ("amplitude", *CURVE_COLUMNS), []
     for run, data in enumerate(backbones.values(), 1):
-        table = np.column_stack([data[name].values for name in ("amplitude", *CURVE_COLUMNS)])
-        writer.writerows([run, data.amplitude.attrs["units"], *row] for row in table.tolist())
-    return buffer.getvalue()
+        words = {"run": run, "unit": data.amplitude.attrs["units"]}
+        table = zip(*(data[name].values.tolist() for name in heads), strict=True)
+        rows += [words | dict(zip(heads, values, strict=True)) for values in table]
+    return csv_of(["run", "unit", *heads], rows)
 
 
 def _table(data: xr.Dataset) -> Table:
+    """Frequency and damping ratio at a few amplitudes, with half their bands."""
     unit, amplitude = data.amplitude.attrs["units"], data.amplitude.values
     wanted = np.geomspace(amplitude[-1], amplitude[0], PRINTED_AMPLITUDES)
     places = dict.fromkeys(int(np.argmin(np.abs(np.log(amplitude / a)))) for a in wanted)
-    rows = [[f"{amplitude[at]:.3g}", *_cells(data.isel(amplitude=at))] for at in places]
-    return text_table([f"amplitude ({unit})", "frequency (rad/s)", "damping ratio"], rows, numbers=(0, 1, 2))
-
-
-def _cells(point: xr.Dataset) -> list[str]:
-    """Frequency and damping ratio at one amplitude with half their bands."""
-    return [
-        value_with_error(point[name].item(), point[f"{name}_high"].item() - point[name].item())
-        for name in CURVE_NAMES[:2]
-    ]
+    heads = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
+    rows = []
+    for at in places:
+        point = data.isel(amplitude=at)
+        pairs = {head: (point[name].item(), point[f"{name}_high"].item()) for name, head in heads.items()}
+        cells = {head: value_with_error(value, high - value) for head, (value, high) in pairs.items()}
+        rows.append({f"amplitude ({unit})": f"{amplitude[at]:.3g}", **cells})
+    return text_table(rows)

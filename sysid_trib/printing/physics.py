@@ -13,16 +13,8 @@ from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing.blocks import ALWAYS, Block
-from sysid_trib.printing.layout import (
-    COEFFICIENT,
-    Source,
-    by_label,
-    mapped,
-    per_label,
-    quantity,
-    same,
-    text_table,
-)
+from sysid_trib.printing.layout import by_label, quantity, text_table
+from sysid_trib.printing.plain_data import COEFFICIENT, Source, mapped, per_label, same
 from sysid_trib.results.effects import significant
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import signal_units
@@ -140,19 +132,23 @@ def si_block(tree: xr.DataTree) -> list[Block]:
     """The table of torques or forces in SI units, with errors, of a result that holds them."""
     if (values := si_of(tree)) is None:
         return []
-    friction = MU in values
-    rows = []
-    for symbol, force in by_label(values, "force").items():
-        cells = [symbol, force["multiplies"].item(), quantity(force, "coefficient"), force["unit"].item()]
-        rows.append([*cells, *([quantity(force, MU)] if friction else [])])
+    rows = [
+        {
+            "force": symbol,
+            "multiplies": force["multiplies"].item(),
+            "coefficient": quantity(force, "coefficient"),
+            "SI unit": force["unit"].item(),
+            **({"friction coefficient": quantity(force, MU)} if MU in values else {}),
+        }
+        for symbol, force in by_label(values, "force").items()
+    ]
     given = ", ".join(
         f"{values[name].attrs['long_name']} {quantity(values, name)} {values[name].attrs['units']}"
         for name in GIVEN
         if name in values
     )
-    heads = ["force", "multiplies", "coefficient", "SI unit", *["friction coefficient"] * friction]
-    table = text_table(heads, rows, numbers=(2, 4)[: 1 + friction])
     caption = f"In SI units, by {values.attrs['of_method']}: {given}"
+    table = text_table(rows, ("force", "multiplies", "SI unit"))
     return [Block((), ALWAYS, "Coefficients", table, caption)]
 
 

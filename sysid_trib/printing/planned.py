@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.printing.blocks import ALWAYS, Block
-from sysid_trib.printing.layout import by_label, number, same, text_table
+from sysid_trib.printing.layout import name_and_unit, text_table
+from sysid_trib.printing.plain_data import mapped, same
 
 # Runs that the table has.
 MOST_RUNS = 8
@@ -14,7 +15,10 @@ MOST_RUNS = 8
 
 def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
     """What is said of runs that may be made next; `stated` is the identification that is known."""
-    return [Block(_sentences(data, stated), ALWAYS), Block(table=_table(data, stated), layers=ALWAYS)]
+    return [
+        Block(_sentences(data, stated), ALWAYS),
+        Block(table=text_table(_rows(data, stated)[:MOST_RUNS]), layers=ALWAYS),
+    ]
 
 
 def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
@@ -40,8 +44,7 @@ def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         said.append(f"No run within the limits reaches {asked}; widen them, or repeat the run.")
-    rows = _rows(data)
-    if equal := len(rows) - len(_distinct(rows)):
+    if equal := data.sizes["run"] - len(_rows(data, stated)):
         runs = f"{equal} run{'s' if equal > 1 else ''}"
         said.append(f"Left out: {runs} longer than another that tells as much, by the digits shown.")
     return said
@@ -56,40 +59,27 @@ def _size(run: xr.Dataset) -> str:
     return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
 
 
-def _rows(data: xr.Dataset) -> list[list[str]]:
+def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
     """What is printed of each run: release, duration, and what it tells."""
     several, rows = len(data.attrs["models"]) > 1, []
+    units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
+    heads = [name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
     for at in range(data.sizes["run"]):
-        row = data.isel(run=at)
-        by_names = [f"{row.probability.item():.2f}", f"{row.entropy.item():.3f}"] if several else []
-        errors = [f"{error:.2g}" for error in row.standard_error.values]
-        rows.append([_size(row), f"{row.duration.item():.3g}", *by_names, *errors])
-    return rows
-
-
-def _distinct(rows: list[list[str]]) -> list[list[str]]:
-    """The runs of which none before them, which is the shorter one, is said to tell as much."""
-    seen = {tuple(row[2:]): row for row in reversed(rows)}
-    return [row for row in rows if seen[tuple(row[2:])] is row]
-
-
-def _table(data: xr.Dataset, stated: xr.Dataset) -> Any:
-    """The best runs, a row each."""
-    several = len(data.attrs["models"]) > 1
-    heads = [f"release ({_unit(data)})", "duration (s)", *(["probability", "entropy"] if several else [])]
-    for symbol in data.force.values.tolist():
-        unit = stated.unit.sel(force=symbol).item()
-        heads.append(f"error of {symbol}{'' if unit == '1' else f' ({unit})'}")
-    return text_table(heads, _distinct(_rows(data))[:MOST_RUNS], numbers=tuple(range(len(heads))))
+        run = data.isel(run=at)
+        row = {f"release ({_unit(data)})": _size(run), "duration (s)": f"{run.duration.item():.3g}"}
+        if several:
+            row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
+        errors = (f"{error:.2g}" for error in run.standard_error.values)
+        rows.append(row | dict(zip(heads, errors, strict=True)))
+    # Of runs that are said to tell as much the shorter one comes first.
+    seen = {tuple(row.values())[2:]: row for row in reversed(rows)}
+    return [row for row in rows if seen[tuple(row.values())[2:]] is row]
 
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
     """A plan as plain data, all runs."""
-    names = same("amplitude", "duration", "samples", "probability", "entropy", "meets")
-    runs = []
-    for at in range(data.sizes["run"]):
-        row = data.isel(run=at)
-        errors = {s: number(of.standard_error.item()) for s, of in by_label(row, "force").items()}
-        runs.append({name: number(np.asarray(row[name]).tolist()) for name in names} | {"errors": errors})
+    table = same("amplitude", "duration", "samples", "probability", "entropy", "meets")
+    of_run = table | {"errors": ("force", "standard_error")}
+    runs = [mapped(data.isel(run=at), of_run) for at in range(data.sizes["run"])]
     models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
     return {"models": models, "odds": data.attrs["odds"], "runs": runs}

@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
-from sysid_trib.printing.layout import number, p_value_text, value_with_error
+from sysid_trib.printing.layout import p_value_text, value_with_error
+from sysid_trib.printing.plain_data import number
 from sysid_trib.results.variables import group_names, record_groups, signal_units
 from sysid_trib.validation.findings import second_of
 from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence

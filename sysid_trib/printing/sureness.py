@@ -11,18 +11,15 @@ from scipy.stats import norm
 
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.layout import (
-    Source,
     by_label,
-    mapped,
-    number,
+    name_and_unit,
     p_value_text,
-    per_label,
     quantity,
-    same,
     text_table,
     value_with_error,
     with_unit,
 )
+from sysid_trib.printing.plain_data import Source, mapped, same
 from sysid_trib.printing.verdict import error_parts_sentence
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS, sufficient_forces
 from sysid_trib.results.files import identifications_of
@@ -56,86 +53,68 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
 
 def _profile_blocks(data: xr.Dataset, lacking: bool) -> list[Block]:
     """Intervals by the profile likelihood, beside those by the standard error; `lacking` : of the model."""
-    rows = []
+    rows, misled = [], []
     for name, row in by_label(data, "parameter").items():
-        estimate, error = row.estimate.item(), row.standard_error.item()
-        lower, upper = estimate - row.low.item(), row.high.item() - estimate
-        ends = [f"{row[end].item():.4g}" if np.isfinite(row[end]) else "none" for end in ("low", "high")]
-        by_error = f"-{lower / error:.2f} +{upper / error:.2f}"
-        rows.append([name, value_with_error(estimate, error), *ends, by_error])
-    misled = [name for name, row in by_label(data, "parameter").items() if row.asymmetric.item()]
-    said = f"The standard error misleads for {', '.join(misled)}: quote the interval." if misled else ""
-    said = NOISE_ALONE if lacking else said
-    heads = ["parameter", "by the motion", "from", "to", "over the error"]
-    table = text_table(heads, rows, numbers=(1, 2, 3, 4))
+        estimate, error, low, high = (row[k].item() for k in ("estimate", "standard_error", "low", "high"))
+        rows.append(
+            {
+                "parameter": name,
+                "by the motion": value_with_error(estimate, error),
+                **{k: f"{v:.4g}" if np.isfinite(v) else "none" for k, v in (("from", low), ("to", high))},
+                "over the error": f"-{(estimate - low) / error:.2f} +{(high - estimate) / error:.2f}",
+            }
+        )
+        misled += [name] * bool(row.asymmetric.item())
+    said = [f"The standard error misleads for {', '.join(misled)}: quote the interval."] * bool(misled)
     caption = f"Intervals of {100.0 * data.attrs['confidence']:g} % by the profile likelihood"
-    return [
-        Block([said] if said else [], ALWAYS, "Profiles", table, caption, PROFILE),
-    ]
+    table = text_table(rows, ("parameter",))
+    return [Block([NOISE_ALONE] if lacking else said, ALWAYS, "Profiles", table, caption, PROFILE)]
 
 
 def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
     """The range of each coefficient over all fits, and those that differ most."""
-    count = data.sizes["fit"]
-    rows, sentences = [], []
+    rows, changed = [], []
     for symbol, row in by_label(data, "force").items():
-        estimate, error = row.estimate.item(), row.stated_error.item()
         change = np.nan_to_num(np.abs(row.change.values))
         at, kept = int(np.argmax(change)), int(np.isfinite(row.coefficient.values).sum())
         rows.append(
-            [
-                symbol,
-                value_with_error(estimate, error),
-                f"{row.low.item():.4g}",
-                f"{row.high.item():.4g}",
-                f"{kept} of {count}",
-                f"{change[at]:.1f}",
-                f"{row.kind.values[at]}, {row.fit.values[at]}",
-            ]
+            {
+                "force": symbol,
+                "stated": value_with_error(row.estimate.item(), row.stated_error.item()),
+                "from": f"{row.low.item():.4g}",
+                "to": f"{row.high.item():.4g}",
+                "fits": f"{kept} of {data.sizes['fit']}",
+                "largest change / its error": f"{change[at]:.1f}",
+                "by": f"{row.kind.values[at]}, {row.fit.values[at]}",
+            }
         )
+        changed += [symbol] * bool(round(change[at], 1) > SIGNIFICANT_ERRORS)
     failed = [label for label, row in by_label(data, "fit").items() if row.reason.item()]
-    changed = [row[0] for row in rows if float(row[5]) > SIGNIFICANT_ERRORS]
+    sentences = []
     if changed:
         sentences.append(f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {', '.join(changed)}.")
     sentences += [f"Without a result: {', '.join(failed)}."] if failed else []
-    heads = ["force", "stated", "from", "to", "fits", "largest change / its error", "by"]
-    table = text_table(heads, rows, numbers=(1, 2, 3, 4, 5))
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
-    return [Block(sentences, ALWAYS, "Sensitivity", table, caption, SENSITIVITY)]
+    return [Block(sentences, ALWAYS, "Sensitivity", text_table(rows, ("force", "by")), caption, SENSITIVITY)]
 
 
-PROFILE_JSON: dict[str, Source] = same("estimate", "standard_error", "low", "high", "asymmetric")
-REFITS_JSON: dict[str, Source] = same("estimate", "stated_error", "low", "high")
+SURE_JSON: dict[str, Source] = {
+    PROFILE: ("parameter", same("estimate", "standard_error", "low", "high", "asymmetric")),
+    SENSITIVITY: {
+        "forces": ("force", same("estimate", "stated_error", "low", "high")),
+        "fits": ("fit", same("kind", "reason") | {"coefficients": ("force", "coefficient")}),
+    },
+}
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
-    made: dict[str, Any] = {}
-    if PROFILE in tree.children:
-        made[PROFILE] = per_label(tree[PROFILE].to_dataset(), "parameter", PROFILE_JSON)
-    if SENSITIVITY in tree.children:
-        data = tree[SENSITIVITY].to_dataset()
-        fits = {
-            label: {"kind": row.kind.item(), "reason": row.reason.item()}
-            | {
-                "coefficients": {
-                    symbol: number(value)
-                    for symbol, value in zip(data.force.values, row.coefficient.values.tolist(), strict=True)
-                }
-            }
-            for label, row in by_label(data, "fit").items()
-        }
-        made[SENSITIVITY] = {
-            "forces": {symbol: mapped(row, REFITS_JSON) for symbol, row in by_label(data, "force").items()},
-            "fits": fits,
-        }
-    return made
+    return mapped(tree, {name: (name, table) for name, table in SURE_JSON.items() if name in tree.children})
 
 
 def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     """What is said of two samples, in its order; `record` says what was read."""
     data = tree.to_dataset()
-    several = [f"{side}_between_runs" for side in SIDES if np.isfinite(data[f"{side}_between_runs"]).any()]
     said = (
         f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
         f"found with a probability of {POWER_STATED:g}, at the level {data.attrs['level']:g}."
@@ -144,9 +123,9 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
         Block([_first_sentence(tree)], ALWAYS),
         Block([_stiffness_sentence(data), *_warnings(tree)]),
         Block(record),
-        Block([said], title="Coefficients", table=_table(tree, several), figures="difference"),
+        Block([said], title="Coefficients", table=_table(tree, True), figures="difference"),
         Block(_details(tree), Layer.EXPLAIN, "Samples"),
-        Block(layers=Layer.QUIET, table=_table(tree, [])),
+        Block(layers=Layer.QUIET, table=_table(tree, False)),
     ]
 
 
@@ -188,15 +167,14 @@ def _test_of_all(data: xr.Dataset) -> str:
 def _first_sentence(tree: xr.DataTree) -> str:
     """Which coefficients differ, and which do not."""
     data = tree.to_dataset()
-    names = data.force.values.tolist()
-    differ = [name for name in names if data.differs.sel(force=name).item()]
-    held = [name for name in names if not np.isfinite(data.z.sel(force=name))]
-    others = [name for name in names if name not in [*differ, *held]]
+    rows = by_label(data, "force")
+    held = [name for name, row in rows.items() if not np.isfinite(row.z)]
+    others = [name for name, row in rows.items() if not row.differs.item() and name not in held]
     parts = []
-    for name in differ:
-        row, unit = data.sel(force=name), _unit(tree, name)
-        pair = " and ".join(with_unit(quantity(row, side), unit) for side in SIDES)
-        parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
+    for name, row in rows.items():
+        if row.differs.item():
+            pair = " and ".join(with_unit(quantity(row, side), _unit(tree, name)) for side in SIDES)
+            parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
     if parts:
         rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
         rest += f"; not tested, since held in both: {', '.join(held)}" if held else ""
@@ -258,32 +236,27 @@ def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
     return next(r for r in identifications_of(tree).values() if symbol in r.force).sel(force=symbol)
 
 
-def _table(tree: xr.DataTree, between: Sequence[str]) -> Table:
+def _table(tree: xr.DataTree, between: bool) -> Table:
     """A row each force: both samples, difference, how sure, and what would be found."""
     data, rows = tree.to_dataset(), []
+    names = dict(zip(SIDES, _names(data), strict=True))
     factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER_STATED)
-    for symbol in data.force.values.tolist():
-        row, force = data.sel(force=symbol), _force(tree, symbol)
-        unit = "" if force.unit.item() == "1" else f" ({force.unit.item()})"
-        cells = [quantity(row, name) for name in SIDES]
-        cells.append(value_with_error(row.difference.item(), row.standard_error.item()))
-        detectable = f"{factor * row.standard_error.item():.2g}" if row.standard_error.item() > 0.0 else "-"
-        scatter = [f"{row[name].item():.2g}" for name in between]
+    several = [side for side in SIDES if between and np.isfinite(data[f"{side}_between_runs"]).any()]
+    for symbol, row in by_label(data, "force").items():
+        error = row.standard_error.item()
         rows.append(
-            [
-                symbol,
-                f"{force['name'].item()}{unit}",
-                *cells,
-                f"{row.z.item():+.1f}" if np.isfinite(row.z) else "-",
-                p_value_text(row.p_value.item(), ""),
-                detectable,
-                *scatter,
-            ]
+            {
+                "force": symbol,
+                "": name_and_unit(_force(tree, symbol)["name"].item(), _unit(tree, symbol)),
+                **{name: quantity(row, side) for side, name in names.items()},
+                "difference": value_with_error(row.difference.item(), error),
+                "z": f"{row.z.item():+.1f}" if np.isfinite(row.z) else "-",
+                "p": p_value_text(row.p_value.item(), ""),
+                "detectable": f"{factor * error:.2g}" if error > 0.0 else "-",
+                **{f"{names[s]} between its runs": f"{row[f'{s}_between_runs'].item():.2g}" for s in several},
+            }
         )
-    heads = ["force", "", *_names(data), "difference", "z", "p", "detectable"]
-    by_side = zip(SIDES, _names(data), strict=True)
-    heads += [f"{name} between its runs" for side, name in by_side if f"{side}_between_runs" in between]
-    return text_table(heads, rows, numbers=tuple(range(2, len(heads))))
+    return text_table(rows, ("force", ""))
 
 
 # By key of the JSON.
@@ -293,11 +266,8 @@ CONTRAST_JSON: dict[str, Source] = {
     **same("difference", "standard_error", "z", "p_value", "differs"),
 }
 JSON: dict[str, Source] = {
-    "verdict": "@verdict",
-    "level": "@level",
-    "first_record": "@first_record",
-    "second_record": "@second_record",
-    "coefficients": lambda data: per_label(data, "force", CONTRAST_JSON),
+    **{name: f"@{name}" for name in ("verdict", "level", "first_record", "second_record")},
+    "coefficients": ("force", CONTRAST_JSON),
     "stiffness_difference": "stiffness_difference±",
     **same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
 }

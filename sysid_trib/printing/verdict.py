@@ -7,17 +7,15 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing.layout import (
-    Source,
     by_label,
     in_small_units,
-    mapped,
     p_value_text,
-    same,
     text_table,
     value_with_error,
     values_with_errors,
     with_unit,
 )
+from sysid_trib.printing.plain_data import Source, mapped, same
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
@@ -54,9 +52,9 @@ def runs_table(runs: xr.Dataset) -> Table:
     rows = []
     for name, row in by_label(runs, "quantity").items():
         cells = values_with_errors(row.value, row.standard_error)
-        rows.append([name, *cells, p_value_text(row.p_value.item(), "")])
-    heads = ["quantity", *(f"run {at + 1}" for at in range(runs.sizes["run"])), "p"]
-    return text_table(heads, rows, numbers=tuple(range(1, len(heads))))
+        by_run = {f"run {at}": cell for at, cell in enumerate(cells, 1)}
+        rows.append({"quantity": name, **by_run, "p": p_value_text(row.p_value.item(), "")})
+    return text_table(rows, ("quantity",))
 
 
 def runs_sentences(runs: xr.Dataset) -> list[str]:

@@ -1,0 +1,290 @@
+"""The equation of an identification in one line, for LaTeX, and as a function of other programs."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from math import floor, log10
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.formulas import SMOOTH, Formula
+from sysid_trib.forces.notation import symbol_latex
+from sysid_trib.results.references import in_model
+from sysid_trib.results.schema import library_of, model_of, shape_values_of
+from sysid_trib.results.variables import signal_symbol, signal_units
+
+# Digits of a number without an error, and of an error.
+DIGITS, DIGITS_OF_ERROR = 6, 2
+# Names of formulas in LaTeX; x is the angle, v its rate over w.
+NAMES = {"x": r"\theta", "v": r"\frac{\dot{\theta}}{\omega}", "t": "t"}
+IN_NUMPY = {name: f"np.{name}" for name in ("sign", "abs", "pi", *SMOOTH)}
+IN_NUMPY |= {"min": "np.minimum", "max": "np.maximum"}
+IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
+IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
+# Names that the texts have for what is theirs.
+NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
+PYTHON_TEXT = '''"""{equation}
+
+x in {unit} about the equilibrium, without the sensor's zero and errors; t in s since the first sample.
+Start and zero of a record are to be fitted, with rtol=1e-9. Dry friction does not hold it at rest: end there.
+"""
+
+import numpy as np
+
+W = {w!r}  # rad/s
+
+
+def f(t, y{inputs}):
+    """Rates of y = [{states}] by time, as scipy.integrate.solve_ivp takes them."""
+    x, v = y[0], y[1] / W
+{scaled}    force = (
+        {force}
+    )
+    return np.array([y[1], -W**2 * (x + force){rates}])
+
+
+def start(x, rate, t=0.0):
+    """The states y of a motion that begins at x with a rate (1/s)."""
+    v = rate / W
+    return np.array([{starts}])
+'''
+SYMPY_TEXT = """# {equation}
+# x in {unit}, v = x'/w, t in s since the first sample of the record.
+import sympy
+
+{names} = sympy.symbols("{names}", real=True)
+w = sympy.Float({w!r})  # rad/s
+{scaled}force = (
+    {force}
+)
+# Derivatives by time.
+rates = {{x: w * v, v: -w * (x + force){rates}}}
+"""
+SIMULINK_TEXT = """function dy = f(t, y{inputs})
+%#codegen
+% {equation}
+% y = [{states}], x in {unit}, t in s since the first sample of the record; dy goes to an integrator.
+% First values of y: [{starts}].
+W = {w!r}; % rad/s
+x = y(1); v = y(2)/W;
+{scaled}force = {force};
+dy = [y(2); -W^2*(x + force){rates}];
+end
+"""
+# How a language writes the parts of its text.
+LANGUAGES: dict[str, dict[str, str]] = {
+    "python": {
+        **{"text": PYTHON_TEXT, "power": "**", "list": ", ", "sum": "\n        + "},
+        **{"input": ", {name}=0.0", "scaled": "    {name} = {name} / W**{power}\n"},
+        **{"state": "    {name} = y[{at}]\n", "rate": ", W * ({rate})"},
+    },
+    "sympy": {
+        **{"text": SYMPY_TEXT, "power": "**", "list": ", ", "sum": "\n    + "},
+        **{"input": "", "scaled": "{name} = {name} / w**{power}\n"},
+        **{"state": "", "rate": ", {name}: w * ({rate})"},
+    },
+    "simulink": {
+        **{"text": SIMULINK_TEXT, "power": "^", "list": "; ", "sum": " ...\n    + "},
+        **{"input": ", {name}", "scaled": "{name} = {name}/W**{power};\n"},
+        **{"state": "{name} = y({next});\n", "rate": "; W*({rate})"},
+    },
+}
+FUNCTIONS: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
+
+
+def equation_text(result: xr.Dataset) -> str:
+    """The equation of motion of an identification in one line, x the angle and v its rate over w.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    """
+    forces, sensors = ([(n, f.text) for n, f, of in _terms(result) if of is side] for side in (False, True))
+    text = f"x'' = -w^2 (x{_sum(forces)}), v = x'/w, w = {frequency_text(result)} rad/s"
+    shapes = ", ".join(f"{name} = {value:.6g}" for name, value in shape_values_of(result).items())
+    measured = f"; the sensor shows x{_sum(sensors)}" if sensors else ""
+    return f"{text}{f', {shapes}' if shapes else ''}{measured}"
+
+
+def equation_latex(result: xr.Dataset) -> str:
+    r"""The equation of motion for LaTeX, between `\begin{equation}` and `\end{equation}`."""
+    # A displacement is no angle.
+    x = signal_symbol(signal_units(result))
+    names = {name: latex.replace(r"\theta", x) for name, latex in NAMES.items()}
+    parts = [x]
+    for number, formula, of_sensor in _terms(result):
+        if of_sensor:
+            continue
+        written, is_sum = formula_latex(formula, names)
+        if is_sum or written.startswith("-"):
+            # It is multiplied whole.
+            written = rf"\left({written}\right)"
+        # A number beside a number would read as one.
+        times = "\\cdot" if written[:1].isdigit() else "\\,"
+        parts.append(f"{_signed(power_of_ten(number))}{times} {written}")
+    right = r" \\" "\n" r"    &\quad ".join(parts)
+    values = [rf"\omega &= {frequency_text(result)}\,\mathrm{{rad/s}}"]
+    for name, value in shape_values_of(result).items():
+        values.append(f"{symbol_latex(name.partition('.')[2])} &= {power_of_ten(f'{value:.6g}')}")
+    return "\n".join(
+        [
+            r"\begin{equation}",
+            r"  \begin{aligned}",
+            rf"    \ddot{{{x}}} &= -\omega^2 \Bigl[" + right + r" \Bigr], \\",
+            ", \\\\\n".join(f"    {value}" for value in values),
+            r"  \end{aligned}",
+            r"\end{equation}",
+        ]
+    )
+
+
+def formula_latex(formula: Formula, names: Mapping[str, str] = NAMES) -> tuple[str, bool]:
+    """A formula of a library for LaTeX, letters by `names`, and whether it is a sum."""
+    import sympy
+
+    known = {"abs": sympy.Abs, "sign": sympy.sign, "max": sympy.Max, "min": sympy.Min}
+    known |= {name: sympy.Symbol(names.get(name, name)) for name in formula.names}
+    with sympy.evaluate(False):
+        # Formulas were checked when they were read: names, numbers and a few functions.
+        expression = sympy.parse_expr(formula.text, local_dict=known)
+        return str(sympy.latex(expression)), bool(expression.is_Add)
+
+
+def power_of_ten(number: str) -> str:
+    """A number as LaTeX writes it: its power of ten is no e."""
+    digits, _, power = number.partition("e")
+    return f"{digits} \\times 10^{{{int(power)}}}" if power else digits
+
+
+def rounded(value: float, error: float) -> str:
+    """A number to two digits of its error; to six without one."""
+    if not (np.isfinite(error) and error > 0.0) or value == 0.0:
+        return f"{value:.{DIGITS}g}"
+    digits = floor(log10(abs(value))) - floor(log10(error)) + DIGITS_OF_ERROR
+    return f"{value:#.{max(1, digits)}g}".replace(".e", "e").rstrip(".")
+
+
+def frequency_text(result: xr.Dataset) -> str:
+    """The reference frequency to two digits of its error, rad/s."""
+    return rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
+
+
+def _terms(result: xr.Dataset) -> Iterator[tuple[str, Formula, bool]]:
+    """Numbers and formulas of the active forces, and whether they are the sensor's.
+
+    A stiffness that refers to another frequency, that without contact, is in w already.
+    """
+    for force in library_of(result):
+        row = result.sel(force=force.symbol)
+        acts = row.active.item() and row.coefficient.item() != 0.0 and in_model(result, force.symbol)
+        # Each run's own stands once, by its index.
+        if acts and (force.run or 1) == 1:
+            number = rounded(row.coefficient.item(), row.standard_error.item())
+            number = number if force.run is None else f"{force.symbol.removesuffix('_1')}_i"
+            yield number, force.formula, force.kind == "sensor"
+
+
+def _sum(terms: Iterable[tuple[str, str]]) -> str:
+    """Numbers times formulas; the sign of a formula goes to its number."""
+    text = ""
+    for number, formula in terms:
+        factor = _factor(formula)
+        if factor.startswith("-"):
+            number, factor = number[1:] if number.startswith("-") else f"-{number}", factor[1:]
+        text += f" {_signed(number)}*{factor}"
+    return text
+
+
+def _signed(number: str) -> str:
+    return f"- {number[1:]}" if number.startswith("-") else f"+ {number}"
+
+
+def _factor(formula: str) -> str:
+    """A formula as a factor: in brackets if it is a sum."""
+    depth = 0
+    for at, letter in enumerate(formula):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0 and at and letter in "+-" and formula[at - 1] == " ":
+            return f"({formula})"
+    return formula
+
+
+def model_code(result: xr.Dataset, language: str) -> str:
+    """The equation of an identification as program text, with its numbers to all their digits.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    language : {"python", "sympy", "simulink"}
+        A function `f(t, y)` of NumPy; `rates` of sympy; the body of a MATLAB function block.
+
+    Raises
+    ------
+    UsageError
+        Another language, or a force whose memory changes at reversals: it is no equation in x, v, states.
+    """
+    if language not in LANGUAGES:
+        raise UsageError(f"'{language}' is no language of export; choose {', '.join(LANGUAGES)}.")
+    _check_is_equation(result)
+    model, written, functions = model_of(result), LANGUAGES[language], FUNCTIONS[language]
+    terms, states, starts = list[str](), dict[str, str](), ["x", "rate" if language == "python" else "x'"]
+    for force in model.forces:
+        known = dict(functions)
+        for name, shape in force.shape.items():
+            known[name] = f"({float(model.shapes.get(f'{force.symbol}.{name}', shape.default))!r})"
+        known |= {name: f"{force.symbol}_{name}" for name in force.state}
+        terms.append(f"{float(model.coefficients[force.symbol])!r} * ({_renamed(force.formula, known)})")
+        for name, rate in force.state.items():
+            states[known[name]] = _renamed(rate, known)
+            starts.append(_renamed(force.start[name], known) if name in force.start else "0.0")
+    scaled = [written["scaled"].format(name=c.name, power=c.power) for c in model.driven if c.power]
+    scaled += [written["state"].format(name=name, at=at, next=at + 1) for at, name in enumerate(states, 2)]
+    rates = (written["rate"].format(name=name, rate=rate) for name, rate in states.items())
+    return (
+        written["text"]
+        .format(
+            # Units are words of files: what ends a comment or a docstring is no part of them here.
+            equation=_one_line(equation_text(result)),
+            unit=_one_line(signal_units(result)),
+            w=float(model.reference_frequency),
+            inputs="".join(written["input"].format(name=c.name) for c in model.driven),
+            names=", ".join(["t", "x", "v", *states, *(c.name for c in model.driven)]),
+            states=written["list"].join(["x", "x'", *states]),
+            starts=written["list"].join(starts),
+            scaled="".join(scaled),
+            force=written["sum"].join(terms or ["0.0"]),
+            rates="".join(rates),
+        )
+        .replace("**", written["power"])
+    )
+
+
+def _check_is_equation(result: xr.Dataset) -> None:
+    """Refuse what no one equation in x, v and states has."""
+    model = model_of(result)
+    if runs := [force.symbol for force in library_of(result) if force.run is not None]:
+        raise UsageError(
+            f"{', '.join(runs)} are of one run each, an equation has one of them; identify that run alone."
+        )
+    if taken := NAMES_OF_TEXTS & {channel.name for channel in model.driven}:
+        raise UsageError(
+            f"The input {', '.join(sorted(taken))} has a name that the exported text has for its own; give "
+            "it another in the library and in --input."
+        )
+    if hysteretic := [force.symbol for force in model.forces if force.memory]:
+        raise UsageError(
+            f"{', '.join(hysteretic)} holds values between reversals and is no equation in x, v and states; "
+            "use sysid-trib simulate, or predict in Python."
+        )
+
+
+def _one_line(text: str) -> str:
+    return re.sub(r'["\\\\]', "'", " ".join(text.split()))
+
+
+def _renamed(formula: Formula, known: Mapping[str, str]) -> str:
+    """A formula with the names of another language."""
+    return re.sub(r"\b[^\W\d]\w*", lambda word: known.get(word[0], word[0]), formula.text)
