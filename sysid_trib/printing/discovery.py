@@ -57,20 +57,19 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
     -------
     list of Block
     """
-    verdict, *sentences = verdict_sentences(tree)
-    count, details = tree["steps"].attrs["count"], Layer.EXPLAIN
-    remarks = [line for at in range(count) for line in _remarks(tree, at)]
+    (verdict, *sentences), details, steps = verdict_sentences(tree), Layer.EXPLAIN, steps_of(tree)
+    remarks = [line for at, step in enumerate(steps) for line in _remarks(tree, at, step)]
     coefficients = text_table([*coefficient_rows(given_results(tree)).values()], ("force", "formula"))
     blocks = [
         Block([verdict], ALWAYS),
         Block(sources),
-        *([Block((), Layer.QUIET | Layer.DEFAULT, table=effects_table(tree))] if count else []),
+        *([Block((), Layer.QUIET | Layer.DEFAULT, table=effects_table(tree))] if steps else []),
         Block([*remarks, *sentences], Layer.DEFAULT),
         Block(sentences, details),
         Block(title="At a glance", figures="glance"),
         Block(_start(tree), details, DIFFER, residual_table(tree, "discrepancy"), PARTS_CAPTION, "gap"),
     ]
-    if count:
+    if steps:
         held = EFFECTS_CAPTION.format(tree.attrs["held_out"])
         blocks.append(Block((), details, MISSING, effects_table(tree, details=True), held))
         blocks.append(Block(remarks, details, MISSING))
@@ -79,29 +78,24 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
         Block((), details, CANDIDATES, ranking_table(tree), RANKING, "scores"),
     ]
     if tree.attrs["verdict"] == "unknown effect":
-        remains = residual_sentences(tree, "discrepancy_after")
-        blocks.append(
-            Block(remains, details, REMAINS, residual_table(tree, "discrepancy_after"), PARTS_CAPTION)
-        )
+        remains = residual_sentences(tree, after := "discrepancy_after")
+        blocks.append(Block(remains, details, REMAINS, residual_table(tree, after), PARTS_CAPTION))
     return [*blocks, Block(_detectability(tree), details, SHOWS)]
 
 
 def _start(tree: xr.DataTree) -> list[str]:
     residual, noise, units = residual_of(tree, "before"), record_noise(tree), signal_units(tree)
     model = f"start model ({', '.join(tree['before'].force.values.tolist())})"
-    sentence = (
-        f"The {model} leaves a gap of {in_small_units(residual, units)} (RMS): "
-        f"{times_noise(residual / noise)} of {in_small_units(noise, units)}."
-        if np.isfinite(residual)
-        else f"The motion of the {model} leaves the record."
-    )
+    sentence = f"The motion of the {model} leaves the record."
+    if np.isfinite(residual):
+        size = f"{times_noise(residual / noise)} of {in_small_units(noise, units)}"
+        sentence = f"The {model} leaves a gap of {in_small_units(residual, units)} (RMS): {size}."
     differ = [*residual_sentences(tree, "discrepancy"), *force_type_sentences(tree, "discrepancy")]
     return [sentence, *slow_noise_sentences(tree), *differ]
 
 
-def _remarks(tree: xr.DataTree, at: int) -> list[str]:
+def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> list[str]:
     """What to mind of an effect: doubts, and what competes with it."""
-    step = steps_of(tree)[at]
     symbol = step.symbol.item()
     remarks = []
     if not step.significant:

@@ -223,8 +223,7 @@ def _outstanding(tree: xr.DataTree) -> list[str]:
 
 def _stability(tree: xr.DataTree) -> list[str]:
     """In how many parts of the record each name stands, and what is likelier where it does not."""
-    # A result that an older version saved does not say.
-    if not added_effects(tree) or "stands_in" not in tree["steps"]:
+    if not added_effects(tree):
         return []
     texts = []
     for step in steps_of(tree):

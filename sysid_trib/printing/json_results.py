@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.physics.si_units import MU, SI, si_of
 from sysid_trib.printing.discovery_tables import steps_of
 from sysid_trib.printing.identification import consequences
@@ -20,9 +21,8 @@ from sysid_trib.printing.plain_data import (
     records_json,
     same,
 )
-from sysid_trib.printing.random_force import random_force_json
-from sysid_trib.printing.verdict import GROUP, TESTED, runs_json
-from sysid_trib.records.decay import RECORD_PARTS
+from sysid_trib.printing.verdict import GROUP
+from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.results.effects import (
     PAIR,
     PAIRS,
@@ -32,7 +32,7 @@ from sysid_trib.results.effects import (
     replacing_pairs,
     shapes_of,
 )
-from sysid_trib.results.variables import record_groups
+from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation.findings import (
     amplitudes,
     answer_of,
@@ -41,10 +41,12 @@ from sysid_trib.validation.findings import (
     holds,
     residual_of,
     residual_over_noise,
+    second_of,
     times_of_amplitudes,
+    verdict_of,
     with_error_parts,
 )
-from sysid_trib.validation.verdict import record_noise
+from sysid_trib.validation.verdict import p_value_of_dependence, record_noise
 
 TEST = ("chi_square", "degrees_of_freedom", "p_value")
 FORCE = COEFFICIENT | same("error_of_noise", "error_of_model", "active", "refers_to", "unit")
@@ -57,6 +59,20 @@ METHOD: dict[str, Source] = {
 }
 DIFFERENCE = same("difference", "expected_difference", "standard_error", "z")
 CHECK = same(*TEST) | {"differences": ("quantity", DIFFERENCE)}
+RUNS: dict[str, Source] = {
+    "verdict": "@verdict",
+    **{name: f"total_{name}" for name in TEST},
+    "quantities": (
+        "quantity",
+        {"values": "value", "standard_errors": "standard_error", **same("chi_square", "p_value")},
+    ),
+}
+DENSITIES: dict[str, Source] = {
+    "verdict": "@density_verdict",
+    "densities": "random_force_density",
+    "standard_errors": "random_force_density_standard_error",
+    **{name: f"density_{name}" for name in TEST},
+}
 MODEL_CHECK = same("departure_time", "residual_p_value", "line_frequency", "line_amplitude")
 COMPARED: dict[str, Source] = {
     "coefficients": ("force", COEFFICIENT | same("z", "unit")),
@@ -126,28 +142,28 @@ DISCOVERY: dict[str, Source] = {
 def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `cross_check` as plain data, see `identification_blocks`."""
     checked, failed, answer = tree["comparison"].to_dataset(), failures(tree), answer_of(tree)
-    si = si_of(tree)
-    names = (checked.attrs["first"], checked.attrs["second"])
+    si, methods, models = si_of(tree), {}, {}
     withheld = dict.fromkeys(METHOD) | {"coefficients": {}}
-    methods, models = {}, {}
-    for name in names:
+    for name in (checked.attrs["first"], checked.attrs["second"]):
         given = withheld if name in failed else mapped(with_error_parts(tree[name].to_dataset()), METHOD)
         methods[name] = given | {"failed": failed.get(name, "")}
-        models[name] = mapped(checked.sel(model=name), MODEL_CHECK)
-        models[name]["residual_rms"] = number(residual_of(tree, name))
-        models[name]["residual_over_noise"] = number(residual_over_noise(tree, name))
+        models[name] = mapped(checked.sel(model=name), MODEL_CHECK) | {
+            "residual_rms": number(residual_of(tree, name)),
+            "residual_over_noise": number(residual_over_noise(tree, name)),
+        }
     if holds(tree):
         result, at = tree[answer].to_dataset(), times_of_amplitudes(tree)
         follows = physics_json(result, amplitudes(tree), si, time=at)
     else:
         follows = {"refused": consequences(tree)[0]}
-    of_models = {"models": models, "noise": record_noise(tree)}
     data = {
         **records_json(tree),
         **random_force_json(tree),
         "answer": None if answer in failed else answer,
         "methods": methods,
-        "cross_check": mapped(checked, CHECK) | of_models | checked.attrs,
+        "cross_check": mapped(checked, CHECK)
+        | {"models": models, "noise": record_noise(tree)}
+        | checked.attrs,
         "consequences": follows,
         "sufficient_forces": [
             {s: {"value": value, "standard_error": error} for s, (value, error) in forces.items()}
@@ -162,34 +178,62 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     return data
 
 
+def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
+    """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
+    result = second_of(tree)
+    data: dict[str, Any] = {"verdict": verdict_of(tree), "random_force": None, "innovations": None}
+    force = random_force_of(result)
+    if not force:
+        return data
+    tested = tree["random_force"].to_dataset() if "random_force" in tree.children else None
+    data["random_force"] = {
+        "density": force.density,
+        "standard_error": number(force.standard_error),
+        "relative": force.relative(float(result.reference_frequency)),
+        "p_value": number(force.p_value),
+        "dependence_p_value": None if tested is None else number(p_value_of_dependence(tested)),
+        "density_p_value": None if tested is None else number(float(tested.density_p_value.min())),
+    }
+    groups = group_names("innovations", len(record_groups(tree)))
+    if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
+        # Of runs whose lengths differ, records too short for all lags have fewer.
+        lags = min(run.sizes["lag"] for run in followed)
+        correlations = [run.autocorrelation.values[:lags] for run in followed]
+        data["innovations"] = {
+            "rms": root_mean_square([run.innovation_rms.item() for run in followed]),
+            "autocorrelation": np.mean(correlations, axis=0).tolist(),
+        }
+    return data
+
+
+def runs_json(runs: xr.Dataset) -> dict[str, Any]:
+    """The test of runs of one experiment as plain data."""
+    return mapped(runs, RUNS | ({"random_force": DENSITIES} if "density_verdict" in runs.attrs else {}))
+
+
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `discover` as plain data."""
-    data = records_json(tree) | mapped(tree, DISCOVERY)
-    if GROUP in tree.children:
-        data["run_differences"] = mapped(tree[GROUP].to_dataset(), same(*TESTED))
-    return data
+    several = {"run_differences": (GROUP, same(*TEST, "most", "gain"))} if GROUP in tree.children else {}
+    return records_json(tree) | mapped(tree, DISCOVERY | several)
 
 
 def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
     held, offered = number(tree["holdout"].rms.values.tolist()), candidates_of(tree)
     probabilities = {s: number(round(probability, 4)) for s, probability in credible_set(step).items()}
-    data = mapped(step, STEP) | {
+    likeliest = step.likeliest_in_parts.item().split(PAIRS)
+    return mapped(step, STEP) | {
         "probability": probabilities.pop(step.symbol.item()),
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
-        **dict.fromkeys(("stands_in", "parts", "likeliest_in")),
+        "stands_in": int(step.stands_in),
+        "parts": len(likeliest),
+        "likeliest_in": dict(zip(RECORD_PARTS, likeliest, strict=True)),
+        "indistinguishable_from": [
+            {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
+            for s, p in probabilities.items()
+        ],
     }
-    data["indistinguishable_from"] = [
-        {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
-        for s, p in probabilities.items()
-    ]
-    # A result that an older version saved does not say.
-    if "stands_in" in step:
-        likeliest = step.likeliest_in_parts.item().split(PAIRS)
-        data |= {"stands_in": int(step.stands_in), "parts": len(likeliest)}
-        data["likeliest_in"] = dict(zip(RECORD_PARTS, likeliest, strict=True))
-    return data
 
 
 def _reasons(candidates: xr.Dataset) -> dict[str, str]:

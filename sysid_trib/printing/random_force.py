@@ -1,14 +1,11 @@
 """A random force in words and as plain data: its size, what it lets be predicted, whether it is one."""
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
 from sysid_trib.printing.layout import p_value_text, value_with_error
-from sysid_trib.printing.plain_data import number
-from sysid_trib.results.variables import group_names, record_groups, signal_units
+from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import second_of
 from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
 
@@ -160,32 +157,3 @@ def _contradiction(tree: xr.DataTree, given: bool) -> list[str]:
         f"one is {tested.likely_density.values[run]:.2g} {_density_units(signal_units(tree))}. Take "
         "--random-force auto."
     ]
-
-
-def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
-    """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
-    verdict, result = tree["comparison"].attrs["verdict_on_record"], second_of(tree)
-    data: dict[str, Any] = {"verdict": verdict, "random_force": None, "innovations": None}
-    force = random_force_of(result)
-    if not force:
-        return data
-    tested = tree["random_force"].to_dataset() if "random_force" in tree.children else None
-    data["random_force"] = {
-        "density": force.density,
-        "standard_error": number(force.standard_error),
-        "relative": force.relative(float(result.reference_frequency)),
-        "p_value": number(force.p_value),
-        "dependence_p_value": None if tested is None else number(p_value_of_dependence(tested)),
-        "density_p_value": None if tested is None else number(float(tested.density_p_value.min())),
-    }
-    groups = group_names("innovations", len(record_groups(tree)))
-    followed = [tree[group].to_dataset() for group in groups if group in tree.children]
-    if followed:
-        # Of runs whose lengths differ, records too short for all lags have fewer.
-        lags = min(run.sizes["lag"] for run in followed)
-        correlations = [run.autocorrelation.values[:lags] for run in followed]
-        data["innovations"] = {
-            "rms": float(np.sqrt(np.mean([run.innovation_rms.item() ** 2 for run in followed]))),
-            "autocorrelation": np.mean(correlations, axis=0).tolist(),
-        }
-    return data

@@ -15,7 +15,6 @@ from sysid_trib.printing.layout import (
     values_with_errors,
     with_unit,
 )
-from sysid_trib.printing.plain_data import Source, mapped, same
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
@@ -33,18 +32,6 @@ from sysid_trib.validation.model_error import error_parts
 # The test of each model of a discovery, and its variables in the JSON.
 GROUP = "homogeneity"
 TESTED = ("chi_square", "degrees_of_freedom", "p_value", "most", "gain")
-OF_QUANTITY = {"values": "value", "standard_errors": "standard_error", **same("chi_square", "p_value")}
-RUNS_JSON: dict[str, Source] = {
-    "verdict": "@verdict",
-    **{name: f"total_{name}" for name in TESTED[:3]},
-    "quantities": ("quantity", OF_QUANTITY),
-}
-DENSITIES: dict[str, Source] = {
-    "verdict": "@density_verdict",
-    "densities": "random_force_density",
-    "standard_errors": "random_force_density_standard_error",
-    **{name: f"density_{name}" for name in TESTED[:3]},
-}
 
 
 def runs_table(runs: xr.Dataset) -> Table:
@@ -124,12 +111,6 @@ def _sentence(test: dict[str, Any], most: str) -> str:
         f"The runs differ: {result}. The largest difference is in {most}: it changes from run to run, or "
         "with amplitude because a force has another form. The common errors are then too small."
     )
-
-
-def runs_json(runs: xr.Dataset) -> dict[str, Any]:
-    """The test of runs of one experiment as plain data."""
-    stochastic = {"random_force": DENSITIES} if "density_verdict" in runs.attrs else {}
-    return mapped(runs, RUNS_JSON | stochastic)
 
 
 EXPLAINED = "The record is explained: its residual is nothing but noise."

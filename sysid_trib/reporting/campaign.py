@@ -15,7 +15,7 @@ from sysid_trib.campaigns.store import counts_of
 from sysid_trib.plots.conditions import FAR
 from sysid_trib.printing.campaign import campaign_blocks, named_text
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.reporting.contents import Figures, Page, PageTable, Section, Thumbnail, sections_of
+from sysid_trib.reporting.contents import Part, sections_of
 from sysid_trib.reporting.page import rendered, write_page
 
 # Rows of the page; the store has all of them.
@@ -51,7 +51,7 @@ def write_campaign(
     RecordError
         The page cannot be written.
     """
-    drawn: list[Figures] = []
+    drawn: list[Part] = []
     if compared is not None and conditions is not None:
         rows = conditions.iloc[compared["at"].values]
         drawn = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
@@ -61,19 +61,20 @@ def write_campaign(
     facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
     facts += [("methods", ", ".join(store.method.values.tolist()))]
     source = {"source": f"{store.sizes['record']:,} records"}
-    write_page(rendered(Page("Campaign", [source], summary, sections, facts, command=command)), path)
+    page = {"title": "Campaign", "records": [source], "summary": summary, "sections": sections}
+    write_page(rendered(page | {"facts": facts, "command": command}), path)
 
 
-def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Figures:
+def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
     """Every quantity against one condition."""
     caption = (
         f"Coefficients of all records against {name}, with standard errors; orange, by name where they are "
         f"few: more than {FAR:g} standard deviations from what the conditions let expect."
     )
-    return Figures(caption, [plots.against_condition(compared, name, condition)])
+    return {"caption": caption, "drawn": [plots.against_condition(compared, name, condition)]}
 
 
-def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Section:
+def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Part:
     """Every record a row, those that are farthest off first."""
     largest = np.zeros(store.sizes["record"])
     if compared is not None:
@@ -91,19 +92,17 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     heads = ["record", "free decay", *names, *symbols, "w_inf (rad/s)", "off by", "verdict"]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
-    numbers = frozenset(range(2 + len(names), len(heads) - 1))
     by = BY_MODEL.get(last.method.item(), f"by {last.method.item()}")
     title = f"Coefficients {by}; off by: distance from the others in standard deviations"
-    return Section("Records, those that stand out first", said, [PageTable(title, heads, rows, numbers)])
+    table = {"title": title, "heads": heads, "rows": rows, "numbers": range(2 + len(names), len(heads) - 1)}
+    return {"title": "Records, those that stand out first", "sentences": said, "tables": [table]}
 
 
 def _conditions_of(conditions: pd.DataFrame | None, at: int) -> list[str]:
     return [] if conditions is None else [str(value) for value in conditions.iloc[at]]
 
 
-def _row(
-    record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]
-) -> list[str | Thumbnail]:
+def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
     errors = [
         (record.coefficient.sel(force=s).item(), record.standard_error.sel(force=s).item()) for s in symbols
     ]
@@ -116,7 +115,7 @@ def _row(
     return [name, _thumbnail(record, name), *conditions, *cells, f"{off:.1f}" if off else "", verdict]
 
 
-def _thumbnail(record: xr.Dataset, name: str) -> str | Thumbnail:
+def _thumbnail(record: xr.Dataset, name: str) -> str | Part:
     """The record between its lowest and highest values, about its equilibrium."""
     low, high = record.outline.transpose("edge", "part").values
     known = np.flatnonzero(np.isfinite(low))
@@ -127,4 +126,4 @@ def _thumbnail(record: xr.Dataset, name: str) -> str | Thumbnail:
     down = [12.0 - 11.5 * edge[known] / reach for edge in (high, low)]
     points = [*zip(across, down[0], strict=True), *zip(across[::-1], down[1][::-1], strict=True)]
     path = "M" + "L".join(f"{x:.1f},{y:.2f}" for x, y in points) + "Z"
-    return Thumbnail(path, f"{name}, up to {reach:.3g} {record.signal_units.item()}")
+    return {"path": path, "label": f"{name}, up to {reach:.3g} {record.signal_units.item()}"}

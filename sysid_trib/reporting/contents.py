@@ -1,16 +1,14 @@
 """What a page says of each kind of result: the blocks of the command with --explain, and figures."""
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 from matplotlib.figure import Figure
-from rich.table import Table as PrintedTable
+from rich.table import Table
 
 from sysid_trib import plots
 from sysid_trib.plots.at_a_glance import drawn_overview
@@ -25,69 +23,11 @@ from sysid_trib.printing.sureness import difference_blocks
 from sysid_trib.results.files import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
-
-@dataclass(frozen=True)
-class Thumbnail:
-    """A figure in a cell: a filled path of SVG in a box of 100 by 24, and what it shows in words."""
-
-    path: str
-    label: str
-
-
-@dataclass(frozen=True)
-class PageTable:
-    """A table; the columns `numbers` are set to the right."""
-
-    title: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str | Thumbnail]]
-    numbers: frozenset[int]
-
-
-@dataclass(frozen=True)
-class Figures:
-    """Figures of one caption, which says what a footnote of theirs would say."""
-
-    caption: str
-    drawn: Sequence[Figure]
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading and what is below it."""
-
-    title: str
-    sentences: Sequence[str] = ()
-    tables: Sequence[PageTable] = ()
-    figures: Sequence[Figures] = ()
-
-
-@dataclass(frozen=True)
-class Page:
-    """A page: title, attributes of the records (their `source`), sentences above all sections, sections.
-
-    Then where it is from: facts as terms and texts, methods with their options, libraries whole by title, and
-    the command and the Python that make it again.
-    """
-
-    title: str
-    records: Sequence[Mapping[Any, Any]]
-    summary: Sequence[str]
-    sections: Sequence[Section]
-    facts: Sequence[tuple[str, str]]
-    methods: PageTable | None = None
-    texts: Mapping[str, str] = field(default_factory=dict)
-    command: str = ""
-    python: str = ""
-
-
-def as_table(title: str, printed: PrintedTable) -> PageTable:
-    """The table that a command prints."""
-    cells = [[str(cell) for cell in column.cells] for column in printed.columns]
-    heads = [str(column.header) for column in printed.columns]
-    right = frozenset(at for at, column in enumerate(printed.columns) if column.justify == "right")
-    return PageTable(title, heads, list(zip(*cells, strict=True)), right)
-
+# A part of a page as `page.html` reads it.
+# A section has a title, sentences, tables, figures.
+# Figures have one caption, which says what a footnote of theirs would say, and are drawn by Matplotlib.
+# A table has a title, heads, rows, and numbers, its columns that are set to the right.
+Part = dict[str, Any]
 
 CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(encoding="utf-8"))
 TITLE = "Forces of a free decay"
@@ -102,15 +42,15 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
 }
 
 
-def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Section]]:
+def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
     """Title of the page of a result, sentences above all sections, and sections."""
     title, blocks_of = PAGES[kind_of(tree)]
     return title, *sections_of(blocks_of(tree), lambda name: FIGURES[name](tree))
 
 
 def sections_of(
-    blocks: Sequence[Block], figures: Callable[[str], list[Figures]]
-) -> tuple[list[str], list[Section]]:
+    blocks: Sequence[Block], figures: Callable[[str], list[Part]]
+) -> tuple[list[str], list[Part]]:
     """Sentences of the blocks without a title, and the others as sections.
 
     Parameters
@@ -122,22 +62,34 @@ def sections_of(
     """
     shown = [block for block in blocks if Layer.EXPLAIN in block.layers]
     summary = [sentence for block in shown if not block.title for sentence in block.sentences]
-    titled = [block for block in shown if block.title]
     sections = []
-    for title, group in groupby(titled, lambda block: block.title):
+    for title, group in groupby((block for block in shown if block.title), lambda block: block.title):
         parts = list(group)
-        sentences = [sentence for block in parts for sentence in block.sentences]
-        tables = [as_table(b.caption or title, b.table) for b in parts if b.table is not None]
-        drawn = [made for block in parts if block.figures for made in figures(block.figures)]
-        if sentences or tables or drawn:
-            sections.append(Section(title, sentences, tables, drawn))
+        section: Part = {
+            "sentences": [sentence for block in parts for sentence in block.sentences],
+            "tables": [as_table(b.caption or title, b.table) for b in parts if b.table is not None],
+            "figures": [made for block in parts if block.figures for made in figures(block.figures)],
+        }
+        if any(section.values()):
+            sections.append(section | {"title": title})
     return summary, sections
 
 
-def _glance(tree: xr.DataTree) -> list[Figures]:
+def as_table(title: str, printed: Table) -> Part:
+    """The table that a command prints."""
+    cells = [[str(cell) for cell in column.cells] for column in printed.columns]
+    return {
+        "title": title,
+        "heads": [str(column.header) for column in printed.columns],
+        "rows": list(zip(*cells, strict=True)),
+        "numbers": [at for at, column in enumerate(printed.columns) if column.justify == "right"],
+    }
+
+
+def _glance(tree: xr.DataTree) -> list[Part]:
     """The overview of each run; that of a driven one in a discovery has no envelope."""
     if kind_of(tree) == "discover" and is_of_driven(tree):
-        return _driven(tree)
+        return FIGURES["driven"](tree)
     figures = []
     for run in range(len(record_groups(tree))):
         data = overview_data(tree, run)
@@ -147,30 +99,33 @@ def _glance(tree: xr.DataTree) -> list[Figures]:
     return figures
 
 
-def _stochastic(tree: xr.DataTree) -> list[Figures]:
+def _stochastic(tree: xr.DataTree) -> list[Part]:
     """Innovations, random force and predictions of each run whose motion settles."""
     count = len(record_groups(tree))
     names = zip(*(group_names(name, count) for name in ("innovations", "prediction_bands")), strict=True)
-    made = []
-    for run, (followed, bands) in enumerate(names):
-        if followed in tree.children:
-            caption = f"{_of_run(tree, run)}{CAPTIONS['random_force']}"
-            made.append(Figures(caption, [plots.innovations(*_groups(tree, followed, bands))]))
-    return made
+    return [
+        _figure(f"{_of_run(tree, run)}{CAPTIONS['random_force']}", plots.innovations(*_groups(tree, *pair)))
+        for run, pair in enumerate(names)
+        if pair[0] in tree.children
+    ]
 
 
-def _motions(tree: xr.DataTree) -> list[Figures]:
-    """Each record with the residuals of the models before and after, and the force map."""
-    runs = range(len(record_groups(tree)))
-    return [_over_time(tree, run, CAPTIONS["motions_apart"], plots.story(tree, run)) for run in runs]
+def _figure(caption: str, drawn: Figure) -> Part:
+    return {"caption": caption, "drawn": [drawn]}
 
 
-def _over_time(tree: xr.DataTree, run: int, caption: str, figure: Figure) -> Figures:
+def _of_runs(name: str, draw: Callable[[xr.DataTree, int], Figure]) -> Callable[[xr.DataTree], list[Part]]:
+    """A figure of each run."""
+    return lambda tree: [
+        _over_time(tree, run, CAPTIONS[name], draw(tree, run)) for run in range(len(record_groups(tree)))
+    ]
+
+
+def _over_time(tree: xr.DataTree, run: int, caption: str, figure: Figure) -> Part:
     """A figure of one run, decimated where it is long, with what was held out."""
-    caption = f"{_of_run(tree, run)}{caption}{_held_out(tree)}"
     samples = tree[record_groups(tree)[run]].sizes["time"]
-    decimated = CAPTIONS["decimated"].format(points=MOST_POINTS, samples=samples)
-    return Figures(f"{caption}{decimated * (samples > MOST_POINTS)}", [figure])
+    decimated = CAPTIONS["decimated"].format(points=MOST_POINTS, samples=samples) * (samples > MOST_POINTS)
+    return _figure(f"{_of_run(tree, run)}{caption}{_held_out(tree)}{decimated}", figure)
 
 
 def _held_out(tree: xr.DataTree, *, of_search: bool = False) -> str:
@@ -184,39 +139,31 @@ def _of_run(tree: xr.DataTree, run: int) -> str:
     return f"Run {run + 1}{f' ({source})' if source else ''}. " if len(groups) > 1 else ""
 
 
-def _of_discovery(caption: str, draw: Callable[[xr.DataTree], Figure], tree: xr.DataTree) -> list[Figures]:
-    """A figure of the search of a discovery."""
-    return [Figures(CAPTIONS[caption] + _held_out(tree, of_search=True), [draw(tree)])]
-
-
 def _groups(tree: xr.DataTree, *names: str) -> list[xr.Dataset]:
     """The groups of these names that a result has."""
     return [tree[name].to_dataset() for name in names if name in tree.children]
 
 
-def _profiles(tree: xr.DataTree) -> list[Figures]:
+def _profiles(tree: xr.DataTree) -> list[Part]:
     """Profiles and contours."""
     names = [name for name in ("profile", "contour") if name in tree.children]
-    return [Figures(" ".join(CAPTIONS[name] for name in names), [plots.profile(*_groups(tree, *names))])]
-
-
-def _driven(tree: xr.DataTree) -> list[Figures]:
-    """Inputs, motion and residuals of each run."""
-    runs = range(len(record_groups(tree)))
-    return [_over_time(tree, run, CAPTIONS["driven"], plots.overview(tree, run)) for run in runs]
+    caption = " ".join(CAPTIONS[name] for name in names)
+    return [_figure(caption, plots.profile(*_groups(tree, *names)))]
 
 
 # By the names in blocks.
-FIGURES: dict[str, Callable[[xr.DataTree], list[Figures]]] = {
+FIGURES: dict[str, Callable[[xr.DataTree], list[Part]]] = {
     "glance": _glance,
-    "driven": _driven,
+    "driven": _of_runs("driven", plots.overview),
+    "gap": _of_runs("motions_apart", plots.story),
     "random_force": _stochastic,
-    "by_method": lambda tree: [Figures(CAPTIONS["by_method"], [plots.comparison(tree)])],
-    "difference": lambda tree: [Figures(CAPTIONS["difference"], [plots.difference(tree)])],
+    "by_method": lambda tree: [_figure(CAPTIONS["by_method"], plots.comparison(tree))],
+    "difference": lambda tree: [_figure(CAPTIONS["difference"], plots.difference(tree))],
     "profile": _profiles,
     "sensitivity": lambda tree: [
-        Figures(CAPTIONS["sensitivity"], [plots.sensitivity(*_groups(tree, "sensitivity"))])
+        _figure(CAPTIONS["sensitivity"], plots.sensitivity(tree["sensitivity"].to_dataset()))
     ],
-    "gap": _motions,
-    "scores": partial(_of_discovery, "scores", plots.ranking),
+    "scores": lambda tree: [
+        _figure(CAPTIONS["scores"] + _held_out(tree, of_search=True), plots.ranking(tree))
+    ],
 }

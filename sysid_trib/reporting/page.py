@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.reporting import provenance
-from sysid_trib.reporting.contents import Page, contents_of
+from sysid_trib.reporting.contents import Part, contents_of
 from sysid_trib.results.files import kind_of, write_file
 
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
@@ -188,33 +188,38 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 def _rendered(tree: xr.DataTree) -> str:
     title, summary, sections = contents_of(tree)
+    unkept = [{"source": "; ".join(tree.attrs.get("record_source", []))}]
+    following = [f"Next: {tree.attrs['next']}"] if tree.attrs.get("next") else []
     return rendered(
-        Page(
-            title,
-            provenance.kept_records(tree) or [{"source": "; ".join(tree.attrs.get("record_source", []))}],
-            [*summary, *_next(tree)],
-            sections,
-            provenance.facts(tree),
-            provenance.method_table(tree),
-            provenance.libraries(tree),
-            tree.attrs.get("command", ""),
-            provenance.python_text(tree),
-        )
+        {
+            "title": title,
+            "records": provenance.kept_records(tree) or unkept,
+            "summary": [*summary, *following],
+            "sections": sections,
+            "facts": provenance.facts(tree),
+            "methods": provenance.method_table(tree),
+            "texts": provenance.libraries(tree),
+            "command": tree.attrs.get("command", ""),
+            "python": provenance.python_text(tree),
+        }
     )
 
 
-def rendered(content: Page) -> str:
-    """A page as text, with all that it shows."""
+def rendered(content: Part) -> str:
+    """A page as text.
+
+    Parameters
+    ----------
+    content : mapping
+        Title, attributes of the records (their `source`), summary (sentences above all sections), sections.
+        Then where it is from: facts as terms and texts, methods with their options, texts of libraries by
+        title, and the command and the Python that make it again.
+    """
     environment = Environment(
         loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     environment.globals["inline_svg"] = inline_svg
-    return environment.get_template("page.html").render(**vars(content))
-
-
-def _next(tree: xr.DataTree) -> list[str]:
-    """The command that follows, where a command made the result."""
-    return [f"Next: {tree.attrs['next']}"] if tree.attrs.get("next") else []
+    return environment.get_template("page.html").render(content)
 
 
 def _named(result: object) -> str:

@@ -11,11 +11,12 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import library_folder, library_of_text, load_library
 from sysid_trib.methods import method_of
-from sysid_trib.reporting.contents import PageTable
+from sysid_trib.reporting.contents import Part
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
 
+Named = Mapping[str, xr.Dataset]
 # Attributes of a record under the words of the page; the others keep their names.
 PROVENANCE_TERMS = {
     "source": "record",
@@ -49,7 +50,7 @@ def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
     return terms
 
 
-def method_table(tree: xr.DataTree) -> PageTable:
+def method_table(tree: xr.DataTree) -> Part:
     """Each identification with the options and remarks that it carries."""
     rows = []
     for name, result in identifications_of(tree).items():
@@ -60,7 +61,8 @@ def method_table(tree: xr.DataTree) -> PageTable:
         rows.append([name, result.attrs["method"], _options(result.attrs["options"]), text])
     if "options" in tree.attrs and "method" in tree.attrs and "coefficient" not in tree.ds:
         rows.append([tree.attrs["method"], tree.attrs["method"], _options(tree.attrs["options"]), ""])
-    return PageTable("Methods and their options", ["name", "method", "options", "remarks"], rows, frozenset())
+    heads = ["name", "method", "options", "remarks"]
+    return {"title": "Methods and their options", "heads": heads, "rows": rows, "numbers": ()}
 
 
 def libraries(tree: xr.DataTree) -> dict[str, str]:
@@ -93,7 +95,9 @@ def _plain_text(value: Any) -> str:
 
 def python_text(tree: xr.DataTree) -> str:
     """Lines of Python that read the records and compute the result."""
-    kind = kind_of(tree)
+    kind, named = kind_of(tree), identifications_of(tree)
+    first = next(iter(named.values()))
+    library = _library(tree.attrs if kind == "discover" else first.attrs)
     made = {
         "identify": _identify,
         "cross_check": _cross_check,
@@ -102,7 +106,7 @@ def python_text(tree: xr.DataTree) -> str:
         "difference": _difference,
         "discover": _discover,
     }
-    return "\n".join(["import sysid_trib as st", "", *_decay(tree), *made[kind](tree)])
+    return "\n".join(["import sysid_trib as st", "", *_decay(tree), library, *made[kind](tree, named)])
 
 
 def _decay(tree: xr.DataTree) -> list[str]:
@@ -165,36 +169,32 @@ def _library(attrs: Mapping[Any, Any]) -> str:
     return f"library = st.load_library({name if shipped else attrs['library_source']!r}){chosen}"
 
 
-def _identify(tree: xr.DataTree) -> list[str]:
-    result = tree.to_dataset()
-    return [
-        _library(result.attrs),
-        f"result = st.identify(decay, library, {_method(result)})",
-        *_alpha(result, "result"),
-    ]
+def _identify(tree: xr.DataTree, named: Named) -> list[str]:
+    (result,) = named.values()
+    return [f"result = {_identified(result)}", *_alpha(result, "result")]
 
 
-def _cross_check(tree: xr.DataTree) -> list[str]:
+def _identified(result: xr.Dataset, record: str = "decay") -> str:
+    return f"st.identify({record}, library, {_method(result)})"
+
+
+def _cross_check(tree: xr.DataTree, named: Named) -> list[str]:
     checked = tree["comparison"].attrs
-    first, second = (tree[checked[key]].to_dataset() for key in ("first", "second"))
-    options = {key: int(checked[key]) for key in ("draws", "seed")}
+    second = named[checked["second"]]
     lines = [
-        _library(first.attrs),
-        f"first = st.identify(decay, library, {_method(first)})",
-        f"second = st.identify(decay, library, {_method(second)})",
-        f"tree = st.cross_check(decay, first, second, {_given(options)})",
+        f"first = {_identified(named[checked['first']])}",
+        f"second = {_identified(second)}",
+        f"tree = st.cross_check(decay, first, second, draws={checked['draws']}, seed={checked['seed']})",
     ]
     if "runs" in tree.children:
         lines.append("runs = st.validation.run_agreement(decay, second)")
     return [*lines, *_alpha(second, "second")]
 
 
-def _driven(tree: xr.DataTree) -> list[str]:
+def _driven(tree: xr.DataTree, named: Named) -> list[str]:
     checked = tree["comparison"].attrs
-    results = {name: tree[name].to_dataset() for name in dict.fromkeys((checked["first"], checked["second"]))}
-    methods = ", ".join(_method(result) for result in results.values())
-    library = _library(next(iter(results.values())).attrs)
-    return [library, f"tree = st.identify(decay, library, [{methods}])"]
+    names = dict.fromkeys((checked["first"], checked["second"]))
+    return [f"tree = st.identify(decay, library, [{', '.join(_method(named[name]) for name in names)}])"]
 
 
 def _alpha(result: xr.Dataset, name: str) -> list[str]:
@@ -209,30 +209,24 @@ def _contactless(result: xr.Dataset) -> str:
     return f"{result.omega0.item()!r}, {result.omega0_standard_error.item()!r}"
 
 
-def _compare(tree: xr.DataTree) -> list[str]:
-    named = identifications_of(tree)
-    first = next(iter(named.values()))
-    lines = [_library(first.attrs), "methods = {"]
-    lines += [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]
-    contactless = f", contactless=({numbers})" if (numbers := _contactless(first)) else ""
-    return [*lines, "}", f"tree = st.compare(decay, library, methods{contactless})"]
+def _compare(tree: xr.DataTree, named: Named) -> list[str]:
+    lines = [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]
+    numbers = _contactless(next(iter(named.values())))
+    contactless = f", contactless=({numbers})" if numbers else ""
+    return ["methods = {", *lines, "}", f"tree = st.compare(decay, library, methods{contactless})"]
 
 
-def _difference(tree: xr.DataTree) -> list[str]:
-    named = identifications_of(tree)
+def _difference(tree: xr.DataTree, named: Named) -> list[str]:
     first = sum(name.startswith("sample_first") for name in named)
-    result = next(iter(named.values()))
     return [
-        _library(result.attrs),
-        f"results = [st.identify(run, library, {_method(result)}) for run in decay]",
+        f"results = [{_identified(next(iter(named.values())), 'run')} for run in decay]",
         f"contrast = st.difference(results[:{first}], results[{first}:])",
     ]
 
 
-def _discover(tree: xr.DataTree) -> list[str]:
+def _discover(tree: xr.DataTree, named: Named) -> list[str]:
     options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v not in (None, {})}
     return [
-        _library(tree.attrs),
         'candidates = st.load_library("candidates.toml")  # the text below, as a file',
         f"tree = st.discover(decay, library, candidates, {_given(options)})",
     ]

@@ -135,9 +135,8 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
 
 
 def error_widening(tree: xr.DataTree) -> float:
-    """Factor that the errors of the final model have in them; 1 in a result of an older version."""
-    factors = tree["omnibus"].to_dataset().get("widening")
-    return 1.0 if factors is None else float(factors[-1])
+    """Factor that the errors of the final model have in them."""
+    return float(tree["omnibus"].widening[-1])
 
 
 def credible_set(step: xr.Dataset) -> dict[str, float]:
@@ -162,8 +161,7 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
 
 def replacing_pairs(step: xr.Dataset) -> list[str]:
     """Pairs of candidates that cannot be separated from a step's effect, such as "lambda and delta"."""
-    # A result that an older version saved has none.
-    text = str(step.pairs.item()) if "pairs" in step else ""
+    text = str(step.pairs.item())
     return text.split(PAIRS) if text else []
 
 
@@ -173,19 +171,13 @@ def alternatives_of(step: xr.Dataset) -> list[str]:
     return [*(symbol for symbol in credible_set(step) if symbol != named), *replacing_pairs(step)]
 
 
-def _likeliest_effect(step: xr.Dataset) -> str:
-    """The most probable of the effects that may be the truth in the place of a step's effect, or itself."""
-    likely = credible_set(step)
-    return max(likely, key=lambda symbol: likely[symbol])
-
-
 def named_effect(step: xr.Dataset) -> str:
     """The effect that has the name."""
-    symbol, likeliest = step.symbol.item(), _likeliest_effect(step)
+    symbol, likely = step.symbol.item(), credible_set(step)
+    likeliest = max(likely, key=lambda name: likely[name])
     # Fits that are as good as each other have no order.
     # An effect that is more probable by so much than the one that was fitted has the name.
-    better = credible_set(step)[likeliest] - credible_set(step)[symbol] > 0.5
-    return likeliest if better else symbol
+    return likeliest if likely[likeliest] - likely[symbol] > 0.5 else symbol
 
 
 def tied_name(step: xr.Dataset, most: int) -> str:
