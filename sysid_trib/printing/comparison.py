@@ -7,16 +7,8 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
+from sysid_trib.printing import layout
 from sysid_trib.printing.blocks import ALWAYS, USUALLY, Block, Layer
-from sysid_trib.printing.layout import (
-    by_label,
-    constraint_sentences,
-    identifiability_warnings,
-    in_small_units,
-    quantity,
-    text_table,
-    values_with_errors,
-)
 from sysid_trib.printing.verdict import EFFECTIVE
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.comparison_table import applied_methods, column_power
@@ -57,13 +49,15 @@ def _coefficient_table(tree: xr.DataTree) -> Table:
     """
     table = applied_methods(tree["comparison"].to_dataset())
     columns = {}
-    for symbol, row in by_label(table, "force").items():
+    for symbol, row in layout.by_label(table, "force").items():
         power = column_power(row)
         scale = 10.0**power
         parts = " ".join([f"1e{power:+03d}"] * bool(power) + [row.unit.item()] * (row.unit.item() != "1"))
         head = f"{symbol} ({parts})" if parts else symbol
-        columns[head] = values_with_errors(row.coefficient / scale, row.standard_error / scale)
-    frequencies = [quantity(row, "asymptotic_frequency") for row in by_label(table, "method").values()]
+        columns[head] = layout.values_with_errors(row.coefficient / scale, row.standard_error / scale)
+    frequencies = [
+        layout.quantity(row, "asymptotic_frequency") for row in layout.by_label(table, "method").values()
+    ]
     return _method_table(table, columns | {f"{FREQUENCY_SYMBOL} (rad/s)": frequencies})
 
 
@@ -105,7 +99,7 @@ def _method_table(table: xr.Dataset, columns: dict[str, list[str]]) -> Table:
     """A row a method, its columns with their cells."""
     cells = {"method": table.method.values.tolist(), **columns}
     rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
-    return text_table(rows, ("method", "remarks"), ("method",))
+    return layout.text_table(rows, ("method", "remarks"), ("method",))
 
 
 def _signed(z: float, best: bool) -> str:
@@ -121,8 +115,8 @@ def _ratio(value: float) -> str:
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """What is shown of a result of `compare`; `sources` say what each record is."""
     table, details = tree["comparison"].to_dataset(), Layer.EXPLAIN
-    constraints = constraint_sentences(given_results(tree).values())
-    warnings = identifiability_warnings(table.attrs)
+    constraints = layout.constraint_sentences(given_results(tree).values())
+    warnings = layout.identifiability_warnings(table.attrs)
     return [
         Block([_prediction(tree)], ALWAYS),
         Block(sources),
@@ -152,7 +146,7 @@ def _prediction(tree: xr.DataTree) -> str:
         explain = "without a random force do not explain"
     return (
         f"{third}, held out from {starts} on, is predicted best by {table.attrs['best']}: RMS residual "
-        f"{in_small_units(best.holdout_rms.item(), signal_units(tree))}, {ratio:.3g} times the noise. "
+        f"{layout.in_small_units(best.holdout_rms.item(), signal_units(tree))}, {ratio:.3g} times the noise. "
         f"These forces {explain} it."
     )
 
@@ -190,7 +184,7 @@ def _explanation(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
 
 
 def _as_good(table: xr.Dataset) -> list[str]:
-    methods = by_label(table, "method")
+    methods = layout.by_label(table, "method")
     limit = ALIKE * methods.pop(table.attrs["best"]).holdout_over_noise.item()
     labels = [
         label
@@ -243,7 +237,7 @@ def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
     # What the best method lacks is in each difference from it.
     lacks = table.sel({"method": best})
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
-    for label, row in by_label(applied_methods(table), "method").items():
+    for label, row in layout.by_label(applied_methods(table), "method").items():
         z = dict(zip(table.force.values.tolist(), row.z.values.tolist(), strict=True))
         z[FREQUENCY_SYMBOL] = row.asymptotic_frequency_z.item()
         far = ", ".join(name for name, value in z.items() if abs(value) > APART)

@@ -5,24 +5,10 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.likelihood.random_force import DENSITY_UNITS
-from sysid_trib.printing.layout import (
-    coefficient_text,
-    in_small_units,
-    p_value_text,
-    text_table,
-    value_with_error,
-    with_unit,
-)
+from sysid_trib.printing import layout
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.effects import (
-    added_effects,
-    alternatives_of,
-    named_effect,
-    or_others,
-    shapes_of,
-    strongest,
-)
+from sysid_trib.results import effects
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.findings import residual_of, residual_over_noise
 from sysid_trib.validation.verdict import MARKED, record_noise
@@ -81,8 +67,8 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table:
             "effect": _effect_name(step),
             "name": f"{step['name'].item()}{of_sensor}",
             "formula": formula_text(step),
-            "coefficient": coefficient_text(step),
-            "corrected p": p_value_text(step.p_value.item(), ""),
+            "coefficient": layout.coefficient_text(step),
+            "corrected p": layout.p_value_text(step.p_value.item(), ""),
             "residual / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
             "held out / noise": _to(held[at : at + 2], noise),
         }
@@ -91,7 +77,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table:
             forces = [step.random_force_before.item(), step.random_force_after.item()]
             row |= {"fall of the deviance": f"{step.gain.item():.3g}", f"random force ({units})": _to(forces)}
         rows.append(row)
-    return text_table(rows, ("effect", "name", "formula"), ("effect",))
+    return layout.text_table(rows, ("effect", "name", "formula"), ("effect",))
 
 
 def _to(values: list[float], unit: float = 1.0) -> str:
@@ -101,36 +87,36 @@ def _to(values: list[float], unit: float = 1.0) -> str:
 
 def _effect_name(step: xr.Dataset) -> str:
     """Symbol of an effect; one that is less probable than another stands for that one."""
-    symbol, named = step.symbol.item(), named_effect(step)
+    symbol, named = step.symbol.item(), effects.named_effect(step)
     return symbol if named == symbol else f"{named} (fitted by {symbol})"
 
 
 def effect_with_ties(step: xr.Dataset) -> str:
     """An effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
-    others = [symbol for symbol in alternatives_of(step) if symbol != step.symbol.item()]
-    return f"{_effect_name(step)}{f' (or {or_others(others, TIES_NAMED)})' if others else ''}"
+    others = [symbol for symbol in effects.alternatives_of(step) if symbol != step.symbol.item()]
+    return f"{_effect_name(step)}{f' (or {effects.or_others(others, TIES_NAMED)})' if others else ''}"
 
 
 def formula_text(step: xr.Dataset) -> str:
     """The formula of an effect with its shape parameters and their errors."""
     symbol = step.symbol.item()
-    shapes, errors = (shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
+    shapes, errors = (effects.shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
     texts = (f"{name} = {_shape_text(value, errors.get(name, np.nan))}" for name, value in shapes.items())
     return ", ".join([step.formula.item(), *texts])
 
 
 def _shape_text(value: float, error: float) -> str:
     """A fitted shape parameter; one at an end of its range has no error that a record tells."""
-    return value_with_error(value, error) if error != 0.0 else f"{value:.3g} (end of its range)"
+    return layout.value_with_error(value, error) if error != 0.0 else f"{value:.3g} (end of its range)"
 
 
 def ranking_table(tree: xr.DataTree) -> Table:
     """|z| of named and best candidates before each step and after the last; those in the model have none."""
     ranking, detectable = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
-    named = [symbol for symbol in added_effects(tree) if symbol in ranking.candidate]
-    last = strongest(ranking.isel(selection_step=[-1]), LAST)
+    named = [symbol for symbol in effects.added_effects(tree) if symbol in ranking.candidate]
+    last = effects.strongest(ranking.isel(selection_step=[-1]), LAST)
     heads, rows = [*(f"step {at}" for at in range(1, ranking.sizes["selection_step"])), "end"], []
-    for symbol in dict.fromkeys([*named, *strongest(ranking, ROWS), *last]):
+    for symbol in dict.fromkeys([*named, *effects.strongest(ranking, ROWS), *last]):
         candidate = ranking.sel(candidate=symbol)
         cells = (f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values)
         words = {"candidate": symbol, "name": candidate["name"].item()}
@@ -138,7 +124,7 @@ def ranking_table(tree: xr.DataTree) -> Table:
         rows.append(words | dict(zip(heads, cells, strict=True)) | end)
     cells = (f"{z:.3g}" for z in ranking.threshold.values)
     rows.append({"candidate": "threshold", **dict(zip(heads, cells, strict=True))})
-    return text_table(rows, ("candidate", "name"), ("candidate",))
+    return layout.text_table(rows, ("candidate", "name"), ("candidate",))
 
 
 def _detectable(detectable: xr.Dataset, symbol: str) -> str:
@@ -147,7 +133,7 @@ def _detectable(detectable: xr.Dataset, symbol: str) -> str:
         return "-"
     candidate = detectable.sel(candidate=symbol)
     value = candidate.detectable.item()
-    return with_unit(f"{value:.2g}", candidate.unit.item()) if np.isfinite(value) else "-"
+    return layout.with_unit(f"{value:.2g}", candidate.unit.item()) if np.isfinite(value) else "-"
 
 
 def residual_text(tree: xr.DataTree) -> str:
@@ -175,7 +161,7 @@ def slow_noise_sentences(tree: xr.DataTree) -> list[str]:
     noise, whole = record_noise(tree), float(tree["holdout"].residual_noise)
     if whole <= MARKED * noise:
         return []
-    size = in_small_units(whole, signal_units(tree))
+    size = layout.in_small_units(whole, signal_units(tree))
     return [
         f"The sensor's noise is coloured: with its slow part it is {size} a sample, "
         f"{times_noise(whole / noise)}."
@@ -231,7 +217,7 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
         row["when"] = f"{spans.time.values[most]:.3g} s{run}"
         cells = (f"{part.values[end]:+.2g}" for end in ends)
         rows.append(row | dict(zip(at_ends, cells, strict=True)))
-    return text_table(rows, ("record minus model", "when"))
+    return layout.text_table(rows, ("record minus model", "when"))
 
 
 def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:

@@ -90,9 +90,9 @@ def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> T
     rows = coefficient_rows(results)
     # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
+    tested = compared.z.to_series() if "z" in compared else {}
     for label, row in rows.items():
-        known = "z" in compared and label in compared.quantity
-        z = compared.z.sel(quantity=label).item() if known and ("frequency" not in label or fitted) else 0.0
+        z = tested.get(label.replace(" ", "_"), 0.0) if fitted or "frequency" not in label else 0.0
         row["difference / error"] = f"{z:+.1f}" if np.isfinite(z) and z else ""
     sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
     what = {"force": f"left ({unit})", "formula": "RMS of record minus motion"}

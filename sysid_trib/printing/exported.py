@@ -12,28 +12,13 @@ from sysid_trib._version import __version__
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
+from sysid_trib.printing import layout
 from sysid_trib.printing.equation import equation_latex, formula_latex, frequency_text, power_of_ten
-from sysid_trib.printing.layout import (
-    COLUMNS,
-    by_label,
-    error_of,
-    number_and_mark,
-    quantities,
-    reference_sentence,
-)
 from sysid_trib.printing.plain_data import csv_of
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import (
-    answer_of,
-    given_results,
-    kept_results,
-    main_result,
-    residual_over_noise,
-    verdict_of,
-    with_error_parts,
-)
+from sysid_trib.validation import findings
 from sysid_trib.validation.verdict import record_noise
 
 # Columns of the LaTeX table, beside the methods: what stands in the column `method` of the other one.
@@ -93,9 +78,9 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     if kind == "discover":
         said, model = {"verdict": str(tree.attrs["verdict"])}, "after"
     else:
-        model = answer_of(tree)
-        said = {"verdict": verdict_of(tree), "answer": model}
-    ratio = residual_over_noise(tree, model)
+        model = findings.answer_of(tree)
+        said = {"verdict": findings.verdict_of(tree), "answer": model}
+    ratio = findings.residual_over_noise(tree, model)
     left = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
     return said | details | {"residual": left}
 
@@ -104,16 +89,16 @@ def csv_text(tree: xr.DataTree) -> str:
     """All coefficients and frequencies, a row each, with total errors and their parts; then the record."""
     about = ({"quantity": name, "value": text} for name, text in about_the_record(tree).items())
     rows = (*_rows(tree), *({"method": RECORD} | row for row in about))
-    return csv_of(["method", *list(COLUMNS)[:-1]], rows)
+    return csv_of(["method", *list(layout.COLUMNS)[:-1]], rows)
 
 
 def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """Quantities by each method, in SI units with what these were made with, and differences of samples."""
-    for method, result in given_results(tree).items():
-        yield from ({"method": method} | row for row in quantities(with_error_parts(result)))
+    for method, result in findings.given_results(tree).items():
+        yield from ({"method": method} | row for row in layout.quantities(findings.with_error_parts(result)))
     if (values := si_of(tree)) is not None:
         words = {"method": f"{values.attrs['of_method']} in {SI_UNITS}"}
-        for symbol, force in by_label(values, "force").items():
+        for symbol, force in layout.by_label(values, "force").items():
             own = words | {"quantity": symbol, "formula": force["multiplies"].item()}
             yield own | _number(force, "coefficient") | {"unit": force["unit"].item()}
             if np.isfinite(force.get(MU, np.nan)):
@@ -121,25 +106,25 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
         for name in (name for name in GIVEN if name in values):
             yield words | {"quantity": name, "unit": values[name].attrs["units"]} | _number(values, name)
     if kind_of(tree) == "difference":
-        for symbol, row in by_label(tree.to_dataset(), "force").items():
+        for symbol, row in layout.by_label(tree.to_dataset(), "force").items():
             tested = {name: row[name].item() for name in ("standard_error", "z", "p_value")}
             yield {"method": DIFFERENCE, "quantity": symbol, "value": row.difference.item()} | tested
 
 
 def _number(data: xr.Dataset, name: str) -> dict[str, float]:
-    return {"value": data[name].item(), "standard_error": data[error_of(name)].item()}
+    return {"value": data[name].item(), "standard_error": data[layout.error_of(name)].item()}
 
 
 def latex_text(tree: xr.DataTree) -> str:
     r"""A table (`booktabs`) of all coefficients with errors, and the equation of the main identification."""
-    named = given_results(tree)
+    named = findings.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in library_of(result)}
     cells: dict[str, dict[str, str]] = {}
     of_columns = {DIFFERENCE: "difference"}
     for row in _rows(tree):
         if row["quantity"] in GIVEN:
             continue
-        quantity, column, (number, mark) = row["quantity"], row["method"], number_and_mark(row)
+        quantity, column, (number, mark) = row["quantity"], row["method"], layout.number_and_mark(row)
         column = of_columns.get(column, SI_UNITS if column.endswith(SI_UNITS) else column)
         letter = letters.get(quantity) or FREQUENCIES_LATEX.get(quantity) or symbol_latex(quantity)
         head = rf"$\mu_{{{letter}}}$" if row.get("name") == MU.replace("_", " ") else f"${letter}$"
@@ -160,7 +145,7 @@ def latex_text(tree: xr.DataTree) -> str:
     lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
     if kind_of(tree) == "difference":
         return "\n".join([*lines, ""])
-    main = main_result(tree)
+    main = findings.main_result(tree)
     return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])
 
 
@@ -168,9 +153,9 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
     """What the table of a result holds, of which record, and how far it is explained."""
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
-    refers = "".join(reference_sentence(result) for result in list(named.values())[-1:])
+    refers = "".join(layout.reference_sentence(result) for result in list(named.values())[-1:])
     si = "".join(
-        f"; {row['quantity']}: {_in_latex(number_and_mark(row)[0])} {unit_in_latex(row['unit'])}"
+        f"; {row['quantity']}: {_in_latex(layout.number_and_mark(row)[0])} {unit_in_latex(row['unit'])}"
         for row in _rows(tree)
         if row["quantity"] in GIVEN
     )
@@ -206,7 +191,7 @@ def _escaped(text: str) -> str:
 
 def methods_text(tree: xr.DataTree) -> str:
     """A paragraph in LaTeX on a result of `identify`, and the equation of its answer."""
-    main = main_result(tree)
+    main = findings.main_result(tree)
     records, unit = [tree[group] for group in record_groups(tree)], signal_units(tree)
     rate = 1.0 / float(np.median(np.diff(records[0].time.values)))
     samples = ", ".join(f"{record.sizes['time']:,}" for record in records)
@@ -216,7 +201,7 @@ def methods_text(tree: xr.DataTree) -> str:
     if main is None:
         return f"{said[0]}\nNo method gave a model that follows the record.\n"
     method = main.attrs["method"]
-    others = [name for name in kept_results(tree) if name != method]
+    others = [name for name in findings.kept_results(tree) if name != method]
     # A library is its user's: no letter of a name is a command.
     forces = ", ".join(re.sub(r"[^\w ,().-]", " ", force.name) for force in library_of(main))
     said.append(
@@ -229,7 +214,7 @@ def methods_text(tree: xr.DataTree) -> str:
             f"They were cross-checked by {IN_WORDS.get(others[0], others[0])}: the largest difference is "
             f"{float(np.nanmax(np.abs(tree['comparison'].z.values))):.2g} of its error."
         )
-    noise, ratio = power_of_ten(f"{record_noise(tree):.2g}"), residual_over_noise(tree, method)
+    noise, ratio = power_of_ten(f"{record_noise(tree):.2g}"), findings.residual_over_noise(tree, method)
     said.append(
         f"The motion of the model leaves {ratio:.3g} times the sensor's noise of ${noise}$ {unit} (RMS)."
         if np.isfinite(ratio)

@@ -8,34 +8,15 @@ from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.physics.si_units import si_of
-from sysid_trib.printing import verdict
+from sysid_trib.printing import layout, verdict
 from sysid_trib.printing.blocks import ALWAYS, Block, Layer
 from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.layout import (
-    coefficient_rows,
-    constraint_sentences,
-    identifiability_warnings,
-    reference_sentence,
-    text_table,
-    values_with_errors,
-)
 from sysid_trib.printing.physics import physics_sentences, si_block, weight_sentences
 from sysid_trib.printing.random_force import random_force_sentences
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import (
-    amplitudes,
-    answer_of,
-    failures,
-    holds,
-    kept_results,
-    main_result,
-    residual_over_noise,
-    second_of,
-    times_of_amplitudes,
-    verdict_of,
-)
+from sysid_trib.validation import findings
 from sysid_trib.validation.verdict import record_noise
 
 # Between the level at which methods disagree and this one they agree, but barely.
@@ -73,9 +54,9 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
         Block([*verdict.line_sentences(tree), *effective], ALWAYS),
         Block(title="At a glance", figures="glance"),
     ]
-    if (main := main_result(tree)) is not None:
+    if (main := findings.main_result(tree)) is not None:
         blocks += [
-            Block([reference_sentence(second_of(tree))], details, COEFFICIENTS),
+            Block([layout.reference_sentence(findings.second_of(tree))], details, COEFFICIENTS),
             Block((), ALWAYS, COEFFICIENTS, identification_table(tree)),
             *si_block(tree),
             Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS),
@@ -102,8 +83,10 @@ def estimate_blocks(tree: xr.DataTree) -> list[Block]:
     result = tree.to_dataset()
     method, words = result.attrs["method"], (f"noise ({signal_units(result)})", "standard deviation")
     noise = {"force": words[0], "formula": words[1], method: f"{result.noise.item():.2g}"}
-    table = text_table([*coefficient_rows({method: result}).values(), noise], ("force", "formula"))
-    blocks = [Block([reference_sentence(result)], title=COEFFICIENTS, table=table)]
+    table = layout.text_table(
+        [*layout.coefficient_rows({method: result}).values(), noise], ("force", "formula")
+    )
+    blocks = [Block([layout.reference_sentence(result)], title=COEFFICIENTS, table=table)]
     # The largest amplitude that is known: an identification without a cross-check keeps no record.
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
     if np.any(start > 0.0):
@@ -116,14 +99,14 @@ def identification_table(tree: xr.DataTree) -> Table:
 
     A method that failed has no column. Errors are the total ones, of the noise and of the model.
     """
-    checked, results = tree["comparison"].to_dataset(), kept_results(tree)
+    checked, results = tree["comparison"].to_dataset(), findings.kept_results(tree)
     kept = checked.sel(model=list(results))
-    rows = coefficient_rows(results)
+    rows = layout.coefficient_rows(results)
     # Of one method there is no difference.
     for label, row in rows.items() if len(results) > 1 else ():
         z = checked.z.sel(quantity=label).item() if label in checked.quantity else np.nan
         row["difference / error"] = f"{z:+.1f}" if np.isfinite(z) else ""
-    ratios = {name: f"{residual_over_noise(tree, name):.3g} x noise" for name in results}
+    ratios = {name: f"{findings.residual_over_noise(tree, name):.3g} x noise" for name in results}
     noise = f"noise: {record_noise(tree):.2g} {signal_units(tree)}"
     rows["residual"] = {"force": "residual (RMS)", "formula": noise, **ratios}
     stochastic = [bool(random_force_of(result)) for result in results.values()]
@@ -135,7 +118,7 @@ def identification_table(tree: xr.DataTree) -> Table:
         if np.isfinite(values).any():
             cells = (f"{x:.3g}" if np.isfinite(x) else "-" for x in values)
             rows[what] = {"force": what, "formula": unit, **dict(zip(results, cells, strict=True))}
-    return text_table(list(rows.values()), ("force", "formula"))
+    return layout.text_table(list(rows.values()), ("force", "formula"))
 
 
 def consequences(tree: xr.DataTree) -> list[str]:
@@ -143,31 +126,31 @@ def consequences(tree: xr.DataTree) -> list[str]:
 
     Nothing follows from a model that does not hold.
     """
-    if not holds(tree):
-        undetermined = verdict_of(tree) == "undetermined"
+    if not findings.holds(tree):
+        undetermined = findings.verdict_of(tree) == "undetermined"
         return [NO_CONSEQUENCES.format("is not decided by" if undetermined else "does not explain")]
-    result, at = tree[answer_of(tree)].to_dataset(), times_of_amplitudes(tree)
-    return physics_sentences(result, amplitudes(tree), si_of(tree), time=at)
+    result, at = tree[findings.answer_of(tree)].to_dataset(), findings.times_of_amplitudes(tree)
+    return physics_sentences(result, findings.amplitudes(tree), si_of(tree), time=at)
 
 
 def _weight(tree: xr.DataTree) -> list[str]:
     """Which forces the decay comes from by the answer, where its model holds."""
-    result = kept_results(tree).get(answer_of(tree))
-    if result is None or not holds(tree):
+    result = findings.kept_results(tree).get(findings.answer_of(tree))
+    if result is None or not findings.holds(tree):
         return []
-    return weight_sentences(result, amplitudes(tree), time=times_of_amplitudes(tree))
+    return weight_sentences(result, findings.amplitudes(tree), time=findings.times_of_amplitudes(tree))
 
 
 def _answer(tree: xr.DataTree) -> str:
     """Which of two methods the result stands by, where a test decides it."""
-    decided = verdict_of(tree) in ("approximate", "not explained") and not failures(tree)
-    answer = f"Answer: {answer_of(tree)}, by its prediction of parts that were held out. "
+    decided = findings.verdict_of(tree) in ("approximate", "not explained") and not findings.failures(tree)
+    answer = f"Answer: {findings.answer_of(tree)}, by its prediction of parts that were held out. "
     return answer if decided else ""
 
 
 def _agreement_sentences(tree: xr.DataTree) -> list[str]:
     """Sentences on how methods agree, and the test behind it; nothing where one failed."""
-    if failures(tree):
+    if findings.failures(tree):
         return []
     checked = tree["comparison"].to_dataset()
     attrs = checked.attrs
@@ -201,14 +184,14 @@ def _agreement_sentences(tree: xr.DataTree) -> list[str]:
 
 def _random_force(tree: xr.DataTree) -> list[str]:
     """The random force of the second method; nothing where that failed."""
-    if tree["comparison"].attrs["second"] in failures(tree):
+    if tree["comparison"].attrs["second"] in findings.failures(tree):
         return []
-    return random_force_sentences(tree, float(amplitudes(tree).max()))
+    return random_force_sentences(tree, float(findings.amplitudes(tree).max()))
 
 
 def _remarks(tree: xr.DataTree) -> list[str]:
     """What to mind of the methods: biases, correlation, constraints, and what they cannot identify."""
-    sentences, results = [], kept_results(tree)
+    sentences, results = [], findings.kept_results(tree)
     for method, result in results.items():
         removed = result.attrs.get("first_order_bias_removed", "yes")
         if removed != "yes":
@@ -224,13 +207,13 @@ def _remarks(tree: xr.DataTree) -> list[str]:
                 f"The residuals of {method} are correlated; its errors take that into account (Newey and "
                 "West)."
             )
-    warnings = identifiability_warnings(tree["comparison"].to_dataset().attrs)
-    return [*sentences, *constraint_sentences(results.values()), *warnings]
+    warnings = layout.identifiability_warnings(tree["comparison"].to_dataset().attrs)
+    return [*sentences, *layout.constraint_sentences(results.values()), *warnings]
 
 
 def _stiffness(tree: xr.DataTree) -> list[str]:
     """That a linear stiffness cannot be identified, where the library has one."""
-    second = second_of(tree)
+    second = findings.second_of(tree)
     stiffness = library_of(second, whole=True).role("x")
     if stiffness is None or stiffness.symbol in second.force:
         return []
@@ -243,10 +226,10 @@ def _stiffness(tree: xr.DataTree) -> list[str]:
 
 def _own_quantity(tree: xr.DataTree) -> list[str]:
     """Which method compares what was measured itself, with the bias that it finds; none of an angle."""
-    for name, result in kept_results(tree).items():
+    for name, result in findings.kept_results(tree).items():
         if measured := result.attrs.get("compared_in"):
             units = str(result.bias.attrs["units"])
-            biases = ", ".join(values_with_errors(result.bias, result.bias_standard_error))
+            biases = ", ".join(layout.values_with_errors(result.bias, result.bias_standard_error))
             times = int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))
             over = ("", " over w", " over w^2")[times]
             return [

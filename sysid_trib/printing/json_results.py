@@ -23,29 +23,9 @@ from sysid_trib.printing.plain_data import (
 )
 from sysid_trib.printing.verdict import GROUP
 from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
-from sysid_trib.results.effects import (
-    PAIR,
-    PAIRS,
-    candidates_of,
-    credible_set,
-    error_widening,
-    replacing_pairs,
-    shapes_of,
-)
+from sysid_trib.results import effects
 from sysid_trib.results.variables import group_names, record_groups
-from sysid_trib.validation.findings import (
-    amplitudes,
-    answer_of,
-    failures,
-    fewer_forces,
-    holds,
-    residual_of,
-    residual_over_noise,
-    second_of,
-    times_of_amplitudes,
-    verdict_of,
-    with_error_parts,
-)
+from sysid_trib.validation import findings
 from sysid_trib.validation.verdict import p_value_of_dependence, record_noise
 
 TEST = ("chi_square", "degrees_of_freedom", "p_value")
@@ -89,10 +69,12 @@ SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
 STEP: dict[str, Source] = {
     **same("symbol", "name", "formula", "family", "kind", "unit", "coefficient", "standard_error", "z"),
     **same("p_value", "residual_before", "residual_after"),
-    "shapes": lambda step: shapes_of(step, step.symbol.item()),
-    "shape_errors": lambda step: shapes_of(step, step.symbol.item(), "shape_standard_error"),
-    "indistinguishable_pairs": lambda step: [pair.split(PAIR) for pair in replacing_pairs(step)],
-    "pair_odds": lambda step: number(step.pair_odds.item()) if replacing_pairs(step) else None,
+    "shapes": lambda step: effects.shapes_of(step, step.symbol.item()),
+    "shape_errors": lambda step: effects.shapes_of(step, step.symbol.item(), "shape_standard_error"),
+    "indistinguishable_pairs": lambda step: [
+        pair.split(effects.PAIR) for pair in effects.replacing_pairs(step)
+    ],
+    "pair_odds": lambda step: number(step.pair_odds.item()) if effects.replacing_pairs(step) else None,
     **same(
         "worsens_holdout", "collinear", "gain", "prediction_z", "random_force_before", "random_force_after"
     ),
@@ -124,13 +106,13 @@ DISCOVERY: dict[str, Source] = {
     "noise": lambda tree: number(record_noise(tree)),
     "residual_noise": lambda tree: number(record_noise(tree)),
     "noise_with_its_colour": "holdout/residual_noise",
-    "residual": lambda tree: number(residual_of(tree, "after")),
+    "residual": lambda tree: number(findings.residual_of(tree, "after")),
     "model": ("after", MODEL_JSON),
     "start_model": ("before", MODEL_JSON),
     "disagreement_after": ("discrepancy_after", SPANS),
     "holdout": {"what": "@held_out", "rms": "holdout/rms", "gap_above_noise": "holdout/residual_above_noise"},
     "generic_p_value": lambda tree: number(tree["omnibus"].p_value.values[-1].item()),
-    "error_widening": lambda tree: number(error_widening(tree)),
+    "error_widening": lambda tree: number(effects.error_widening(tree)),
     "detectable": ("detectability_after", ("candidate", "detectable")),
     "not_testable": ("detectability_after", lambda candidates: _reasons(candidates)),
     "left_out": lambda tree: list(tree.attrs["left_out"]),
@@ -141,19 +123,25 @@ DISCOVERY: dict[str, Source] = {
 
 def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `cross_check` as plain data, see `identification_blocks`."""
-    checked, failed, answer = tree["comparison"].to_dataset(), failures(tree), answer_of(tree)
+    checked, failed, answer = (
+        tree["comparison"].to_dataset(),
+        findings.failures(tree),
+        findings.answer_of(tree),
+    )
     si, methods, models = si_of(tree), {}, {}
     withheld = dict.fromkeys(METHOD) | {"coefficients": {}}
     for name in (checked.attrs["first"], checked.attrs["second"]):
-        given = withheld if name in failed else mapped(with_error_parts(tree[name].to_dataset()), METHOD)
+        given = (
+            withheld if name in failed else mapped(findings.with_error_parts(tree[name].to_dataset()), METHOD)
+        )
         methods[name] = given | {"failed": failed.get(name, "")}
         models[name] = mapped(checked.sel(model=name), MODEL_CHECK) | {
-            "residual_rms": number(residual_of(tree, name)),
-            "residual_over_noise": number(residual_over_noise(tree, name)),
+            "residual_rms": number(findings.residual_of(tree, name)),
+            "residual_over_noise": number(findings.residual_over_noise(tree, name)),
         }
-    if holds(tree):
-        result, at = tree[answer].to_dataset(), times_of_amplitudes(tree)
-        follows = physics_json(result, amplitudes(tree), si, time=at)
+    if findings.holds(tree):
+        result, at = tree[answer].to_dataset(), findings.times_of_amplitudes(tree)
+        follows = physics_json(result, findings.amplitudes(tree), si, time=at)
     else:
         follows = {"refused": consequences(tree)[0]}
     data = {
@@ -167,7 +155,7 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         "consequences": follows,
         "sufficient_forces": [
             {s: {"value": value, "standard_error": error} for s, (value, error) in forces.items()}
-            for forces in fewer_forces(tree)
+            for forces in findings.fewer_forces(tree)
         ],
     }
     if "runs" in tree:
@@ -180,8 +168,8 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
-    result = second_of(tree)
-    data: dict[str, Any] = {"verdict": verdict_of(tree), "random_force": None, "innovations": None}
+    result = findings.second_of(tree)
+    data: dict[str, Any] = {"verdict": findings.verdict_of(tree), "random_force": None, "innovations": None}
     force = random_force_of(result)
     if not force:
         return data
@@ -219,9 +207,11 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
-    held, offered = number(tree["holdout"].rms.values.tolist()), candidates_of(tree)
-    probabilities = {s: number(round(probability, 4)) for s, probability in credible_set(step).items()}
-    likeliest = step.likeliest_in_parts.item().split(PAIRS)
+    held, offered = number(tree["holdout"].rms.values.tolist()), effects.candidates_of(tree)
+    probabilities = {
+        s: number(round(probability, 4)) for s, probability in effects.credible_set(step).items()
+    }
+    likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)
     return mapped(step, STEP) | {
         "probability": probabilities.pop(step.symbol.item()),
         "holdout_before": held[at],

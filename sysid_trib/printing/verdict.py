@@ -6,26 +6,11 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.printing.layout import (
-    by_label,
-    in_small_units,
-    p_value_text,
-    text_table,
-    value_with_error,
-    values_with_errors,
-    with_unit,
-)
+from sysid_trib.printing import layout
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import (
-    answer_of,
-    failures,
-    fewer_forces,
-    kept_results,
-    residual_over_noise,
-    verdict_of,
-)
+from sysid_trib.validation import findings
 from sysid_trib.validation.lack_of_fit import departure_sentence, departures
 from sysid_trib.validation.model_error import error_parts
 
@@ -37,11 +22,11 @@ TESTED = ("chi_square", "degrees_of_freedom", "p_value", "most", "gain")
 def runs_table(runs: xr.Dataset) -> Table:
     """What each run alone gives, and the p-value of the differences (see `run_agreement`)."""
     rows = []
-    for name, row in by_label(runs, "quantity").items():
-        cells = values_with_errors(row.value, row.standard_error)
+    for name, row in layout.by_label(runs, "quantity").items():
+        cells = layout.values_with_errors(row.value, row.standard_error)
         by_run = {f"run {at}": cell for at, cell in enumerate(cells, 1)}
-        rows.append({"quantity": name, **by_run, "p": p_value_text(row.p_value.item(), "")})
-    return text_table(rows, ("quantity",))
+        rows.append({"quantity": name, **by_run, "p": layout.p_value_text(row.p_value.item(), "")})
+    return layout.text_table(rows, ("quantity",))
 
 
 def runs_sentences(runs: xr.Dataset) -> list[str]:
@@ -54,7 +39,7 @@ def runs_sentences(runs: xr.Dataset) -> list[str]:
     if runs.attrs["verdict"] == "unknown":
         return [*sentences, "Whether the runs differ cannot be tested.", *_density_sentences(runs)]
     p_values = runs.p_value.fillna(1.0).to_series()
-    worst = f"{p_values.idxmin()} (p {p_value_text(p_values.min())})"
+    worst = f"{p_values.idxmin()} (p {layout.p_value_text(p_values.min())})"
     total = {name: runs[f"total_{name}"].item() for name in TESTED[:3]}
     most = worst if runs.attrs["verdict"] == "disagree" else ""
     return [*sentences, _sentence(total, most), *_density_sentences(runs)]
@@ -66,7 +51,7 @@ def _density_sentences(runs: xr.Dataset) -> list[str]:
         return []
     if runs.attrs["density_verdict"] == "unknown":
         return ["Whether the random force has the same size in all runs cannot be tested."]
-    test = f"p {p_value_text(runs.density_p_value.item())}"
+    test = f"p {layout.p_value_text(runs.density_p_value.item())}"
     if runs.attrs["density_verdict"] == "disagree":
         return [f"The size of the random force differs between the runs ({test})."]
     return [
@@ -103,7 +88,7 @@ def _sentence(test: dict[str, Any], most: str) -> str:
     """The result of a test for runs that differ, `most` in a quantity, or in none."""
     result = (
         f"chi-square {test['chi_square']:.3g} for {test['degrees_of_freedom']:.0f} differences, "
-        f"p {p_value_text(test['p_value'])}"
+        f"p {layout.p_value_text(test['p_value'])}"
     )
     if not most:
         return f"No difference between the runs was found: {result}."
@@ -132,7 +117,7 @@ EFFECTIVE = "These coefficients are effective values of a model that is not comp
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """The verdict on the record, in words that no test is needed to read."""
-    verdict = verdict_of(tree)
+    verdict = findings.verdict_of(tree)
     if verdict == "undetermined":
         return UNDETERMINED
     if verdict == "explained":
@@ -148,12 +133,12 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 
 def test_sentences(tree: xr.DataTree) -> list[str]:
     """The tests behind the verdict, and the two parts of each error of the answer."""
-    p_value = p_value_text(float(tree["comparison"].residual_p_value.max()))
+    p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
     tests = " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
-    result = kept_results(tree).get(answer_of(tree))
+    result = findings.kept_results(tree).get(findings.answer_of(tree))
     if result is None or "error_of_model" not in result:
         return [tests]
-    return [tests, error_parts_sentence(answer_of(tree), result)]
+    return [tests, error_parts_sentence(findings.answer_of(tree), result)]
 
 
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
@@ -166,7 +151,7 @@ def error_parts_sentence(name: str, result: xr.Dataset) -> str:
 
 def calibration_sentences(tree: xr.DataTree) -> list[str]:
     """What of the answer's errors is the calibration's, where it is known."""
-    result = kept_results(tree).get(answer_of(tree))
+    result = findings.kept_results(tree).get(findings.answer_of(tree))
     if result is None or "error_of_calibration" not in result:
         return []
     parts = zip(result.force.values, *error_parts(result), result.error_of_calibration.values, strict=True)
@@ -181,7 +166,7 @@ def calibration_sentences(tree: xr.DataTree) -> list[str]:
 def _where(tree: xr.DataTree) -> str:
     """Where the answer's model misses the backbone most, in words; empty where it nowhere does."""
     groups = [name for name in tree.children if name.startswith("lack_of_fit")]
-    of_runs = [departures(tree[group].to_dataset(), answer_of(tree)) for group in groups]
+    of_runs = [departures(tree[group].to_dataset(), findings.answer_of(tree)) for group in groups]
     farthest = max(of_runs, key=lambda ranges: abs(ranges[0].largest) if ranges else 0.0, default=[])
     sentence = departure_sentence(farthest, signal_units(tree))
     return f"; it misses the record {sentence}" if sentence else ""
@@ -189,13 +174,13 @@ def _where(tree: xr.DataTree) -> str:
 
 def _how_near(tree: xr.DataTree) -> str:
     """How near the motion of the answer's model comes to the record."""
-    answer = answer_of(tree)
+    answer = findings.answer_of(tree)
     part = float(tree["comparison"].residual_over_motion.sel(model=answer))
     if not np.isfinite(part):
         return "its motion diverges"
     lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
     periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
-    times = residual_over_noise(tree, answer)
+    times = findings.residual_over_noise(tree, answer)
     return (
         f"over {periods:.0f} periods its motion leaves {100.0 * part:.2g} % of the record (RMS), "
         f"{times:.3g} times the noise"
@@ -206,16 +191,16 @@ def failure_sentences(tree: xr.DataTree) -> list[str]:
     """A sentence on each method that failed: its coefficients are not given."""
     return [
         f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
-        for name, reason in failures(tree).items()
+        for name, reason in findings.failures(tree).items()
     ]
 
 
 def effective_sentences(tree: xr.DataTree) -> list[str]:
     """What coefficients of a model that is not complete are, and what their errors hold."""
-    results = kept_results(tree)
-    if verdict_of(tree) not in ("approximate", "not explained") or not results:
+    results = findings.kept_results(tree)
+    if findings.verdict_of(tree) not in ("approximate", "not explained") or not results:
         return []
-    result = results.get(answer_of(tree), next(reversed(results.values())))
+    result = results.get(findings.answer_of(tree), next(reversed(results.values())))
     noise, model = error_parts(result)
     if not np.any(model > 0.0):
         allowed = "error_of_model" in result
@@ -233,11 +218,11 @@ def effective_sentences(tree: xr.DataTree) -> list[str]:
 
 def separation_sentences(tree: xr.DataTree) -> list[str]:
     """Coefficients of the fewest forces that suffice, and which others would do as well."""
-    if not (choices := fewer_forces(tree)):
+    if not (choices := findings.fewer_forces(tree)):
         return []
-    unit = tree[answer_of(tree)].to_dataset().unit
+    unit = tree[findings.answer_of(tree)].to_dataset().unit
     likeliest = ", ".join(
-        with_unit(f"{symbol} = {value_with_error(*quantity)}", unit.sel(force=symbol).item())
+        layout.with_unit(f"{symbol} = {layout.value_with_error(*quantity)}", unit.sel(force=symbol).item())
         for symbol, quantity in choices[0].items()
     )
     return [NOT_SEPARATED.format("; or ".join([likeliest, *map(" and ".join, choices[1:])]))]
@@ -245,11 +230,11 @@ def separation_sentences(tree: xr.DataTree) -> list[str]:
 
 def line_sentences(tree: xr.DataTree) -> list[str]:
     """That the residual of the answer's model holds a line, and what that may be."""
-    of_answer = tree["comparison"].to_dataset().sel(model=answer_of(tree))
+    of_answer = tree["comparison"].to_dataset().sel(model=findings.answer_of(tree))
     frequency = float(of_answer.get("line_frequency", np.nan))
     if not np.isfinite(frequency):
         return []
-    size = in_small_units(float(of_answer.line_amplitude), signal_units(tree))
+    size = layout.in_small_units(float(of_answer.line_amplitude), signal_units(tree))
     return [
         f"The residual holds a line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, perhaps from above "
         "half the sampling rate, or another mode. Record without it, or filter it out."
