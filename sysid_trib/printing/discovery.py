@@ -22,13 +22,7 @@ from sysid_trib.printing.discovery_tables import (
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layout import coefficient_rows, in_small_units, text_table
 from sysid_trib.printing.verdict import step_heterogeneity_sentences
-from sysid_trib.results.effects import (
-    NAMED,
-    candidates_of,
-    credible_set,
-    failed_competitors,
-    replacing_pairs,
-)
+from sysid_trib.results.effects import NAMED, candidates_of, credible_set, failed_competitors, replacing_pairs
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import given_results, residual_of
 from sysid_trib.validation.verdict import record_noise

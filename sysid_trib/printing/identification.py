@@ -24,6 +24,10 @@ BARELY = 0.05
 # More errors than one of several differences that agree as a whole should have without a word.
 AS_A_WHOLE = 2.0
 COEFFICIENTS, BETWEEN_RUNS, CONSEQUENCES = "Coefficients", "Do the runs agree", "What follows from the model"
+STIFFNESS = (
+    "In a single record, {0} cannot be separated from the frequency: give --omega0 (frequency without "
+    "contact) to identify {0}."
+)
 NO_CONSEQUENCES = "Weights, crossovers and arrest are not given: the model {} the record."
 
 
@@ -41,13 +45,9 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
     -------
     list of Block
     """
-    agree, remarks, stochastic, details = (
-        _agreement_sentences(tree),
-        _remarks(tree),
-        _random_force(tree),
-        Layer.EXPLAIN,
-    )
+    agree, remarks, stochastic = _agreement_sentences(tree), _remarks(tree), _random_force(tree)
     effective = [*verdict.failure_sentences(tree), *verdict.effective_sentences(tree)]
+    details = Layer.EXPLAIN
     blocks = [
         Block([verdict.verdict_sentence(tree)], ALWAYS),
         Block([*sources, *_own_quantity(tree)]),
@@ -81,11 +81,10 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
 def estimate_blocks(tree: xr.DataTree) -> list[Block]:
     """What is shown of one identification alone, a result of `identify`."""
     result = tree.to_dataset()
-    method, words = result.attrs["method"], (f"noise ({signal_units(result)})", "standard deviation")
-    noise = {"force": words[0], "formula": words[1], method: f"{result.noise.item():.2g}"}
-    table = layout.text_table(
-        [*layout.coefficient_rows({method: result}).values(), noise], ("force", "formula")
-    )
+    method, noise = result.attrs["method"], {"force": f"noise ({signal_units(result)})"}
+    noise |= {"formula": "standard deviation", method: f"{result.noise.item():.2g}"}
+    rows = [*layout.coefficient_rows({method: result}).values(), noise]
+    table = layout.text_table(rows, ("force", "formula"))
     blocks = [Block([layout.reference_sentence(result)], title=COEFFICIENTS, table=table)]
     # The largest amplitude that is known: an identification without a cross-check keeps no record.
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
@@ -135,8 +134,8 @@ def consequences(tree: xr.DataTree) -> list[str]:
 
 def _weight(tree: xr.DataTree) -> list[str]:
     """Which forces the decay comes from by the answer, where its model holds."""
-    result = findings.kept_results(tree).get(findings.answer_of(tree))
-    if result is None or not findings.holds(tree):
+    result = verdict.answer_result(tree) if findings.holds(tree) else None
+    if result is None:
         return []
     return weight_sentences(result, findings.amplitudes(tree), time=findings.times_of_amplitudes(tree))
 
@@ -153,11 +152,10 @@ def _agreement_sentences(tree: xr.DataTree) -> list[str]:
     if findings.failures(tree):
         return []
     checked = tree["comparison"].to_dataset()
-    attrs = checked.attrs
-    stretch = attrs.get("compared_stretch")
+    attrs, p_value = checked.attrs, checked.p_value.item()
+    stretch, records, draws = (attrs.get(k) for k in ("compared_stretch", "simulated_records", "draws"))
     part = "" if stretch is None else f", compared on stretches of {stretch:.3g} s,"
     pair = f"{attrs['first'].capitalize()} and {attrs['second']}{part}"
-    records, draws = attrs.get("simulated_records"), attrs["draws"]
     if attrs["verdict"] == "unknown":
         few = f" (both methods identified {records} of {draws} simulated records)"
         why = f"the error of their difference could not be computed{few if records is not None else ''}"
@@ -167,19 +165,19 @@ def _agreement_sentences(tree: xr.DataTree) -> list[str]:
     errors = "stated errors" if attrs.get("errors") == "stated" else simulated
     test = (
         f"Their differences: chi-square {checked.chi_square.item():.3g} for "
-        f"{checked.degrees_of_freedom.item()} of them, p = {checked.p_value.item():.2g} ({errors})."
+        f"{checked.degrees_of_freedom.item()} of them, p = {p_value:.2g} ({errors})."
     )
+    explained, z = attrs.get("verdict_on_record", "").startswith("explained"), abs(checked.z.to_series())
     if attrs["verdict"] == "disagree":
-        return [f"{pair} disagree.", test]
-    if checked.p_value.item() < BARELY:
-        return [f"{pair} agree, but barely.", test]
-    explained = attrs.get("verdict_on_record", "").startswith("explained")
-    z = abs(checked.z.to_series())
-    if z.max() > AS_A_WHOLE:
-        how = "agree" if explained else "differ by no more than their errors"
-        return [f"{pair} {how} as a whole; {z.idxmax()} differs by {z.max():.2g} errors.", test]
-    how = "agree within" if explained else "differ by no more than"
-    return [f"{pair} {how} their errors.", test]
+        how = "disagree"
+    elif p_value < BARELY:
+        how = "agree, but barely"
+    elif z.max() > AS_A_WHOLE:
+        agree = "agree" if explained else "differ by no more than their errors"
+        how = f"{agree} as a whole; {z.idxmax()} differs by {z.max():.2g} errors"
+    else:
+        how = f"{'agree within' if explained else 'differ by no more than'} their errors"
+    return [f"{pair} {how}.", test]
 
 
 def _random_force(tree: xr.DataTree) -> list[str]:
@@ -189,24 +187,30 @@ def _random_force(tree: xr.DataTree) -> list[str]:
     return random_force_sentences(tree, float(findings.amplitudes(tree).max()))
 
 
+# Remarks of a method on itself, by its attribute: what it says unless the remark applies, and the sentence.
+REMARKS = {
+    "first_order_bias_removed": ("yes", "The first-order bias of {} was not removed: {}."),
+    "refined": (
+        "True",
+        "The columns of {} come from the smoothed record: the motion of its model does not follow the "
+        "record.",
+    ),
+    "correlation_lags": (
+        "0",
+        "The residuals of {} are correlated; its errors take that into account (Newey and West).",
+    ),
+}
+
+
 def _remarks(tree: xr.DataTree) -> list[str]:
     """What to mind of the methods: biases, correlation, constraints, and what they cannot identify."""
-    sentences, results = [], findings.kept_results(tree)
+    results = findings.kept_results(tree)
+    sentences = []
     for method, result in results.items():
-        removed = result.attrs.get("first_order_bias_removed", "yes")
-        if removed != "yes":
-            reason = removed[2:].strip(": .") or "as asked"
-            sentences.append(f"The first-order bias of {method} was not removed: {reason}.")
-        if result.attrs.get("refined", "True") != "True":
-            sentences.append(
-                f"The columns of {method} come from the smoothed record: the motion of its model does not "
-                "follow the record."
-            )
-        if int(result.attrs.get("correlation_lags", 0)):
-            sentences.append(
-                f"The residuals of {method} are correlated; its errors take that into account (Newey and "
-                "West)."
-            )
+        for name, (usual, text) in REMARKS.items():
+            said = str(result.attrs.get(name, usual))
+            if said != usual:
+                sentences.append(text.format(method, said[2:].strip(": .") or "as asked"))
     warnings = layout.identifiability_warnings(tree["comparison"].to_dataset().attrs)
     return [*sentences, *layout.constraint_sentences(results.values()), *warnings]
 
@@ -217,11 +221,7 @@ def _stiffness(tree: xr.DataTree) -> list[str]:
     stiffness = library_of(second, whole=True).role("x")
     if stiffness is None or stiffness.symbol in second.force:
         return []
-    symbol = stiffness.symbol
-    return [
-        f"In a single record, {symbol} cannot be separated from the frequency: give --omega0 (frequency "
-        f"without contact) to identify {symbol}."
-    ]
+    return [STIFFNESS.format(stiffness.symbol)]
 
 
 def _own_quantity(tree: xr.DataTree) -> list[str]:

@@ -16,7 +16,7 @@ from sysid_trib.validation.model_error import error_parts
 
 # The test of each model of a discovery, and its variables in the JSON.
 GROUP = "homogeneity"
-TESTED = ("chi_square", "degrees_of_freedom", "p_value", "most", "gain")
+TESTED = ("chi_square", "degrees_of_freedom", "p_value")
 
 
 def runs_table(runs: xr.Dataset) -> Table:
@@ -40,7 +40,7 @@ def runs_sentences(runs: xr.Dataset) -> list[str]:
         return [*sentences, "Whether the runs differ cannot be tested.", *_density_sentences(runs)]
     p_values = runs.p_value.fillna(1.0).to_series()
     worst = f"{p_values.idxmin()} (p {layout.p_value_text(p_values.min())})"
-    total = {name: runs[f"total_{name}"].item() for name in TESTED[:3]}
+    total = {name: runs[f"total_{name}"].item() for name in TESTED}
     most = worst if runs.attrs["verdict"] == "disagree" else ""
     return [*sentences, _sentence(total, most), *_density_sentences(runs)]
 
@@ -65,9 +65,7 @@ def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
     if GROUP not in tree.children:
         return []
     last = tree[GROUP].to_dataset().isel(model=-1)
-    return [
-        _sentence({name: last[name].item() for name in TESTED[:3]}, last.most.item() if last.differ else "")
-    ]
+    return [_sentence({name: last[name].item() for name in TESTED}, last.most.item() if last.differ else "")]
 
 
 def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
@@ -115,6 +113,11 @@ NOT_SEPARATED = "The record does not separate these forces: each may be zero, bu
 EFFECTIVE = "These coefficients are effective values of a model that is not complete"
 
 
+def answer_result(tree: xr.DataTree) -> xr.Dataset | None:
+    """The identification that a cross-check stands by; None where its method failed."""
+    return findings.kept_results(tree).get(findings.answer_of(tree))
+
+
 def verdict_sentence(tree: xr.DataTree) -> str:
     """The verdict on the record, in words that no test is needed to read."""
     verdict = findings.verdict_of(tree)
@@ -135,7 +138,7 @@ def test_sentences(tree: xr.DataTree) -> list[str]:
     """The tests behind the verdict, and the two parts of each error of the answer."""
     p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
     tests = " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
-    result = findings.kept_results(tree).get(findings.answer_of(tree))
+    result = answer_result(tree)
     if result is None or "error_of_model" not in result:
         return [tests]
     return [tests, error_parts_sentence(findings.answer_of(tree), result)]
@@ -151,7 +154,7 @@ def error_parts_sentence(name: str, result: xr.Dataset) -> str:
 
 def calibration_sentences(tree: xr.DataTree) -> list[str]:
     """What of the answer's errors is the calibration's, where it is known."""
-    result = findings.kept_results(tree).get(findings.answer_of(tree))
+    result = answer_result(tree)
     if result is None or "error_of_calibration" not in result:
         return []
     parts = zip(result.force.values, *error_parts(result), result.error_of_calibration.values, strict=True)
@@ -203,12 +206,9 @@ def effective_sentences(tree: xr.DataTree) -> list[str]:
     result = results.get(findings.answer_of(tree), next(reversed(results.values())))
     noise, model = error_parts(result)
     if not np.any(model > 0.0):
-        allowed = "error_of_model" in result
-        return [
-            f"{EFFECTIVE}; parts of the record move them by no more than their errors."
-            if allowed
-            else f"{EFFECTIVE}, which may be off by far more than their errors."
-        ]
+        if "error_of_model" in result:
+            return [f"{EFFECTIVE}; parts of the record move them by no more than their errors."]
+        return [f"{EFFECTIVE}, which may be off by far more than their errors."]
     factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
     return [
         f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they are "

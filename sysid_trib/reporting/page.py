@@ -3,8 +3,6 @@
 import io
 import os
 import re
-from collections.abc import Iterator
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -32,7 +30,6 @@ DECIMAL = re.compile(r"-?\d+\.\d+")
 # Attributes that refer to an element by its id, and their names in HTML; an image is its own address.
 REFERRING = {LINK: "href", "clip-path": "clip-path"}
 ID_REFERENCE = re.compile(r"#([^)]+)")
-NO_KIND = ("", "", "")
 PLACES = ("d", "x", "y", "width", "height")
 # Pixels for an inch of the figure. Where a screen has less room the figure is moved sideways, not shrunk.
 LEAST_PIXELS, MOST_PIXELS = 92, 138
@@ -66,7 +63,6 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
             if key in element.attrib:
                 element.set(key, _short(element.attrib[key]))
     _rename(root, name)
-    _join(root)
     inches = figure.get_size_inches()[0]
     size = f"min-width:{LEAST_PIXELS * inches:.0f}px;max-width:{MOST_PIXELS * inches:.0f}px"
     root.attrib = {
@@ -101,47 +97,6 @@ def _rename(root: Element, name: str) -> None:
             if key in element.attrib:
                 text = element.attrib.pop(key)
                 element.set(attribute, ID_REFERENCE.sub(lambda match: f"#{new[match[1]]}", text))
-
-
-def _join(element: Element) -> None:
-    """Groups without a meaning dissolved, marks of a style in one group, lines of a style in one path."""
-    for part in element:
-        _join(part)
-    groups = [part if part.tag == "g" and not part.attrib else [part] for part in element]
-    # A line of which nothing is in sight has no points; so has a space, but letters refer to it.
-    parts = [
-        part for group in groups for part in group if part.tag != "path" or {"d", "id"} & part.attrib.keys()
-    ]
-    element[:] = [part for _, alike in groupby(parts, _kind) for part in _joined(list(alike))]
-
-
-def _kind(element: Element) -> tuple[str, str, str]:
-    """What elements have in common that may be joined; empty of those that may not."""
-    kept, style = element.attrib, element.get("style", "")
-    if element.tag == "use" and style:
-        return "use", style, ""
-    # Where lines that are not opaque cross, one path is paler than several.
-    lines = element.tag == "path" and "fill: none" in style and "opacity" not in style
-    return (
-        ("path", style, kept.get("clip-path", ""))
-        if lines and not {"id", "transform"} & kept.keys()
-        else NO_KIND
-    )
-
-
-def _joined(alike: list[Element]) -> Iterator[Element]:
-    kind, style, _ = _kind(alike[0])
-    if kind == "path":
-        alike[0].set("d", "".join(part.attrib["d"] for part in alike))
-        yield alike[0]
-    elif kind == "use" and len(alike) > 1:
-        group = Element("g", style=style)
-        for part in alike:
-            del part.attrib["style"]
-        group[:] = alike
-        yield group
-    else:
-        yield from alike
 
 
 def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> None:
