@@ -237,10 +237,7 @@ class FreeLikelihood:
     @cached_property
     def root(self) -> Array:
         """Root of the covariance, (parameter, parameter): it makes unit draws draws of the parameters."""
-        size = np.sqrt(np.diag(self.covariance))
-        scale = np.where(size > 0.0, size, 1.0)
-        variances, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        return np.asarray(size[:, None] * axes * np.sqrt(np.maximum(variances, 0.0)))
+        return covariance_root(self.covariance)
 
     def deviance(self, values: Array) -> float:
         """Deviance of values: by how much twice the log likelihood is below that of the best fit."""
@@ -259,3 +256,11 @@ class FreeLikelihood:
         return fitted(
             replace(self.problem, parameters=self.parameters.fix(held)), start, tolerance=HELD_TOLERANCE
         )
+
+
+def covariance_root(covariance: Array) -> Array:
+    """R with R R' the covariance; its parameters differ by orders of magnitude."""
+    size = np.sqrt(np.diag(covariance))
+    scale = np.where(size > 0.0, size, 1.0)
+    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(size[:, None] * axes * np.sqrt(np.maximum(variances, 0.0)))

@@ -170,7 +170,7 @@ def _where(tree: xr.DataTree) -> str:
     """Where the answer's model misses the backbone most, in words; empty where it nowhere does."""
     groups = [name for name in tree.children if name.startswith("lack_of_fit")]
     of_runs = [departures(tree[group].to_dataset(), findings.answer_of(tree)) for group in groups]
-    farthest = max(of_runs, key=lambda ranges: abs(ranges[0].largest) if ranges else 0.0, default=[])
+    farthest = max(of_runs, key=lambda ranges: abs(ranges[0][1]) if ranges else 0.0, default=[])
     sentence = departure_sentence(farthest, signal_units(tree))
     return f"; it misses the record {sentence}" if sentence else ""
 

@@ -1,9 +1,8 @@
 """Every method on the same runs: what each identifies, how well it predicts, what it neglects."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,16 +17,16 @@ from sysid_trib.methods.scope import ForceScope, Method, by_unique_label, constr
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import inputs_for
+from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import group_names
+from sysid_trib.results.variables import group_names, variable
 from sysid_trib.validation.answer import check_method, with_common_noise, with_model_in_errors, with_noise
 from sysid_trib.validation.comparison_table import Trial, method_table
 from sysid_trib.validation.cross_check import ties
 from sysid_trib.validation.driven import is_driven
-from sysid_trib.validation.holdout import RunInParts, predicted, split, up_to_held_out
-from sysid_trib.validation.residuals import ModelResidual, ModelResiduals, residual_of
+from sysid_trib.validation.holdout import in_all_runs, split, up_to_held_out
 from sysid_trib.validation.verdict import DIVERGES, no_nearer_than_rest
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
@@ -146,86 +145,112 @@ def _compared(
     constraints: ConstraintTable,
     tell: Tell,
 ) -> xr.DataTree:
-    runs = [RunInParts(run, *split(run), envelope(run)) for run in as_runs(decay, driven=True)]
-    groups = dict(zip(group_names("record", len(runs)), [run.record for run in runs], strict=True))
-    groups |= dict(zip(group_names("envelope", len(runs)), [run.envelope for run in runs], strict=True))
+    runs = as_runs(decay, driven=True)
+    parts = [(run, *split(run), envelope(run)) for run in runs]
+    groups = dict(zip(group_names("envelope", len(runs)), [part[3] for part in parts], strict=True))
+    for name, (run, _, rest, _) in zip(group_names("record", len(runs)), parts, strict=True):
+        start = float(rest.time.values[0])
+        groups[name] = run.assign(holdout_start=variable((), start, "start of the part held out", "s"))
     if taken := sorted(set(groups) & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
-    driven = is_driven([run.decay for run in runs])
+    driven = is_driven(runs)
     if driven:
         for run in runs:
-            inputs_for(run.decay, library)
+            inputs_for(run, library)
     # In driven records a random force is asked for, not looked for.
     named = (
         {label: with_noise(method, "off") for label, method in named.items()}
         if driven
         else with_common_noise(decay, library, named)
     )
-    trials = []
+    trials: dict[str, Trial] = {}
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
-        trials.append(_try_method(label, method, runs, library, contactless, Constraints(constraints)))
-    results = {trial.label: trial.result for trial in trials if trial.result is not None}
+        trials[label] = _try_method(method, parts, library, contactless, Constraints(constraints))
+    results = {label: result for label, (result, *_) in trials.items() if result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
-        raise DecayError(f"No method can identify {subject}. {trials[0].label}: {trials[0].reason}.")
-    table = method_table(trials, [run.noise for run in runs], [run.block for run in runs])
+        label, (_, row, _) = next(iter(trials.items()))
+        raise DecayError(f"No method can identify {subject}. {label}: {row['reason']}.")
+    blocks = [_samples_of_period(run, half_sines) for run, _, _, half_sines in parts]
+    table = method_table(trials, [sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
-        of_runs = {trial.label: trial.whole.runs for trial in trials}[table.attrs["best"]]
-        p_value = len(of_runs) * min((white_p_value(run.residual) for run in of_runs), default=0.0)
+        of_runs = trials[table.attrs["best"]][2].get("residual", [])
+        p_value = len(of_runs) * min(
+            (white_p_value(of_run.residual.values) for of_run in of_runs), default=0.0
+        )
         table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
     table.attrs |= _not_separable(runs, list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})
 
 
+def _samples_of_period(run: xr.Dataset, half_sines: xr.Dataset) -> int:
+    step = float(np.median(np.diff(run.time.values)))
+    return max(1, round(2 * float(np.median(np.diff(half_sines.extremum_time))) / step))
+
+
 def _try_method(
-    label: str,
     method: Method,
-    runs: Sequence[RunInParts],
+    parts: Sequence[tuple[xr.Dataset, ...]],
     library: ForceLibrary,
     contactless: tuple[float, float] | None,
     constraints: Constraints,
 ) -> Trial:
-    """A method on the training parts, on the parts held out, and on the whole."""
+    """A method on the training parts, on the parts held out, and on the whole.
+
+    `parts` : each run, what models are identified from, what is held out, and the envelope.
+    """
+    runs, train, rest, envelopes = zip(*parts, strict=True)
     # The part first: what is imported or compiled at first use is then not in the time of the whole.
-    part, part_reason, _ = _identified(method, [run.train for run in runs], library, constraints)
-    result, reason, seconds = _identified(method, [run.decay for run in runs], library, constraints)
-    amplitude = max(float(np.max(np.abs(run.decay.angle.values))) for run in runs)
+    part, part_reason, _ = _identified(method, train, library, constraints)
+    result, reason, seconds = _identified(method, runs, library, constraints)
+    amplitude = max(float(np.max(np.abs(run.angle.values))) for run in runs)
     forces = _force_scope(method, library, result, amplitude)
-    none = ModelResiduals((), tuple(run.noise for run in runs))
-    trial = Trial(label, scope_of(method), forces, result, seconds, none, none, none, reason)
+    row = {**vars(scope_of(method)), **vars(forces), "time_taken": seconds, "failure": ""}
     if result is None:
-        return trial
+        return None, row | {"reason": reason}, {}
     if not forces.neglects:
         # Errors of what takes the place of neglected forces would hide its bias.
-        result = with_model_in_errors(result, method, [run.decay for run in runs], library)
-        trial = replace(trial, result=result)
-    whole = _of_all(residual_of, [(run.decay, result, run.envelope, at) for at, run in enumerate(runs)], none)
-    reason = _complaint("its model", whole) if forces.damped else "its model has no damping"
-    if part is not None:
-        train = [(run.train, part, run.envelope, at) for at, run in enumerate(runs)]
-        later = [(run.rest, part, run.envelope, up_to_held_out(run.decay)) for run in runs]
-        holdout = _of_all(predicted, later, none)
-        trial = replace(trial, train=_of_all(residual_of, train, none), holdout=holdout)
-        part_reason = _complaint("on the part held out it", holdout)
-    else:
+        result = with_model_in_errors(result, method, runs, library)
+    motions = {"residual": in_all_runs(runs, result, envelopes)}
+    reason = _complaint("its model", motions["residual"]) if forces.damped else "its model has no damping"
+    if part is None:
         part_reason = f"first two thirds: {part_reason}"
+    else:
+        motions["train"] = in_all_runs(train, part, envelopes)
+        motions["holdout"] = in_all_runs(rest, part, envelopes, [up_to_held_out(run) for run in runs])
+        part_reason = _complaint("on the part held out it", motions["holdout"])
     if contactless is not None:
         result = with_contactless_frequency(result, *contactless)
+    if not forces.neglects:
+        row["failure"] = _failure(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
-    failure = "" if forces.neglects else _failure(runs, whole)
-    return replace(trial, result=result, whole=whole, reason=reason or part_reason, failure=failure)
+    return result, row | {"reason": reason or part_reason}, motions
 
 
-def _failure(runs: Sequence[RunInParts], whole: ModelResiduals) -> str:
+def _failure(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
     """Why a model that neglects nothing says nothing of the records (see `breakdown`)."""
-    if not whole.runs:
+    if not motions:
         return DIVERGES
-    for at, (run, motion) in enumerate(zip(runs, whole.runs, strict=True)):
-        if reason := no_nearer_than_rest(run.decay.angle.values, motion.residual):
+    for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
+        if reason := no_nearer_than_rest(run.angle.values, motion.residual.values):
             return reason.format(f" of run {at + 1}" if len(runs) > 1 else "")
+    return ""
+
+
+def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
+    """Why the motion of a run is not the record's, and of which, in a few words; empty if all are."""
+    if not motions:
+        return f"{subject} diverges"
+    for at, motion in enumerate(motions):
+        of_run = f" in run {at + 1}" if len(motions) > 1 else ""
+        if np.isfinite(motion.stop_time):
+            return f"{subject} stops at {motion.stop_time.item():.3g} s{of_run}"
+        # In antiphase (rad) the residual says nothing more of the forces.
+        if motion.phase_error > np.pi:
+            return f"{subject} slips by {motion.phase_error.item() / (2.0 * np.pi):.2g} periods{of_run}"
     return ""
 
 
@@ -252,20 +277,6 @@ def _identified(
     return result, "", seconds
 
 
-def _of_all(
-    residual: Callable[..., ModelResidual | None], arguments: Sequence[tuple[Any, ...]], none: ModelResiduals
-) -> ModelResiduals:
-    """Residuals of a model in all runs; `none` where it diverges in one."""
-    of_runs = [residual(*of_run) for of_run in arguments]
-    finite = tuple(run for run in of_runs if run is not None and np.isfinite(run.rms))
-    return replace(none, runs=finite) if len(finite) == len(arguments) else none
-
-
-def _complaint(subject: str, residuals: ModelResiduals) -> str:
-    complaint = residuals.complaint if residuals.runs else "diverges"
-    return f"{subject} {complaint}" if complaint else ""
-
-
 def _force_scope(
     method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
 ) -> ForceScope:
@@ -280,7 +291,7 @@ def _force_scope(
 
 
 def _not_separable(
-    runs: Sequence[RunInParts], results: Sequence[xr.Dataset], library: ForceLibrary
+    runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset], library: ForceLibrary
 ) -> dict[str, str]:
     """Forces that no method separates, or identifies, on these runs; as attrs."""
     widest = max(results, key=lambda result: result.sizes["force"])
@@ -288,7 +299,7 @@ def _not_separable(
     force = library.role("x") or library_of(widest, whole=True).role("x")
     stiffness = "" if force is None else force.symbol
     unseen = [s for s in library.symbols if s not in identified and s != stiffness]
-    return ties([run.decay for run in runs], widest) | {
+    return ties(runs, widest) | {
         "no_method_identifies": ", ".join(unseen),
         "exchangeable_with_the_frequency": "" if stiffness in identified else stiffness,
     }

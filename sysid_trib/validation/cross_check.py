@@ -21,11 +21,11 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import chi_square_test, group_names, noise_of_run, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
-from sysid_trib.validation.holdout import ComparedPart, compared_part, fitted_motions
+from sysid_trib.validation.holdout import compared_part, fitted_motions
 from sysid_trib.validation.homogeneity import MIXED_UNITS, verdict_of
 from sysid_trib.validation.lack_of_fit import lack_of_fit
-from sysid_trib.validation.residuals import pooled, residuals
-from sysid_trib.validation.simulated_pairs import Scatter, scatter
+from sysid_trib.validation.residuals import pooled, residuals, with_motions
+from sysid_trib.validation.simulated_pairs import nothing_known, scatter
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
 
@@ -54,7 +54,7 @@ def comparison(
     frequency = truth.reference_frequency.item()
     difference = np.subtract(*(comparison_values(result, kept, frequency) for result in results))
     count = len(difference)
-    known = Scatter.missing(count, 0)
+    known = nothing_known(count)
     if moving and not failed:
         known = scatter(runs, results, moving[0], kept, draws=draws, seed=seed, tell=tell)
     error = np.sqrt(np.diag(known.covariance))
@@ -182,13 +182,14 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     names = [result.attrs["method"] for result in results]
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
-    whole = ComparedPart(tuple(runs), results, fitted_motions(runs, results))
-    part = compared_part(whole)
-    compared = comparison(part.runs, part.results, part.motions, draws=draws, seed=seed, tell=tell)
+    motions = fitted_motions(runs, results)
+    parts, of_parts, duration = compared_part(runs, results)
+    parts_motions = motions if duration is None else fitted_motions(parts, of_parts)
+    compared = comparison(parts, of_parts, parts_motions, draws=draws, seed=seed, tell=tell)
     tell("residuals")
-    if part.duration is not None:
-        compared.attrs["compared_stretch"] = part.duration
-    moving = list(zip(*whole.motions, strict=True))
+    if duration is not None:
+        compared.attrs["compared_stretch"] = duration
+    moving = list(zip(*motions, strict=True))
     followed = dict(zip(names, pair, strict=True))
     of_runs = [residuals(followed, of_run, noise_of_run(second, at), at) for at, of_run in enumerate(moving)]
     compared = compared.merge(pooled(of_runs))
@@ -198,30 +199,19 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
     stochastic = random_force_groups(followed[names[1]])
     compared.attrs["answer"] = answer = names[better_of(first, second)]
-    records = [_with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
-    parts = _residual_over_motion(records)
+    records = [with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
+    over_motion = _residual_over_motion(records)
     compared["residual_over_motion"] = variable(
-        "model", parts, "RMS of record minus motion over the record's"
+        "model", over_motion, "RMS of record minus motion over the record's"
     )
     compared.attrs["verdict_on_record"] = verdict_on_record(
-        compared.attrs["explained"], parts[names.index(answer)], followed[names[1]], stochastic
+        compared.attrs["explained"], over_motion[names.index(answer)], followed[names[1]], stochastic
     )
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
     groups |= {names[0]: first, names[1]: second, "comparison": compared}
     groups |= _backbones(runs, dict(zip(names, results, strict=True)))
     return xr.DataTree.from_dict({**groups, **stochastic})
-
-
-def _with_motions(
-    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None]
-) -> xr.Dataset:
-    """The record with the angle of each model, nan of one that diverges."""
-    record = decay.assign_coords(model=list(names))
-    no_motion = np.full(decay.sizes["time"], np.nan)
-    simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
-    angle = variable(("model", "time"), simulated, "angle of the model", "rad")
-    return record.assign(simulated_angle=angle)
 
 
 def _backbones(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:

@@ -2,16 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
-from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
@@ -23,10 +22,11 @@ from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import group_names, noise_of_run, variable
-from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fit_start
+from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.residuals import fitted_motion
+from sysid_trib.validation.answer import with_noise
+from sysid_trib.validation.residuals import fitted_motion, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
@@ -77,22 +77,26 @@ def identified_driven(
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
     tell("direct")
-    fits = [_residuals(runs, replace(direct, random_force=_first(direct)).identify(decay, library))]
+    fits = [_followed(runs, with_noise(direct, "off").identify(decay, library))]
     # A residual of so many times the noise is more than noise.
-    if direct.random_force == "auto" and _over_noise(fits[0]) > 1.5:
-        fits.append(_residuals(runs, replace(direct, random_force="estimated").identify(decay, library)))
-    best = min(fits, key=_size)
-    pairs = {"direct": best}
+    if direct.random_force == "auto" and fits[0][2].residual_over_noise > 1.5:
+        fits.append(_followed(runs, replace(direct, random_force="estimated").identify(decay, library)))
+    best = min(fits, key=lambda fit: float(fit[2].residual_rms))
+    slipped, pairs = best[2].residual_over_motion >= SLIPPED_PART, {"direct": best}
     tell("trajectory")
-    begun = replace(trajectory, random_force=_first(trajectory))
-    if _over_motion(runs, best) < SLIPPED_PART and not trajectory.start:
-        begun = replace(begun, start=_whole_model(best[0]))
+    begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force="off")
+    if not slipped and not trajectory.start:
+        # With the coefficients of all runs.
+        result = best[0]
+        of_all = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
+        frequency = result.reference_frequency.item()
+        begun = replace(begun, start=Model(library_of(result), of_all, frequency, shape_values_of(result)))
     try:
-        pairs["trajectory"] = _residuals(runs, begun.identify(one_or_all(runs), library))
+        pairs["trajectory"] = _followed(runs, begun.identify(one_or_all(runs), library))
     except DecayError:
-        if _over_motion(runs, best) >= SLIPPED_PART:
+        if slipped:
             raise
-    kept = {name: pair for name, pair in pairs.items() if _over_motion(runs, pair) < SLIPPED_PART}
+    kept = {name: pair for name, pair in pairs.items() if pair[2].residual_over_motion < SLIPPED_PART}
     if not kept:
         raise DecayError(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
@@ -112,76 +116,51 @@ def clock_of(record: xr.Dataset) -> float:
     return nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 
-def _whole_model(result: xr.Dataset) -> Model:
-    """The model of a result with the coefficients of all runs, from which a fit can start."""
-    coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
-    return Model(library_of(result), coefficients, result.reference_frequency.item(), shape_values_of(result))
+# An identification, its motion in each run, and the sizes of what that leaves.
+Followed: TypeAlias = tuple[xr.Dataset, list[FittedMotion | None], xr.Dataset]
+SIZES = {
+    "residual_rms": ("RMS residual", "rad"),
+    "residual_over_noise": ("over the noise", "1"),
+    "residual_over_motion": ("over the RMS of the record", "1"),
+    "residual_p_value": ("p-value of white noise", "1"),
+}
 
 
-def _first(method: Direct | Trajectory) -> RandomForceOption:
-    return "off" if method.random_force == "auto" else method.random_force
-
-
-Followed = tuple[xr.Dataset, list[Array]]
-
-
-def _residuals(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
-    """A result, and what its free motion leaves of each run, (sample,); nan without a motion."""
-    residuals = []
-    for at, run in enumerate(runs):
-        motion = fitted_motion(run, result, at)
-        nothing = np.full(run.sizes["time"], np.nan)
-        residuals.append(nothing if motion is None else run.angle.values - motion.x - motion.offset)
-    return result, residuals
-
-
-def _size(pair: Followed) -> float:
-    size = root_mean_square([root_mean_square(residual) for residual in pair[1]])
-    return size if np.isfinite(size) else np.inf
-
-
-def _over_noise(pair: Followed) -> float:
-    ratios = [root_mean_square(residual) / noise_of_run(pair[0], at) for at, residual in enumerate(pair[1])]
-    return root_mean_square(ratios) if np.all(np.isfinite(ratios)) else np.inf
-
-
-def _over_motion(runs: Sequence[xr.Dataset], pair: Followed) -> float:
-    return _size(pair) / root_mean_square([float(run.angle.std()) for run in runs])
+def _followed(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
+    """A result with its motions, and `SIZES` of what they leave, infinite where there is none."""
+    motions, residuals = [fitted_motion(run, result, at) for at, run in enumerate(runs)], []
+    for run, motion in zip(runs, motions, strict=True):
+        if motion is not None:
+            residuals.append(run.angle.values - motion.x - motion.offset)
+    sizes = np.full(len(SIZES), np.inf)
+    if len(residuals) == len(runs):
+        of_runs = [root_mean_square(residual) for residual in residuals]
+        rms = root_mean_square(of_runs)
+        over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(of_runs)])
+        record = root_mean_square([float(run.angle.std()) for run in runs])
+        white = min(1.0, len(runs) * min(map(white_p_value, residuals)))
+        sizes = np.array([rms, over_noise, rms / record, white])
+    columns = zip(SIZES.items(), sizes, strict=True)
+    return result, motions, xr.Dataset({name: variable((), size, *texts) for (name, texts), size in columns})
 
 
 def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
-    names = list(kept)
-    answer = min(names, key=lambda name: _size(kept[name]))
-    white = {name: min(1.0, len(runs) * min(map(white_p_value, kept[name][1]))) for name in names}
-    unexplained = _over_motion(runs, kept[answer])
-    verdict = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
-    compared = xr.Dataset(
-        {
-            "residual_rms": variable("model", [_size(kept[n]) for n in names], "RMS residual", "rad"),
-            "residual_over_noise": variable(
-                "model", [_over_noise(kept[n]) for n in names], "over the noise", "1"
-            ),
-            "residual_over_motion": variable(
-                "model", [_over_motion(runs, kept[n]) for n in names], "over the RMS of the record", "1"
-            ),
-            "residual_p_value": variable("model", [white[n] for n in names], "p-value of white noise", "1"),
-        },
-        {"model": names},
-    )
+    names, (results, motions, sizes) = list(kept), zip(*kept.values(), strict=True)
+    compared = xr.concat(sizes, "model").assign_coords(model=names)
     if len(names) == 2:
-        compared = compared.merge(_difference(*(kept[name][0] for name in names)))
+        compared = compared.merge(_difference(*results))
+    best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
+    verdict = "approximate" if best.residual_over_motion <= APPROXIMATE_PART else "not explained"
     compared.attrs = {
         "first": names[0],
         "second": names[-1],
-        "answer": answer,
+        "answer": best.model.item(),
         "driven": "yes",
-        "verdict_on_record": "explained" if white[answer] >= WHITE_LEVEL else verdict,
+        "verdict_on_record": "explained" if best.residual_p_value >= WHITE_LEVEL else verdict,
     }
-    groups = {name: kept[name][0] for name in names} | {"comparison": compared}
-    for at, group in enumerate(group_names("record", len(runs))):
-        simulated = np.stack([runs[at].angle.values - kept[name][1][at] for name in names])
-        angle = variable(("model", "time"), simulated, "angle of the model", "rad")
-        groups[group] = runs[at].assign_coords(model=names).assign(simulated_angle=angle)
+    groups = dict(zip(names, results, strict=True)) | {"comparison": compared}
+    of_runs = zip(group_names("record", len(runs)), runs, zip(*motions, strict=True), strict=True)
+    groups |= {group: with_motions(run, names, of_run) for group, run, of_run in of_runs}
     return xr.DataTree.from_dict(groups)
 
 

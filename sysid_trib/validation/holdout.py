@@ -1,8 +1,7 @@
 """Prediction of what a fit has not seen: which part is held out, and whether another model does better."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -14,12 +13,11 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import scope_of
-from sysid_trib.records.smoothing import least_squares_spline, sensor_noise
+from sysid_trib.records.smoothing import least_squares_spline
 from sysid_trib.results.schema import library_of, model_of
-from sysid_trib.results.variables import variable
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.simulation.internal_states import begun_after
-from sysid_trib.validation.residuals import ModelResidual, fitted_motion, residual_of
+from sysid_trib.validation.residuals import fitted_motion, motion_residual
 from sysid_trib.validation.simulated_pairs import with_held_random_force
 
 PERIODS_PER_STRETCH = 20
@@ -28,52 +26,36 @@ PERIODS_PER_STRETCH = 20
 LONGEST_WHOLE = 120
 
 
-@dataclass(frozen=True)
-class ComparedPart:
-    """What is compared: runs, or stretches of them, with the identifications of just these.
-
-    Attributes
-    ----------
-    runs : tuple of Dataset
-    results : tuple of Dataset
-    motions : tuple of tuples of FittedMotion, or None
-        Of each result, in each run.
-    duration : float or None, s
-        Of each stretch; None where every run is taken whole.
-    """
-
-    runs: tuple[xr.Dataset, ...]
-    results: tuple[xr.Dataset, ...]
-    motions: tuple[tuple[FittedMotion | None, ...], ...]
-    duration: float | None = None
-
-
-def compared_part(whole: ComparedPart) -> ComparedPart:
+def compared_part(
+    runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset]
+) -> tuple[Sequence[xr.Dataset], Sequence[xr.Dataset], float | None]:
     """Stretches of long runs, with what both methods identify there.
 
     Parameters
     ----------
-    whole : ComparedPart
-        The runs and the identifications of all they hold.
+    runs, results : sequence of Dataset
+        The runs, and the identifications of all they hold.
 
     Returns
     -------
-    ComparedPart
+    runs, results : sequence of Dataset
         The stretches as runs of one experiment, each with a start of its own; a random force is held at that
         of the whole. As given where no run is longer than `LONGEST_WHOLE` periods, where a force depends on
         time, or where a method cannot identify the stretches.
+    duration : float or None, s
+        Of each stretch; None where every run is taken whole.
     """
-    frequency = whole.results[1].asymptotic_frequency.item()
+    whole, frequency = (runs, results, None), results[1].asymptotic_frequency.item()
     # A model that does not swing at small amplitudes has no period there.
     if not frequency > 0.0:
         return whole
     period = 2.0 * np.pi / frequency
     duration = PERIODS_PER_STRETCH * period
-    parts = tuple(part for run in whole.runs for part in stretches(run, duration, LONGEST_WHOLE * period))
-    if len(parts) == len(whole.runs):
+    parts = [part for run in runs for part in stretches(run, duration, LONGEST_WHOLE * period)]
+    if len(parts) == len(runs):
         return whole
-    libraries = [library_of(result, whole=True) for result in whole.results]
-    methods = [with_held_random_force(method_of(result), result) for result in whole.results]
+    libraries = [library_of(result, whole=True) for result in results]
+    methods = [with_held_random_force(method_of(result), result) for result in results]
     # A stretch counts the time since the first sample anew.
     if any("t" in force.formula.names for library in libraries for force in library):
         return whole
@@ -81,10 +63,9 @@ def compared_part(whole: ComparedPart) -> ComparedPart:
         return whole
     try:
         pairs = zip(methods, libraries, strict=True)
-        results = tuple(method.identify(parts, library) for method, library in pairs)
+        return parts, [method.identify(parts, library) for method, library in pairs], duration
     except SysidTribError:
         return whole
-    return ComparedPart(parts, results, fitted_motions(parts, results), duration)
 
 
 def fitted_motions(
@@ -117,33 +98,6 @@ def stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Datas
 TRAINING = 2.0 / 3.0
 
 
-@dataclass(frozen=True)
-class RunInParts:
-    """A decay, the part from which models are identified, the part held out, and its envelope."""
-
-    decay: xr.Dataset
-    train: xr.Dataset
-    rest: xr.Dataset
-    envelope: xr.Dataset
-
-    @cached_property
-    def noise(self) -> float:
-        """The sensor's noise, rad."""
-        return sensor_noise(self.decay)
-
-    @property
-    def block(self) -> int:
-        """Samples of a period."""
-        step = float(np.median(np.diff(self.decay.time.values)))
-        return max(1, round(2 * float(np.median(np.diff(self.envelope.extremum_time))) / step))
-
-    @property
-    def record(self) -> xr.Dataset:
-        """The record with the time at which the part held out starts."""
-        start = float(self.rest.time.values[0])
-        return self.decay.assign(holdout_start=variable((), start, "start of the part held out", "s"))
-
-
 def first_held_out(time: Array) -> int:
     """Index of the first sample of the last third of a record, by time.
 
@@ -166,24 +120,36 @@ def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
     return decay.isel(time=slice(0, first_held_out(decay.time.values.astype(float)) + 1))
 
 
-def predicted(
-    part: xr.Dataset, result: xr.Dataset, envelope: xr.Dataset, before: xr.Dataset
-) -> ModelResidual | None:
-    """Residual in a later part of a decay of a model from an earlier part; None if it diverges.
+def in_all_runs(
+    runs: Sequence[xr.Dataset],
+    result: xr.Dataset,
+    envelopes: Sequence[xr.Dataset],
+    before: Sequence[xr.Dataset] | None = None,
+) -> list[xr.Dataset]:
+    """`motion_residual` of an identified model in each run; nothing where it diverges in one.
 
     Parameters
     ----------
-    part : Dataset
-        `angle(time)` of the later part.
+    runs : sequence of Dataset
+        The runs it is from, or later parts of these.
     result : Dataset
-        The identification of the earlier part.
-    envelope : Dataset
-        The envelope of the decay.
-    before : Dataset
-        `angle(time)` of the decay up to the later part's first sample, and with it: `t` in a formula counts
-        from its first sample, and what forces remember at its last is where they begin.
+        The identification.
+    envelopes : sequence of Dataset
+        Of the whole runs, whose extrema give their phase.
+    before : sequence of Dataset, optional
+        Of later parts: the run up to the part's first sample, and with it (see `carried_on`).
     """
-    return residual_of(part, carried_on(result, library_of(result, whole=True), before), envelope)
+    motions = []
+    for at, (run, envelope) in enumerate(zip(runs, envelopes, strict=True)):
+        if before is None:
+            motion = motion_residual(run, result, envelope, at)
+        else:
+            later = carried_on(result, library_of(result, whole=True), before[at])
+            motion = motion_residual(run, later, envelope)
+        if motion is None or not np.all(np.isfinite(motion.residual)):
+            return []
+        motions.append(motion)
+    return motions
 
 
 def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) -> xr.Dataset:

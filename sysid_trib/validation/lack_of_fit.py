@@ -1,7 +1,7 @@
 """Where models miss the backbone of a record: in damping or in frequency, and at which amplitudes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -20,42 +20,6 @@ from sysid_trib.simulation.simulate import trajectory
 
 BAND = 1.0
 SHORT = {"frequency": "frequency", "damping_ratio": "damping"}
-
-
-@dataclass(frozen=True)
-class Departure:
-    """Amplitudes at which a model is outside the band of a curve.
-
-    Attributes
-    ----------
-    curve : {"damping_ratio", "frequency"}
-    low, high : float
-        Amplitudes, in the unit of the record.
-    from_smallest, to_largest : bool
-        Whether they are the ends of the record's amplitudes.
-    largest : float
-        Largest deviation there, in half widths of the band; positive where the model is above the record.
-    """
-
-    curve: str
-    low: float
-    high: float
-    from_smallest: bool
-    to_largest: bool
-    largest: float
-
-    def sentence(self, unit: str) -> str:
-        """Where, in words: "in damping from 0.4 rad up"."""
-        name = SHORT[self.curve]
-        if self.from_smallest and self.to_largest:
-            return f"in {name} at all amplitudes"
-        if self.to_largest:
-            return f"in {name} from {self.low:.2g} {unit} up"
-        if self.from_smallest:
-            return f"in {name} up to {self.high:.2g} {unit}"
-        if f"{self.low:.2g}" == f"{self.high:.2g}":
-            return f"in {name} at {self.low:.2g} {unit}"
-        return f"in {name} from {self.low:.2g} to {self.high:.2g} {unit}"
 
 
 def lack_of_fit(
@@ -103,6 +67,11 @@ def lack_of_fit(
     return xr.Dataset(variables, {"model": list(both), "amplitude": amplitude})
 
 
+# A curve, its largest deviation there in half widths of the band, positive where the model is above the
+# record; the amplitudes between which that is, infinite beyond the ends of the record's.
+Departure: TypeAlias = tuple[str, float, tuple[float, float]]
+
+
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:
     """Ranges of amplitude in which a model leaves the bands, the farthest first.
 
@@ -120,19 +89,30 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
         outside = ~(np.abs(deviation) <= BAND)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], outside, [False]]).astype(int)))
         for first, end in edges.reshape(-1, 2):
-            part = deviation[first:end]
-            finite = part[np.isfinite(part)]
-            farthest = float(finite[np.argmax(np.abs(finite))]) if len(finite) else np.inf
-            at_ends = bool(first == 0), bool(end == len(amplitude))
-            those.append(Departure(name, amplitude[first], amplitude[end - 1], *at_ends, farthest))
-    return sorted(those, key=lambda departure: -abs(departure.largest))
+            part = deviation[first:end][np.isfinite(deviation[first:end])]
+            farthest = float(part[np.argmax(np.abs(part))]) if len(part) else np.inf
+            low = amplitude[first] if first else 0.0
+            high = amplitude[end - 1] if end < len(amplitude) else np.inf
+            those.append((name, farthest, (low, high)))
+    return sorted(those, key=lambda departure: -abs(departure[1]))
 
 
 def departure_sentence(ranges: Sequence[Departure], unit: str) -> str:
     """Where a model misses the backbone: its farthest departure of each curve, joined by "and"."""
-    farthest = {departure.curve: departure for departure in reversed(ranges)}
-    ordered = sorted(farthest.values(), key=lambda departure: -abs(departure.largest))
-    return " and ".join(departure.sentence(unit) for departure in ordered)
+    farthest = {curve: (abs(size), limits) for curve, size, limits in reversed(ranges)}
+    ordered = sorted(farthest.items(), key=lambda item: -item[1][0])
+    return " and ".join(f"in {SHORT[curve]} {_between(*limits, unit)}" for curve, (_, limits) in ordered)
+
+
+def _between(low: float, high: float, unit: str) -> str:
+    """Between which amplitudes, in words: "from 0.4 rad up"."""
+    if low == 0.0:
+        return "at all amplitudes" if np.isinf(high) else f"up to {high:.2g} {unit}"
+    if np.isinf(high):
+        return f"from {low:.2g} {unit} up"
+    if f"{low:.2g}" == f"{high:.2g}":
+        return f"at {low:.2g} {unit}"
+    return f"from {low:.2g} to {high:.2g} {unit}"
 
 
 def _against(

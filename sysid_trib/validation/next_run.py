@@ -3,23 +3,18 @@
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
+from sysid_trib.likelihood.random_force import random_force_of
+from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results.files import is_of_driven
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import (
-    PER_FORCE_UNIT,
-    Variables,
-    record_groups,
-    signal_units,
-    variable,
-)
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, record_groups, signal_units, variable
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.holdout import first_held_out
 from sysid_trib.validation.model_error import error_parts
@@ -29,7 +24,6 @@ from sysid_trib.validation.rivals import (
     Rival,
     RunPrediction,
     covariance_after,
-    in_white_noise,
     informed,
     log_odds,
     parting_of,
@@ -42,36 +36,8 @@ Span: TypeAlias = tuple[float | None, float | None]
 RELEASES, DURATIONS = 7, 4
 # Without limits: these parts of the release and the duration of the record.
 AMPLITUDE_LIMITS, DURATION_LIMITS = (0.3, 1.5), (0.5, 2.0)
-
-
-class Sensor(NamedTuple):
-    """How runs are sampled: rate (Hz), how often each is made, unit of the signal.
-
-    `kept` : the rate (Hz) at which samples are taken here, and `noise` : that of the mean of one of these.
-    `push` : density of a random force, (rad/s^2)^2/Hz, as there was in what is known.
-    `longest` : the longest run (s). `in_part` : whether the last third of a run is held out, as in a search.
-    """
-
-    rate: float
-    kept: float
-    repeats: int
-    noise: float
-    push: float
-    unit: str
-    longest: float
-    in_part: bool
-
-    def times(self, length: float) -> tuple[Array, float]:
-        """Times of a run from which is learnt, no more than a design needs, and the noise of a sample."""
-        # A run has no more samples than this in the design: what it tells grows with them alike in all.
-        every = max(1, int(self.longest * self.kept) // 4000 + 1)
-        time = np.arange(0, int(length * self.kept) + 1, every) / self.kept
-        return time[: first_held_out(time) if self.in_part else None], self.noise / np.sqrt(every)
-
-    def ratio(self, known: Rival) -> float:
-        """Ratio of the random force to the noise of a sample; both fall as much in the mean of repeats."""
-        push = RandomForce(self.push).per_tau(known.model.reference_frequency) / self.repeats
-        return push / self.times(self.longest)[1] ** 2
+# A run has no more samples than this in the design: what it tells grows with them alike in all.
+MOST_SAMPLES_PLANNED = 4000
 
 
 def plan(
@@ -162,50 +128,48 @@ def _planned(
     known = next((rival for rival in rivals if rival.name in there), None) or stated_rival(main)
     wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
     _check_wanted(wanted, known, [rival.name for rival in rivals])
-    release, length, rates = _first_record(result)
+    release, length, kept, measured = _first_record(result)
     low, high = (None if np.isnan(end) else end for end in asked.release.values.tolist())
     releases = _between((low, high), AMPLITUDE_LIMITS, release, RELEASES, "amplitude")
     durations = _between(duration, DURATION_LIMITS, length, DURATIONS, "duration")
-    sensor = _sensor(result, main, rates, sampling_rate, repeats, durations[-1])
-    models = {rival.name: rival for rival in (known, *rivals)}
-    runs, rows = [], []
-    for at, release in enumerate(releases):
-        tell(f"release {at + 1} of {len(releases)}", at / len(releases))
-        # It may stop in what is held out.
-        whole, stop = _predicted(known, sensor._replace(in_part=False), release, durations)
-        moving = np.unique(np.minimum(durations, stop))
-        others = [r for r in models.values() if r is not known]
-        motions = [whole, *(_predicted(rival, sensor, release, moving)[0] for rival in others)]
-        for length in moving:
-            time, ratio = sensor.times(length)[0], sensor.ratio(known)
-            predictions = [_up_to(motion, len(time)) for motion in motions]
-            white = in_white_noise(predictions, known.model, time, release, ratio)
-            runs.append((release, length))
-            rows.append(_worth(rivals, known, main, dict(zip(models, white, strict=True))))
-    if not any(np.isfinite(row[0]) for row in rows):
-        raise DecayError("No run within these limits has a motion; take others.")
-    return _dataset(rivals, known, runs, rows, wanted, sensor)
-
-
-def _sensor(
-    result: xr.Dataset | xr.DataTree,
-    main: xr.Dataset,
-    rates: tuple[float, float],
-    asked: float | None,
-    repeats: int,
-    longest: float,
-) -> Sensor:
-    """How the next run is sampled: what is learnt from it grows with the rate, as white noise lets it."""
-    rate = rates[1] if asked is None else asked
+    rate = measured if sampling_rate is None else sampling_rate
     if rate <= 0.0:
         raise UsageError(f"A sampling rate of {rate:g} Hz cannot be had; give one above zero.")
     if np.isnan(rate):
         raise UsageError("The result keeps no record; give the sampling rate of the next run.")
-    kept, measured = (rate, rate) if np.isnan(rates[0]) else rates
-    noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats)
+    if np.isnan(kept):
+        kept = measured = rate
+    # What is learnt grows with the rate, as white noise lets it, and with the repeats.
+    every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
+    noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     in_part = str(result.attrs.get("held_out", "")).startswith("the last third")
-    push = random_force_of(main).density
-    return Sensor(rate, kept, repeats, noise, push, signal_units(main), longest, in_part)
+    runs, rows = [], []
+    for at, release in enumerate(releases):
+        tell(f"release {at + 1} of {len(releases)}", at / len(releases))
+        # It may stop in what is held out.
+        times = [_times(end, kept, every) for end in durations]
+        whole, stop = _predicted(known, times, release, noise)
+        lengths = np.unique(np.minimum(durations, stop))
+        times = [_times(end, kept, every, in_part=in_part) for end in lengths]
+        motions = {
+            rival.name: _predicted(rival, times, release, noise)[0] for rival in rivals if rival is not known
+        }
+        motions[known.name] = whole
+        push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
+        white = _in_white_noise(motions, known, kept / every, release, push)
+        for length, time in zip(lengths, times, strict=True):
+            of_run = {
+                name: RunPrediction(*(part[: len(time)] for part in run))
+                for name, run in white.items()
+                if len(run.angle) >= len(time)
+            }
+            runs.append((release, length))
+            rows.append((*_worth(rivals, known, main, of_run), of_run, time))
+    if not any(np.isfinite(row[0]) for row in rows):
+        raise DecayError("No run within these limits has a motion; take others.")
+    data = _dataset(rivals, known, np.array(runs), rows, wanted, signal_units(main))
+    data["samples"] = variable("run", (data.duration.values * rate).astype(int) + 1, "samples")
+    return data.assign_attrs(sampling_rate=rate, repeats=repeats)
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
@@ -227,20 +191,17 @@ def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str
             raise UsageError(f"An error of {error:g} of '{symbol}' cannot be had; give one above zero.")
 
 
-def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, tuple[float, float]]:
+def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float, float]:
     """Release, duration (s), and samples a second that are kept and were measured; nan where none is kept."""
     if not isinstance(result, xr.DataTree) or (group := record_groups(result)[0]) not in result.children:
-        return np.nan, np.nan, (np.nan, np.nan)
+        return (np.nan,) * 4
     record = result[group]
     time = record.time.values
     window = np.asarray(record.attrs.get("kept_window", time[[0, -1]]))
     rate, text = 1.0 / float(np.median(np.diff(time))), str(record.attrs.get("decimated", ""))
     before, after = re.findall(r"\d+", text)[:2] if text else (1, 1)
-    return (
-        float(np.abs(record.angle).max()),
-        float(window[-1] - window[0]),
-        (rate, rate * int(before) / int(after)),
-    )
+    release = float(np.abs(record.angle).max())
+    return release, float(window[-1] - window[0]), rate, rate * int(before) / int(after)
 
 
 def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
@@ -251,69 +212,73 @@ def _between(limits: Span, parts: tuple[float, float], known: float, count: int,
     return np.geomspace(low, high, count if high > low else 1)
 
 
-def _worth(
-    rivals: Sequence[Rival], known: Rival, main: xr.Dataset, runs: Mapping[str, RunPrediction | None]
-) -> tuple[float, float, Array, list[tuple[Rival, RunPrediction]]]:
-    """Entropy that is left, probability of odds for the right model, errors, and the two likeliest models.
-
-    `runs` : what each model predicts, by its name.
-    """
-    of_model = runs[known.name]
-    if of_model is None:
-        return np.nan, np.nan, np.full(len(known.fitted), np.nan), []
-    pairs = [(rival, run) for rival in rivals if (run := runs[rival.name]) is not None]
-    # A model that has no such motion is distinguished by any.
-    moving = np.array([rival.probability for rival, _ in pairs])
-    entropy, right = informed(moving, log_odds(pairs)) if len(pairs) > 1 else (0.0, moving.sum())
-    errors = _errors_after(known, of_model, main)
-    likeliest = sorted(pairs, key=lambda pair: -pair[0].probability)[:2]
-    return entropy, float(right + 1.0 - moving.sum()), errors, likeliest
+def _times(length: float, rate: float, every: int, *, in_part: bool = False) -> Array:
+    """Times of a run, of every so many samples; where a search holds out its last third, of the rest."""
+    time = np.arange(0, int(length * rate) + 1, every) / rate
+    return time[: first_held_out(time) if in_part else None]
 
 
 def _predicted(
-    rival: Rival, sensor: Sensor, release: float, durations: Array
+    rival: Rival, times: Sequence[Array], release: float, noise: float
 ) -> tuple[RunPrediction | None, float]:
     """What a rival predicts of the longest run that it has, and when its motion stops (s).
 
     Nothing is fitted after the stop; it is infinite of a motion that does not. None of no such motion.
     """
-    for length in reversed(durations.tolist()):
-        time, noise = sensor.times(length)
+    for time in reversed(times):
         with suppress(SysidTribError):
             return rival.predicted(time, (release, 0.0), noise)
     return None, np.inf
 
 
-def _up_to(run: RunPrediction | None, end: int) -> RunPrediction | None:
-    """The first samples of a prediction that has as many."""
-    if run is None or len(run.angle) < end:
-        return None
-    return RunPrediction(*(part[:end] for part in run))
+def _in_white_noise(
+    motions: Mapping[str, RunPrediction | None], known: Rival, rate: float, release: float, ratio: float
+) -> dict[str, RunPrediction]:
+    """Predictions that there are; innovations where a random force acts, `ratio` to the noise of a sample."""
+    white = {name: run for name, run in motions.items() if run is not None}
+    if not ratio or known.name not in white:
+        return white
+    for name, run in white.items():
+        time = np.arange(len(run.angle)) / rate
+        columns = whitened(known.model, time, (release, 0.0), ratio, np.column_stack([*run]))
+        white[name] = RunPrediction(columns[:, 0], columns[:, 1:-3], columns[:, -3:])
+    return white
 
 
-def _errors_after(known: Rival, run: RunPrediction, main: xr.Dataset) -> Array:
-    """Standard errors of the coefficients that are fitted by what is known and a run."""
-    after = covariance_after(run)
+def _worth(
+    rivals: Sequence[Rival], known: Rival, main: xr.Dataset, runs: Mapping[str, RunPrediction]
+) -> tuple[float, float, Array]:
+    """Entropy that is left, probability of odds for the right model, and standard errors by all records.
+
+    `runs` : what each model predicts, by its name.
+    """
+    if known.name not in runs:
+        return np.nan, np.nan, np.full(len(known.fitted), np.nan)
+    pairs = [(rival, runs[rival.name]) for rival in rivals if rival.name in runs]
+    # A model that has no such motion is distinguished by any.
+    moving = np.array([rival.probability for rival, _ in pairs])
+    entropy, right = informed(moving, log_odds(pairs)) if len(pairs) > 1 else (0.0, moving.sum())
+    after = covariance_after(runs[known.name])
     of_noise = np.sqrt(np.sum((known.directions @ after) * known.directions, axis=1))
     stated = dict(zip(known.model.coefficients, of_noise.tolist(), strict=False))
     of_model = dict(zip(main.force.values.tolist(), error_parts(main)[1].tolist(), strict=True))
-    return np.hypot([stated[s] for s in known.fitted], [of_model[s] for s in known.fitted])
+    errors = np.hypot([stated[s] for s in known.fitted], [of_model[s] for s in known.fitted])
+    return entropy, float(right + 1.0 - moving.sum()), errors
 
 
 def _dataset(
     rivals: Sequence[Rival],
     known: Rival,
-    runs: Sequence[tuple[float, float]],
-    rows: Sequence[tuple[float, float, Array, list[tuple[Rival, RunPrediction]]]],
+    runs: Array,
+    rows: Sequence[tuple[float, float, Array, Mapping[str, RunPrediction], Array]],
     wanted: Mapping[str, float],
-    sensor: Sensor,
+    unit: str,
 ) -> xr.Dataset:
-    """The Dataset of `plan`, the best run first."""
-    entropy, probability = (np.array([row[at] for row in rows]) for at in (0, 1))
-    errors = np.array([row[2] for row in rows])
+    """The Dataset of `plan`, the best run first; of each its `_worth`, what models predict and its times."""
+    entropy, probability, errors = (np.array([row[at] for row in rows]) for at in (0, 1, 2))
+    release, length = runs.T
     limits = np.array([wanted.get(symbol, np.inf) for symbol in known.fitted])
     meets = np.all(errors <= limits, axis=1)
-    release, length = np.array(runs).T
     # How far a run is from what is wanted; of runs that tell as much the shorter is the better.
     lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
     # Runs that tell as much to a hundredth, or a thousandth of a nat, are as good.
@@ -323,29 +288,28 @@ def _dataset(
     order = np.array([at for at in np.lexsort((length, open_names, first)) if np.isfinite(entropy[at])])
     if wanted:
         order = order[np.lexsort((np.where(meets, length, 0.0)[order], first[order]))]
+    text = "standard error by all records"
     variables: Variables = {
-        "amplitude": variable("run", release[order], "release", sensor.unit),
+        "amplitude": variable("run", release[order], "release", unit),
         "duration": variable("run", length[order], "time that is recorded", "s"),
-        "samples": variable("run", (length[order] * sensor.rate).astype(int) + 1, "samples"),
         "entropy": variable("run", entropy[order], "entropy of the models that is left", "nat"),
         "probability": variable("run", probability[order], "probability of odds for the right model", "1"),
-        "standard_error": variable(
-            ("run", "force"), errors[order], "standard error by all records", PER_FORCE_UNIT
-        ),
+        "standard_error": variable(("run", "force"), errors[order], text, PER_FORCE_UNIT),
         "meets": variable("run", meets[order], "whether it meets what is wanted"),
     }
+    names = [rival.name for rival in rivals]
+    probabilities = [float(rival.probability) for rival in rivals]
     data = xr.Dataset(variables, {"force": known.fitted})
-    if len(rivals) > 1:
-        likeliest, best = rows[order[0]][3], length[order[0]]
-        time, text = sensor.times(best)[0], "logarithm of the likelihood ratio up to a time"
-        parts = len(likeliest) == 2
-        log_ratio = 0.5 * parting_of(*(run for _, run in likeliest)) if parts else np.full(len(time), np.nan)
-        data = data.assign_coords(time=time).assign(parting=variable("time", log_ratio, text, "nat"))
-        data.parting.attrs["models"] = [rival.name for rival, _ in likeliest]
-    return data.assign_attrs(
-        models=[rival.name for rival in rivals],
-        probabilities=[float(rival.probability) for rival in rivals],
-        odds=ODDS,
-        sampling_rate=sensor.rate,
-        repeats=sensor.repeats,
-    )
+    data.attrs = {"models": names, "probabilities": probabilities, "odds": ODDS}
+    if len(rivals) == 1:
+        return data
+    *_, predictions, time = rows[order[0]]
+    ranked = sorted(rivals, key=lambda rival: -rival.probability)
+    likeliest = [rival.name for rival in ranked if rival.name in predictions][:2]
+    log_ratio = np.full(len(time), np.nan)
+    if len(likeliest) == 2:
+        log_ratio = 0.5 * parting_of(*(predictions[name] for name in likeliest))
+    data = data.assign_coords(time=time)
+    data["parting"] = variable("time", log_ratio, "logarithm of the likelihood ratio up to a time", "nat")
+    data.parting.attrs["models"] = likeliest
+    return data

@@ -1,89 +1,40 @@
-"""Tests of what is left of a motion: a random force, or one on angle, speed, amplitude or time."""
+"""Tests of what is left of a motion: a random force, or one on angle, speed, amplitude or time.
 
-from dataclasses import replace
+The gain of columns without effect is no chi-square where few cycles show the random force: they take a good
+part of what tells its size. Records of the model without them calibrate it (parametric bootstrap about the
+same path).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from scipy.linalg import block_diag, qr
+from scipy.signal import lfilter
 from scipy.stats import chi2, f as f_distribution, t as t_distribution
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
+from sysid_trib.likelihood.sensor_noise import memory_samples
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.linearised import Derivatives, trial_forces
+from sysid_trib.motion_fit.linearised import Derivatives, random_walk_about, trial_forces
 from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, linear_about, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables, variable
-from sysid_trib.validation.likelihood_gain import (
-    TrialModel,
-    likelihood_gains,
-    orthonormal,
-    simulated_records,
-    trial_model,
-)
-
-SIZE_ON = ("amplitude", "speed", "time")
-
-
-def size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, float]:
-    """P-values of a random force whose size depends on nothing, by what it may depend on, and of `any`.
-
-    Parameters
-    ----------
-    trial : TrialModel
-        With records of noise alone at the ratio.
-    ratio : float
-        Of the two variances.
-    tau : (sample,) array of float
-        Instants, reference frequency times time.
-
-    Notes
-    -----
-    The statistic is the mean of amplitude, speed over amplitude, or time, over the steps, each weighted by
-    the squared smoothed disturbance r' Q r (Durbin and Koopman 2012, 4.5); together they make Hotelling's
-    T^2.
-    """
-    weights = _disturbances(trial, ratio)
-    path = trial.linear.path
-    amplitude = np.hypot(path[:, 0], path[:, 1])
-    on = np.stack([amplitude, np.abs(path[:, 1]) / np.maximum(amplitude, 1e-300), tau])
-    on = 0.5 * (on[:, :-1] + on[:, 1:])
-    on = (on - on.mean(axis=1, keepdims=True)) / np.maximum(on.std(axis=1, keepdims=True), 1e-300)
-    means = on @ weights / np.sum(weights, axis=0)
-    measured, null = means[:, 0], means[:, 1:]
-    draws = null.shape[1]
-    excess = measured - null.mean(axis=1)
-    # Mean and covariance are those of `draws` records: the measured one differs from them by a bit more.
-    covariance = (1.0 + 1.0 / draws) * np.cov(null)
-    z = excess / np.sqrt(np.diag(covariance))
-    p_values = 2.0 * t_distribution.sf(np.abs(z), draws - 1)
-    size = len(excess)
-    squared = float(excess @ np.linalg.pinv(covariance) @ excess)
-    joint = f_distribution.sf(squared * (draws - size) / (size * (draws - 1)), size, draws - size)
-    return {**dict(zip(SIZE_ON, p_values.tolist(), strict=True)), "any": float(joint)}
-
-
-def _disturbances(trial: TrialModel, ratio: float) -> Array:
-    """Squared smoothed disturbances of the steps, the measured record first: (step, 1 + draw)."""
-    nuisances, _, records, _ = trial.white(ratio)
-    basis = orthonormal(nuisances)
-    white = records - basis @ (basis.T @ records)
-    linear = trial.linear
-    gain, variance = linear.gains(ratio)
-    observed, _ = linear.with_sensor_states
-    source = observed[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]
-    # The states of coloured noise are no motion.
-    smoothed = linear.recursion(gain, source, backward=True)[1:, : linear.path.shape[1]]
-    return np.asarray(np.einsum("kad,kab,kbd->kd", smoothed, linear.steps.diffusion, smoothed, optimize=True))
-
+from sysid_trib.results.variables import variable
 
 NULL_DRAWS = 60
-# Of longer records every second sample is taken (third, ...), but no fewer than so many a period.
+# Of longer records one sample of so many is taken, but no fewer than so many a period.
 MOST_SAMPLES, LEAST_PER_PERIOD = 8000, 20
 ON = ("angle", "speed", "amplitude", "time", "any")
-ASPECTS = ("force", "size")
+ASPECTS, SIZE_ON = ("force", "size"), ("amplitude", "speed", "time")
+# Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm.
+NEAR = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
+# Below these they double, down to so many e-folds; then comes none at all.
+E_FOLDS = 12.0
 
 
 @in_units_of_the_motion
@@ -137,45 +88,44 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     The test has a random force of its own in any case, besides the sensor's noise of the result's colour.
     """
     decay, result = followed.runs[run], followed.result
-    every = _every(decay, result)
+    samples, step = decay.sizes["time"], float(np.median(np.diff(decay.time.values)))
+    per_period = 2.0 * np.pi / float(result.asymptotic_frequency) / step
+    every = max(1, min(-(-samples // MOST_SAMPLES), int(per_period / LEAST_PER_PERIOD)))
     tracked = followed.tracked(run) if every == 1 else track(decay, result, run, every)
-    tau = tracked.model.reference_frequency * (tracked.time - tracked.time[0])
+    w = tracked.model.reference_frequency
+    tau = w * (tracked.time - tracked.time[0])
     by_column, depends_on = trial_forces(tracked.linear, tau)
     # As a change of the frequency does, but what pushes the motion within a step has no part in it.
     linear = _with_parameters(tracked, result, stiffness=-by_column[:, :, :1])
     # All parameters are free.
     null = likely_ratio(linear)
-    records = simulated_records(linear, null.ratio, NULL_DRAWS, np.random.default_rng(seed))
+    records = _records_of_noise(linear, null.ratio, np.random.default_rng(seed))
     trial = trial_model(linear, by_column, records)
     sets = {on: np.flatnonzero(depends_on == on) for on in ("angle", "speed", "time")}
-    gains = likelihood_gains(trial, sets | {"any": np.arange(len(depends_on))}, null)
-    of_force = dict.fromkeys(ON, 1.0) | {on: gain.p_value for on, gain in gains.items()}
+    gains = _likelihood_gains(trial, sets | {"any": np.arange(len(depends_on))}, null)
+    untested = dict.fromkeys(ON, float("nan"))
+    of_force = untested | {on: p_value for on, (_, _, p_value) in gains.items()}
     # Free coefficients may leave no random force at all, and nothing that has a size.
-    of_size = dict.fromkeys(ON, 1.0)
+    of_size = untested | dict.fromkeys((*SIZE_ON, "any"), 1.0)
     if null.ratio > 0.0:
-        of_size |= size_p_values(trial, null.ratio, tau)
-    of_force["amplitude"] = of_size["angle"] = float("nan")
+        of_size |= _size_p_values(trial, null.ratio, tau)
     p_value = min(1.0, 2.0 * min(of_force["any"], of_size["any"]))
     p_values = [[of_aspect[on] for on in ON] for of_aspect in (of_force, of_size)]
-    text = "gain of the likelihood by forces that go with the motion"
-    variables = {
-        "p_value": variable((), p_value, "p-value of a random force that depends on nothing", "1"),
-        "dependence_p_value": variable(
-            ("aspect", "on"), p_values, "p-value of no dependence of the random force", "1"
-        ),
-        "chi_square": variable((), gains["any"].chi_square, text, "1"),
-        "degrees_of_freedom": variable((), gains["any"].columns, "degrees of freedom", "1"),
-        **_density_variables(linear, tracked, null),
+    chi_square, columns, _ = gains["any"]
+    density = RandomForce.density_of(null.ratio * null.variance, w)
+    deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
+    of_density = chi2.sf(max(0.0, deviances[0] - deviances[1]), 1)
+    numbers = {
+        "p_value": (p_value, "p-value of a random force that depends on nothing", "1"),
+        "chi_square": (chi_square, "gain of the likelihood by forces that go with the motion", "1"),
+        "degrees_of_freedom": (columns, "degrees of freedom", "1"),
+        "likely_density": (density, "most likely density of the random force", DENSITY_UNITS),
+        "density_p_value": (of_density, "p-value of the density in the result", "1"),
     }
+    text = "p-value of no dependence of the random force"
+    variables = {name: variable((), *number) for name, number in numbers.items()}
+    variables["dependence_p_value"] = variable(("aspect", "on"), p_values, text, "1")
     return xr.Dataset(variables, {"aspect": list(ASPECTS), "on": list(ON)}, {"every": every})
-
-
-def _every(decay: xr.Dataset, result: xr.Dataset) -> int:
-    """Number of samples of which one is taken."""
-    samples = decay.sizes["time"]
-    step = float(np.median(np.diff(decay.time.values)))
-    per_period = 2.0 * np.pi / float(result.asymptotic_frequency) / step
-    return max(1, min(-(-samples // MOST_SAMPLES), int(per_period / LEAST_PER_PERIOD)))
 
 
 def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> LinearModel:
@@ -183,19 +133,24 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
 
     `stiffness` is what the acceleration -x adds to x and v by the end of a step, (step, 2, 1).
     """
-    model = tracked.model
     offered, covariance = parameters_of(result)
-    kept = [at for at, name in enumerate(offered) if name in model.coefficients]
-    names = (*(offered[at] for at in kept), *_fitted_shapes(result))
-    by = Derivatives(names, frequency=False)
+    kept = [at for at, name in enumerate(offered) if name in tracked.model.coefficients]
+    shapes: list[str] = []
+    if "shape_standard_error" in result:
+        errors = result.shape_standard_error
+        shapes = errors.shape_parameter.values[errors.values > 0.0].tolist()
+    by = Derivatives((*(offered[at] for at in kept), *shapes), frequency=False)
     linear = linear_about(tracked, tracked.linear.path, tracked.zero, by)
-    free = _free_directions(covariance[np.ix_([*kept, -1], [*kept, -1])])
-    count, directions = len(kept), free.shape[1]
-    basis = np.zeros((by.count, directions + by.count - count))
-    basis[:count, :directions] = free[:-1]
-    basis[count:, directions:] = np.eye(by.count - count)
+    # Directions in which parameters were free: not where they are fixed or tied.
+    covariance = covariance[np.ix_([*kept, -1], [*kept, -1])]
+    size = np.sqrt(np.diag(covariance))
+    scale = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    # Part of a variance below which a direction of the parameters was held or tied.
+    free = size[:, None] * vectors[:, values > 1e-12]
+    basis = block_diag(free[:-1], np.eye(by.count - len(kept)))
     by_column = linear.by_column @ basis
-    by_column[:, :2, :directions] += stiffness * free[-1]
+    by_column[:, :2, : free.shape[1]] += stiffness * free[-1]
     return replace(
         linear,
         start=linear.start @ basis,
@@ -204,29 +159,145 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
     )
 
 
-def _fitted_shapes(result: xr.Dataset) -> tuple[str, ...]:
-    if "shape_standard_error" not in result:
-        return ()
-    errors = result.shape_standard_error
-    return tuple(errors.shape_parameter.values[errors.values > 0.0].tolist())
+def _records_of_noise(linear: LinearModel, ratio: float, random: np.random.Generator) -> Array:
+    """Records of noise alone, (sample, draw), in units of the innovations of the sensor's noise."""
+    random_walk = random_walk_about(linear, ratio, random, NULL_DRAWS)
+    # Coloured noise has a past before the first sample.
+    past = memory_samples(linear.sensor_filter)
+    white = random.standard_normal((past + len(random_walk), NULL_DRAWS))
+    return np.asarray(random_walk + lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
-def _free_directions(covariance: Array) -> Array:
-    """Directions in which parameters were free, (parameter, direction): not where they are fixed or tied."""
-    size = np.sqrt(np.diag(covariance))
-    scaled = covariance / np.outer(np.where(size > 0.0, size, 1.0), np.where(size > 0.0, size, 1.0))
-    values, vectors = np.linalg.eigh(scaled)
-    # Part of a variance below which a direction of the parameters was held or tied.
-    return np.asarray(size[:, None] * vectors[:, values > 1e-12])
+@dataclass(frozen=True)
+class TrialModel:
+    """A record with the model's columns (nuisances), columns that are tried, and records of noise alone.
+
+    `linear` has all three as its columns, `nuisances` and `tried` say how many there are of the first two.
+    """
+
+    linear: LinearModel
+    nuisances: int
+    tried: int
+
+    def white(self, ratio: float) -> tuple[Array, Array, Array, float]:
+        """Rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
+        rows = self.linear.rows(ratio)
+        nuisances, tried, draws = np.split(rows.design, [self.nuisances, self.nuisances + self.tried], axis=1)
+        return nuisances, tried, np.column_stack([rows.target, draws]), rows.log_determinant
+
+    def deviances(self, sets: Sequence[Index], ratio: float) -> Array:
+        """Minus twice the logarithm of the likelihood at a ratio, variance and columns profiled.
+
+        Without the columns that are tried, then with each of the sets: (1 + set, 1 + draw).
+        """
+        nuisances, tried, records, log_determinant = self.white(ratio)
+        basis = orthonormal(nuisances)
+        rest = records - basis @ (basis.T @ records)
+        squares = [np.sum(rest**2, axis=0)]
+        for index in sets:
+            further = tried[:, index] - basis @ (basis.T @ tried[:, index])
+            squares.append(squares[0] - np.sum((orthonormal(further).T @ rest) ** 2, axis=0))
+        return np.asarray(len(rest) * np.log(np.maximum(squares, 1e-300)) + log_determinant)
 
 
-def _density_variables(linear: LinearModel, tracked: TrackedRecord, null: VarianceRatio) -> Variables:
-    """The most likely density, and whether that in the result is as likely."""
-    density = RandomForce.density_of(null.ratio * null.variance, tracked.model.reference_frequency)
-    deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
-    return {
-        "likely_density": variable((), density, "most likely density of the random force", DENSITY_UNITS),
-        "density_p_value": variable(
-            (), chi2.sf(max(0.0, deviances[0] - deviances[1]), 1), "p-value of the density in the result", "1"
-        ),
-    }
+def trial_model(linear: LinearModel, by_column: Array, records: Array) -> TrialModel:
+    """A record with columns that act in each step, (step, 2, column), and records (sample, draw)."""
+    nuisances, tried = linear.start.shape[1], by_column.shape[2]
+    count = nuisances + tried + records.shape[1]
+    steps, size = linear.by_column.shape[:2]
+    start, by = np.zeros((size, count)), np.zeros((steps, size, count))
+    observed = np.zeros((len(linear.record), count))
+    start[:, :nuisances] = linear.start
+    by[:, :, :nuisances] = linear.by_column
+    observed[:, :nuisances] = linear.observed_parameters
+    by[:, : by_column.shape[1], nuisances : nuisances + tried] = by_column
+    observed[:, nuisances + tried :] = records
+    whole = replace(linear, start=start, by_column=by, observed_parameters=observed)
+    return TrialModel(whole, nuisances, tried)
+
+
+def _likelihood_gains(
+    trial: TrialModel, sets: Mapping[str, Index], null: VarianceRatio
+) -> dict[str, tuple[float, int, float]]:
+    """Chi-square of each set of columns over the nuisances alone, number of columns, p-value of no effect.
+
+    The chi-square is the gain with the mean that it has (Bartlett 1937); columns count that are no
+    combinations of the nuisances. `null` : of the model without them, by which the trial's records of noise
+    were drawn; where that has no random force, none is with the columns either.
+    """
+    nuisances, tried, _, _ = trial.white(null.ratio)
+    size = np.linalg.norm(tried, axis=0)
+    unit = tried / np.where(size > 0.0, size, 1.0)
+    basis = orthonormal(nuisances)
+    _, r, order = qr(unit - basis @ (basis.T @ unit), mode="economic", pivoting=True)
+    # Part of a column that others must leave for it to be a further one.
+    further = order[np.abs(np.diag(r)) > 1e-2]
+    chosen = {name: np.intersect1d(index, further) for name, index in sets.items()}
+    least = trial.deviances(list(chosen.values()), 0.0)
+    if null.ratio > 0.0:
+        error = float(np.clip(np.nan_to_num(null.relative_error, nan=1.0), 0.02, 1.0))
+        doublings = int(np.ceil(np.log2(E_FOLDS / (3.0 * error))))
+        far = NEAR[0] * 2.0 ** np.arange(max(1, doublings), 0, -1)
+        logarithms = float(np.log(null.ratio)) + error * np.concatenate([far, NEAR])
+        table = [trial.deviances(list(chosen.values()), float(ratio)) for ratio in np.exp(logarithms)]
+        least = np.minimum(_least(logarithms, np.array(table)), least)
+    gains = {}
+    for (name, index), gain in zip(chosen.items(), np.maximum(least[0] - least[1:], 0.0), strict=True):
+        chi_square = gain[0] * len(index) / float(np.mean(gain[1:])) if len(index) else 0.0
+        gains[name] = chi_square, len(index), float(chi2.sf(chi_square, len(index))) if len(index) else 1.0
+    return gains
+
+
+def orthonormal(columns: Array) -> Array:
+    """An orthonormal basis of the space of some columns."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.asarray(np.linalg.qr(columns / np.where(size > 0.0, size, 1.0))[0])
+
+
+def _least(logarithms: Array, table: Array) -> Array:
+    """Least of each curve over the ratios, by the parabola through its three lowest neighbours."""
+    at = np.clip(np.argmin(table, axis=0), 1, len(table) - 2)
+    x = [logarithms[at + side] for side in (-1, 0, 1)]
+    y = [np.take_along_axis(table, (at + side)[None], axis=0)[0] for side in (-1, 0, 1)]
+    left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
+    curvature = (right - left) / (x[2] - x[0])
+    curved = np.where(curvature > 0.0, curvature, 1.0)
+    middle = 0.5 * (x[0] + x[1])
+    best = np.clip(middle - 0.5 * left / curved, x[0], x[2])
+    value = y[0] + (best - x[0]) * (left + curvature * (best - x[1]))
+    return np.where(curvature > 0.0, value, np.min(table, axis=0))
+
+
+def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, float]:
+    """P-values of a random force whose size depends on nothing, by what it may depend on, and of `any`.
+
+    The statistic is the mean of amplitude, speed over amplitude, or time, over the steps, each weighted by
+    the squared smoothed disturbance r' Q r (Durbin and Koopman 2012, 4.5); together they make Hotelling's
+    T^2. Records of noise alone are drawn at this ratio; `tau` : reference frequency times time, (sample,).
+    """
+    nuisances, _, records, _ = trial.white(ratio)
+    basis = orthonormal(nuisances)
+    white = records - basis @ (basis.T @ records)
+    linear = trial.linear
+    path = linear.path
+    gain, variance = linear.gains(ratio)
+    observed, _ = linear.with_sensor_states
+    source = observed[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]
+    # The states of coloured noise are no motion.
+    smoothed = linear.recursion(gain, source, backward=True)[1:, : path.shape[1]]
+    weights = np.einsum("kad,kab,kbd->kd", smoothed, linear.steps.diffusion, smoothed, optimize=True)
+    amplitude = np.hypot(path[:, 0], path[:, 1])
+    on = np.stack([amplitude, np.abs(path[:, 1]) / np.maximum(amplitude, 1e-300), tau])
+    on = 0.5 * (on[:, :-1] + on[:, 1:])
+    on = (on - on.mean(axis=1, keepdims=True)) / np.maximum(on.std(axis=1, keepdims=True), 1e-300)
+    means = on @ weights / np.sum(weights, axis=0)
+    measured, null = means[:, 0], means[:, 1:]
+    size, draws = null.shape
+    excess = measured - null.mean(axis=1)
+    # Mean and covariance are those of `draws` records: the measured one differs from them by a bit more.
+    covariance = (1.0 + 1.0 / draws) * np.cov(null)
+    z = excess / np.sqrt(np.diag(covariance))
+    p_values = 2.0 * t_distribution.sf(np.abs(z), draws - 1)
+    squared = float(excess @ np.linalg.pinv(covariance) @ excess)
+    joint = f_distribution.sf(squared * (draws - size) / (size * (draws - 1)), size, draws - size)
+    return {**dict(zip(SIZE_ON, p_values.tolist(), strict=True)), "any": float(joint)}

@@ -1,7 +1,7 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,6 @@ from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.sensor import coarse_step, rounded_noise, slow_part
 from sysid_trib.records.smoothing import swing_frequency
@@ -45,84 +44,6 @@ RESIDUALS = {
 NO_MOTION = (np.nan, np.nan)
 
 
-@dataclass(frozen=True)
-class ModelResidual:
-    """Record minus the motion of a model, its start and the sensor's zero fitted there.
-
-    Attributes
-    ----------
-    residual : (sample,) array of float, rad
-        Record minus model.
-    phase_error : float, rad
-        The largest; nan of a motion that stops early.
-    stop_time : float, s
-        nan if the model does not stop within the record.
-    """
-
-    residual: Array
-    phase_error: float
-    stop_time: float
-
-    @property
-    def rms(self) -> float:
-        """RMS of the residual, rad."""
-        return float(np.sqrt(np.mean(self.residual**2)))
-
-    @property
-    def complaint(self) -> str:
-        """Why the motion is not the record's, in a few words; empty if it is."""
-        if np.isfinite(self.stop_time):
-            return f"stops at {self.stop_time:.3g} s"
-        # In antiphase (rad) the residual says nothing more of the forces.
-        if self.phase_error > np.pi:
-            return f"slips by {self.phase_error / (2.0 * np.pi):.2g} periods"
-        return ""
-
-
-@dataclass(frozen=True)
-class ModelResiduals:
-    """Residuals of one model in several runs, or in the one there is.
-
-    Attributes
-    ----------
-    runs : tuple of ModelResidual
-        Those of each run; none where the model has no motion in one.
-    noises : tuple of float, rad
-        Noise of one sample of each run.
-    """
-
-    runs: tuple[ModelResidual, ...]
-    noises: tuple[float, ...]
-
-    @property
-    def each_rms(self) -> Array:
-        """RMS of the residual of each run, rad; nan without a motion."""
-        return np.array([run.rms for run in self.runs] or [np.nan] * len(self.noises))
-
-    @property
-    def rms(self) -> float:
-        """RMS over the runs, whatever their lengths, rad."""
-        return root_mean_square(self.each_rms)
-
-    @property
-    def over_noise(self) -> float:
-        """RMS of each run over its own noise."""
-        return root_mean_square(self.each_rms / np.array(self.noises))
-
-    @property
-    def phase_error(self) -> float:
-        """The largest of all runs, rad; nan if one stops early, or without a motion."""
-        return float(np.max([run.phase_error for run in self.runs] or [np.nan]))
-
-    @property
-    def complaint(self) -> str:
-        """Why the motion of a run is not the record's, and of which; empty if all are."""
-        for at, run in enumerate(self.runs):
-            if run.complaint:
-                return f"{run.complaint} in run {at + 1}" if len(self.runs) > 1 else run.complaint
-        return ""
-
-
 def fitted_motion(
     decay: xr.Dataset,
     result: xr.Dataset,
@@ -149,6 +70,17 @@ def fitted_motion(
         )
     except SimulationError:
         return None
+
+
+def with_motions(
+    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None]
+) -> xr.Dataset:
+    """The record with the angle of each model, nan of one that diverges."""
+    record = decay.assign_coords(model=list(names))
+    no_motion = np.full(decay.sizes["time"], np.nan)
+    simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
+    angle = variable(("model", "time"), simulated, "angle of the model", "rad")
+    return record.assign(simulated_angle=angle)
 
 
 def residuals(
@@ -321,30 +253,36 @@ def half_period(v: Array) -> int:
     return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(v) // 10)
 
 
-def residual_of(
+def motion_residual(
     decay: xr.Dataset, result: xr.Dataset, envelope: xr.Dataset, run: int = 0
-) -> ModelResidual | None:
-    """Residual of an identified model in the decay, or the run, that it is from; None if it diverges.
+) -> xr.Dataset | None:
+    """Record minus the motion of a model, its start and the sensor's zero fitted there; None if it diverges.
 
     Parameters
     ----------
     decay : Dataset
-        `angle(time)`.
+        `angle(time)`, of the run that the identification is from.
     result : Dataset
         The identification.
     envelope : Dataset
         The record's envelope, whose extrema give its phase.
     run : int
         Which run it is.
+
+    Returns
+    -------
+    Dataset
+        `residual(time)` (rad); the largest `phase_error` (rad; nan of a motion that stops early) and
+        `stop_time` (s; nan of one that does not stop within the record).
     """
     motion = fitted_motion(decay, result, run)
     if motion is None:
         return None
     time = decay.time.values.astype(float)
-    residual = decay.angle.values - motion.offset - motion.x
+    residual = decay.angle.values.astype(float) - motion.offset - motion.x
     stop = motion.stop_time if motion.stop_time < time[-1] else float("nan")
     error = float("nan") if np.isfinite(stop) else _phase_error(time, motion, envelope)
-    return ModelResidual(np.asarray(residual, dtype=float), error, stop)
+    return xr.Dataset({"residual": ("time", residual), "phase_error": error, "stop_time": stop})
 
 
 def _phase_error(time: Array, motion: FittedMotion, envelope: xr.Dataset) -> float:

@@ -14,6 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.trials import slope_of_unit
 from sysid_trib.methods import Direct
+from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results.effects import (
     added_effects,
@@ -29,8 +30,8 @@ from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import main_result
-from sysid_trib.validation.likelihood_gain import orthonormal
 from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.random_force_test import orthonormal
 
 # Name of the model of an identification.
 STATED = "the model"
@@ -133,16 +134,8 @@ def stated_rival(result: xr.Dataset) -> Rival:
     count, shapes = len(symbols), len(model.shapes)
     directions = np.zeros((count + shapes + 1, count + 1))
     at = [*range(count), count + shapes]
-    directions[at] = _root(covariance * np.outer(part, part))
+    directions[at] = covariance_root(covariance * np.outer(part, part))
     return Rival(STATED, model, directions, 1.0)
-
-
-def _root(covariance: Array) -> Array:
-    """R with R R' the covariance; its parameters differ by orders of magnitude."""
-    size = np.sqrt(np.diag(covariance))
-    scaled = covariance / np.outer(np.where(size > 0.0, size, 1.0), np.where(size > 0.0, size, 1.0))
-    values, axes = np.linalg.eigh(scaled)
-    return np.asarray(size[:, None] * axes * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _of_discovery(tree: xr.DataTree) -> list[Rival]:
@@ -217,21 +210,8 @@ def _by_records(result: xr.Dataset, records: Sequence[xr.Dataset]) -> Array:
     size = np.sqrt(np.diag(information))
     covariance = np.linalg.pinv(information / np.outer(size, size), rcond=1e-12, hermitian=True)
     directions = np.zeros((count, len(is_free)))
-    directions[is_free] = _root(covariance / np.outer(size, size))
+    directions[is_free] = covariance_root(covariance / np.outer(size, size))
     return directions
-
-
-def in_white_noise(
-    predictions: Sequence[RunPrediction | None], model: Model, time: Array, release: float, ratio: float
-) -> Sequence[RunPrediction | None]:
-    """Predictions of a run as innovations where a random force acts, `ratio` to the noise of a sample."""
-    moving = [p for p in predictions if p is not None]
-    if not ratio or predictions[0] is None:
-        return predictions
-    columns = np.column_stack([column for p in moving for column in p])
-    white = whitened(model, time, (release, 0.0), ratio, columns)
-    parts = iter(np.split(white, np.cumsum([p.known.shape[1] + 4 for p in moving])[:-1], axis=1))
-    return [p and RunPrediction((w := next(parts))[:, 0], w[:, 1:-3], w[:, -3:]) for p in predictions]
 
 
 def covariance_after(run: RunPrediction) -> Array:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -36,35 +35,6 @@ from sysid_trib.validation.random_effects import RandomEffects
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
-
-
-@dataclass(frozen=True)
-class Sample:
-    """The mean of the runs of a sample, of the coefficients and last the asymptotic frequency.
-
-    Attributes
-    ----------
-    values : (quantity,) array of float
-    covariance : (quantity, quantity) array of float
-        By the noise, and what scatters between runs.
-    of_model : (quantity, quantity) array of float
-        By the model.
-    between : (quantity,) array of float
-        Standard deviation between runs beyond their errors; nan of a single run.
-    freedoms : (quantity,) array of float
-        Degrees of freedom by which the errors are known (Satterthwaite 1946); infinite without a scatter.
-    """
-
-    values: Array
-    covariance: Array
-    of_model: Array
-    between: Array
-    freedoms: Array
-
-    @property
-    def errors(self) -> Array:
-        """Standard errors, (quantity,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance + self.of_model)))
 
 
 @in_units_of_the_motion
@@ -118,47 +88,48 @@ def _difference(
     if len({signal_units(result) for side in sides for result in side}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     reference = sides[0][0].reference_frequency.item()
-    symbols = list(
-        dict.fromkeys(symbol for side in sides for member in side for symbol in _forces_of(member))
-    )
-    held = [symbol for symbol in symbols if all(_holds(run, symbol) for side in sides for run in side)]
+    members = [member for side in sides for member in side]
+    symbols = list(dict.fromkeys(symbol for member in members for symbol in _forces_of(member)))
+    held = [symbol for symbol in symbols if all(_holds(member, symbol) for member in members)]
     samples = [_sample(side, symbols, reference, held) for side in sides]
-    variables, differs = _contrast(samples, len(symbols), level, of_model)
-    verdict = "coefficients differ" if differs else "no difference"
-    if not differs and float(variables["p_value_of_all"][1]) < level:
-        verdict = "together they differ"
-    attrs: dict[str, object] = {"verdict": verdict, "level": level, "signal_units": signal_units(sides[0][0])}
+    values, by_noise, by_model, between, freedoms = map(np.array, zip(*samples, strict=True))
+    variables = _contrast(values, by_noise, by_model, freedoms, level=level, of_model=of_model)
+    verdict = "together they differ" if variables["p_value_of_all"][1] < level else "no difference"
+    attrs: dict[str, object] = {
+        "verdict": "coefficients differ" if variables["differs"][1].any() else verdict,
+        "level": level,
+        "signal_units": signal_units(sides[0][0]),
+    }
     # A sample may lack the viscous force that the other has.
-    factors = {s: f for side in sides for run in side for s, f in library_of(run).damping_factors.items()}
+    factors = {s: f for member in members for s, f in library_of(member).damping_factors.items()}
     damping = np.array([factors.get(symbol, 0.0) for symbol in symbols]) * reference
-    stiffness = _stiffness_difference(samples, damping)
+    stiffness = _stiffness_difference(values, by_noise + by_model, damping)
     variables |= with_error("stiffness_difference", (), stiffness, "ratio of stiffnesses, less 1")
-    for name, sample, side in zip(SIDES, samples, sides, strict=True):
-        pair = sample.values[:-1], sample.errors[:-1]
-        variables |= with_error(name, "force", pair, f"{name} at the reference frequency", PER_FORCE_UNIT)
+    errors = np.sqrt(np.diagonal(by_noise + by_model, axis1=1, axis2=2))
+    for at, (name, side) in enumerate(zip(SIDES, sides, strict=True)):
+        pair, text = (values[at, :-1], errors[at, :-1]), f"{name} at the reference frequency"
+        variables |= with_error(name, "force", pair, text, PER_FORCE_UNIT)
         scatter = "standard deviation between runs beyond their errors"
-        variables[f"{name}_between_runs"] = variable("force", sample.between[:-1], scatter, PER_FORCE_UNIT)
+        variables[f"{name}_between_runs"] = variable("force", between[at, :-1], scatter, PER_FORCE_UNIT)
         attrs[f"{name}_record"] = [source for result in side for source in result.attrs["record_source"]]
         attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(member.attrs["method"]) for member in side))
     variables["reference_frequency"] = variable((), reference, "reference of the coefficients", "rad/s")
     return xr.Dataset(variables, {"force": symbols, "other_force": symbols}, attrs)
 
 
-def _stiffness_difference(samples: Sequence[Sample], damping: Array) -> tuple[float, float]:
+def _stiffness_difference(values: Array, covariances: Array, damping: Array) -> tuple[float, float]:
     """Ratio of the stiffnesses at vanishing amplitude, less 1, and its error.
 
     A stiffness over the inertia is w_inf^2 + (zeta w)^2: viscous friction lowers the frequency, not the
-    stiffness. `damping` : zeta w of a unit of each coefficient, (force,).
+    stiffness. `damping` : zeta w of a unit of each coefficient, (force,); the others (sample, quantity, ...).
     """
-    parts, weights = [], np.append(damping, 1.0) ** 2
-    for sample in samples:
-        # A force without a degree is not known at another frequency, and does not count.
-        values = np.where(weights > 0.0, sample.values, 0.0)
-        squared, gradient = weights @ values**2, 2.0 * weights * values
-        parts.append((squared, gradient @ (sample.covariance + sample.of_model) @ gradient / squared**2))
-    (first, of_first), (second, of_second) = parts
-    ratio = first / second
-    return ratio - 1.0, ratio * float(np.sqrt(of_first + of_second))
+    weights = np.append(damping, 1.0) ** 2
+    # A force without a degree is not known at another frequency, and does not count.
+    values = np.where(weights > 0.0, values, 0.0)
+    squared, gradients = values**2 @ weights, 2.0 * weights * values
+    variances = np.einsum("sa,sab,sb->s", gradients, covariances, gradients) / squared**2
+    ratio = float(squared[0] / squared[1])
+    return ratio - 1.0, ratio * float(np.sqrt(variances.sum()))
 
 
 def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset]:
@@ -182,23 +153,23 @@ def _holds(result: xr.Dataset, symbol: str) -> bool:
 
 
 def _sample(
-    results: Sequence[xr.Dataset], symbols: Sequence[str], reference: float, held: Sequence[str] = ()
-) -> Sample:
-    """Mean and covariance of the runs of a sample; what all hold is theirs at their own frequency."""
+    results: Sequence[xr.Dataset], symbols: Sequence[str], reference: float, held: Sequence[str]
+) -> tuple[Array, ...]:
+    """Mean of the runs of a sample, of the coefficients and last the asymptotic frequency.
+
+    Its covariance by the noise and what scatters between runs; that by the model; the standard deviation
+    between runs beyond their errors (nan of a single run); degrees of freedom by which the errors are known
+    (Satterthwaite 1946), infinite without a scatter. What all hold is theirs at their own frequency.
+    """
     runs = [_run(result, symbols, reference, held) for result in results]
     values, covariances, of_model = (np.array(part) for part in zip(*runs, strict=True))
     if len(runs) == 1:
         nothing = np.full(len(symbols) + 1, np.nan)
-        known = np.full_like(nothing, np.inf)
-        return Sample(values[0], covariances[0], of_model[0], nothing, known)
+        return values[0], covariances[0], of_model[0], nothing, np.full_like(nothing, np.inf)
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    design = np.ones((len(runs), 1))
-    between = np.array(
-        [
-            RandomEffects(value, error, design).tau if np.all(error > 0.0) else 0.0
-            for value, error in zip(values.T, errors.T, strict=True)
-        ]
-    )
+    design, between = np.ones((len(runs), 1)), np.zeros(len(symbols) + 1)
+    for at in np.flatnonzero(np.all(errors > 0.0, axis=0)):
+        between[at] = RandomEffects(values[:, at], errors[:, at], design).tau
     scattered = covariances + np.diag(between**2)
     mean, covariance, _ = weighted_mean(values, scattered)
     fixed = np.all(errors == 0.0, axis=0)
@@ -206,7 +177,7 @@ def _sample(
     # The part of the variance that the scatter makes is known by the runs alone.
     part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~fixed)
     freedoms = np.divide(len(runs) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
-    return Sample(mean, covariance, of_model.mean(axis=0), between, freedoms)
+    return mean, covariance, of_model.mean(axis=0), between, freedoms
 
 
 def _run(
@@ -236,58 +207,51 @@ def _run(
 
 
 def _contrast(
-    samples: Sequence[Sample], count: int, level: float, of_model: Array | None
-) -> tuple[Variables, bool]:
-    """Differences of the forces with their tests, and whether any differs."""
-    contrast = samples[0].values - samples[1].values
-    covariance = samples[0].covariance + samples[1].covariance
-    covariance += samples[0].of_model + samples[1].of_model if of_model is None else of_model
-    tested = np.any([sample.errors > 0.0 for sample in samples], axis=0)
+    values: Array,
+    by_noise: Array,
+    by_model: Array,
+    freedoms: Array,
+    *,
+    level: float,
+    of_model: Array | None,
+) -> Variables:
+    """Differences of the forces with their tests; of both samples what `_sample` gives."""
+    contrast, errors = values[0] - values[1], np.diagonal(by_noise + by_model, axis1=1, axis2=2)
+    tested = np.any(errors > 0.0, axis=0)
+    covariance = by_noise.sum(axis=0) + (by_model.sum(axis=0) if of_model is None else of_model)
     covariance *= np.outer(tested, tested)
     error = np.sqrt(np.diag(covariance))
     z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
-    parts = np.sum([np.diag(s.covariance) ** 2 / s.freedoms for s in samples], axis=0)
-    freedoms = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
-    p_value = np.asarray(2.0 * student.sf(np.abs(z), freedoms))
-    differs = _holm(p_value[:count], level)
-    variables: Variables = {
-        "difference": variable("force", contrast[:count], "first minus second", PER_FORCE_UNIT),
-        "standard_error": variable(
-            "force", error[:count], "standard error of the difference", PER_FORCE_UNIT
-        ),
-        "z": variable("force", z[:count], "difference over its standard error", "1"),
-        "p_value": variable("force", p_value[:count], "p-value of no difference", "1"),
-        "differs": variable("force", differs, "whether it differs, at a level that all forces share"),
-        "covariance": variable(
-            ("force", "other_force"), covariance[:count, :count], "covariance", PER_FORCE_UNIT
-        ),
-        **_all_together(contrast[:count], covariance[:count, :count]),
-    }
-    return variables, bool(differs.any())
-
-
-def _holm(p_values: Array, level: float) -> Mask:
-    """Which of several hypotheses are refused, all of them sharing a level (Holm 1979); nan is none."""
-    order = np.argsort(np.nan_to_num(p_values, nan=1.0))
-    count = int(np.isfinite(p_values).sum())
-    refused = np.zeros(len(p_values), dtype=bool)
-    for place, at in enumerate(order[:count]):
-        if p_values[at] > level / (count - place):
-            break
-        refused[at] = True
-    return refused
-
-
-def _all_together(contrast: Array, covariance: Array) -> Variables:
-    """Chi-square of all differences that are known."""
-    error = np.sqrt(np.diag(covariance))
+    parts = np.sum(np.diagonal(by_noise, axis1=1, axis2=2) ** 2 / freedoms, axis=0)
+    known_by = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
+    p_value = 2.0 * student.sf(np.abs(z), known_by)[:-1]
+    contrast, error, covariance = contrast[:-1], error[:-1], covariance[:-1, :-1]
     known = np.isfinite(contrast) & (error > 0.0)
     scaled = contrast[known] / error[known]
     weights = (covariance[known][:, known]) / np.outer(error[known], error[known])
     statistic = float(scaled @ np.linalg.pinv(weights, hermitian=True) @ scaled)
-    test = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
-    test["p_value_of_all"] = test.pop("p_value")
-    return test
+    together = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
+    together["p_value_of_all"] = together.pop("p_value")
+    unit = PER_FORCE_UNIT
+    return {
+        "difference": variable("force", contrast, "first minus second", unit),
+        "standard_error": variable("force", error, "standard error of the difference", unit),
+        "z": variable("force", z[:-1], "difference over its standard error", "1"),
+        "p_value": variable("force", p_value, "p-value of no difference", "1"),
+        "differs": variable(
+            "force", _holm(p_value, level), "whether it differs, at a level that all forces share"
+        ),
+        "covariance": variable(("force", "other_force"), covariance, "covariance", unit),
+        **together,
+    }
+
+
+def _holm(p_values: Array, level: float) -> Mask:
+    """Which of several hypotheses are refused, all of them sharing a level (Holm 1979); nan is none."""
+    order = np.argsort(p_values)[: np.count_nonzero(np.isfinite(p_values))]
+    refused = np.zeros(len(p_values), dtype=bool)
+    refused[order] = np.logical_and.accumulate(p_values[order] <= level / np.arange(len(order), 0, -1))
+    return refused
 
 
 @in_units_of_the_motion
@@ -323,21 +287,17 @@ def _model_error_of_difference(
             variances.append(np.diag(np.mean(covariances, axis=0)) / len(side))
         return means[0] - means[1], np.sqrt(variances[0] + variances[1])
 
-    whole, stated = contrast(sides)
-    changes, errors = [], []
+    (whole, stated), changes, errors = contrast(sides), [], []
     for low, high in RECORD_PARTS.values():
-        parts = [
-            [
-                part_fit(method_of(member), [run], library, low, high, member)
-                for member, run in zip(side, of, strict=True)
-            ]
-            for side, of in zip(sides, runs, strict=True)
-        ]
-        if any(part is None for side in parts for part in side):
-            continue
-        change, error = contrast([[part for part in side if part is not None] for side in parts])
-        changes.append(change - whole)
-        errors.append(error)
+        parts: list[list[xr.Dataset]] = [[], []]
+        for part, side, of_side in zip(parts, sides, runs, strict=True):
+            for member, run in zip(side, of_side, strict=True):
+                fitted = part_fit(method_of(member), [run], library, low, high, member)
+                part += [] if fitted is None else [fitted]
+        if [len(part) for part in parts] == [len(side) for side in sides]:
+            change, error = contrast(parts)
+            changes.append(change - whole)
+            errors.append(error)
     return covariance_by_parts(changes, errors, stated) if changes else None
 
 

@@ -27,56 +27,13 @@ EXCESS_LEVEL = 0.01
 Truth: TypeAlias = tuple[xr.Dataset, Sequence[FittedMotion]]
 
 
-@dataclass(frozen=True)
-class SimulatedRun:
-    """A run of a known model, from which records are drawn.
-
-    Attributes
-    ----------
-    time : (sample,) array of float, s
-    angle : (sample,) array of float, rad
-        The model's motion.
-    noise : float, rad
-        Standard deviation of a sample.
-    random_walk : (draw, sample) array of float, rad, or None
-        What a random force adds in each draw.
-    """
-
-    time: Array
-    angle: Array
-    noise: float
-    random_walk: Array | None = None
-
-    def record(self, random: np.random.Generator, draw: int | None) -> xr.Dataset:
-        """The record of a draw; without noise where that is None."""
-        noise = self.noise * random.standard_normal(len(self.angle))
-        angle = self.angle + (0.0 if draw is None else 1.0) * noise
-        if self.random_walk is not None and draw is not None:
-            angle = angle + self.random_walk[draw]
-        return xr.Dataset({"angle": ("time", angle)}, {"time": self.time})
+# Times (s) of a run, the motion there, the noise of a sample, and what a random force adds in each draw.
+SimulatedRun: TypeAlias = tuple[Array, Array, float, Array | None]
 
 
-def _simulated_runs(
-    runs: Sequence[xr.Dataset], result: xr.Dataset, motions: Sequence[FittedMotion], *, draws: int, seed: int
-) -> list[SimulatedRun]:
-    """Motion, noise and random walk of an identified model in each run; with fewer samples, of less noise.
-
-    Parameters
-    ----------
-    runs : sequence of Dataset
-        `angle(time)`, whose times are taken.
-    result : Dataset
-        The identification.
-    motions : sequence of FittedMotion
-        Of its model, in each run.
-    draws, seed : int
-        Number of draws, and the seed of the random force in them.
-
-    Raises
-    ------
-    SimulationError
-        The motion of the model cannot be computed.
-    """
+def _simulated_runs(runs: Sequence[xr.Dataset], truth: Truth, *, draws: int, seed: int) -> list[SimulatedRun]:
+    """Motion, noise and random walk of an identified model in each run; with fewer samples, of less noise."""
+    result, motions = truth
     model, simulated = model_of(result), []
     period = 2.0 * np.pi / result.asymptotic_frequency.item()
     # A stream of its own: the sensor's noise is the same with a random force and without.
@@ -90,9 +47,18 @@ def _simulated_runs(
             time = np.linspace(time[0], time[-1], most)
         free, force = trajectory(model, time, motion.angle, motion.rate), random_force_of(result, at)
         per_tau = force.per_tau(model.reference_frequency)
-        stochastic = random_walk(model, time, free, per_tau, forcing, draws) if force else None
-        simulated.append(SimulatedRun(time, free.angle, noise, stochastic))
+        walks = random_walk(model, time, free, per_tau, forcing, draws) if force else None
+        simulated.append((time, free.angle, noise, walks))
     return simulated
+
+
+def _record(run: SimulatedRun, random: np.random.Generator, draw: int | None) -> xr.Dataset:
+    """The record of a draw; without noise where that is None."""
+    time, angle, noise, walks = run
+    white = noise * random.standard_normal(len(angle))
+    if draw is not None:
+        angle = angle + white + (0.0 if walks is None else walks[draw])
+    return xr.Dataset({"angle": ("time", angle)}, {"time": time})
 
 
 @dataclass(frozen=True)
@@ -115,22 +81,12 @@ class Scatter:
     records: int
     stated: bool = False
 
-    @classmethod
-    def missing(cls, count: int, records: int) -> "Scatter":
-        """Nothing known of so many quantities."""
-        return cls(np.full(count, np.nan), np.full((count, count), np.nan), records)
-
-    @property
-    def known(self) -> bool:
-        """True if there is a covariance."""
-        return bool(np.all(np.isfinite(self.covariance)))
-
     def chi_square(self, difference: Array) -> tuple[float, float]:
         """Chi-square of a difference, and its p-value.
 
         A covariance that is itself estimated from records: Hotelling's T^2, which is F distributed.
         """
-        if not self.known:
+        if not np.all(np.isfinite(self.covariance)):
             return float("nan"), float("nan")
         excess, count = difference - self.expected, len(difference)
         statistic = float(excess @ np.linalg.pinv(self.covariance) @ excess)
@@ -139,6 +95,11 @@ class Scatter:
         rest = max(1, self.records - count)
         ratio = statistic * rest / (count * max(1, self.records - 1))
         return statistic, float(f_distribution.sf(ratio, count, rest))
+
+
+def nothing_known(count: int, records: int = 0) -> Scatter:
+    """The scatter of so many quantities where too few records were identified."""
+    return Scatter(np.full(count, np.nan), np.full((count, count), np.nan), records)
 
 
 def fewest_records(count: int) -> int:
@@ -192,7 +153,7 @@ def scatter(
     + 2, or these had one below 0.1.
     """
     frequency, random = truth[0].reference_frequency.item(), np.random.default_rng(seed)
-    simulated = _simulated_runs(runs, *truth, draws=draws, seed=seed)
+    simulated = _simulated_runs(runs, truth, draws=draws, seed=seed)
     methods, at_best = zip(*(_at_its_best(runs, result) for result in results), strict=True)
     # Each with what it was offered: forces that one of them neglects are part of its bias.
     offered = [library_of(result, whole=True) for result in results]
@@ -201,26 +162,40 @@ def scatter(
         return np.stack([comparison_values(result, kept, frequency) for result in pair])
 
     def identified(draw: int | None) -> Array:
-        decay = one_or_all([run.record(random, draw) for run in simulated])
+        decay = one_or_all([_record(run, random, draw) for run in simulated])
         pairs = zip(methods, offered, strict=True)
         return values([method.identify(decay, library) for method, library in pairs])
 
     # The bias that a method left in is what it would have removed; what remains shows in the records.
     bias = np.subtract(*values(results)) - np.subtract(*values(at_best))
     without_noise = np.zeros_like(bias)
+    both_stated = np.add(*(stated_covariance(result, kept) for result in results))
     stochastic = bool(random_force_of(truth[0]))
     if not stochastic:
         with suppress(SysidTribError):
             without_noise = np.subtract(*identified(None))
     if any("error_of_model" in result for result in results):
         # What the models lack is not in records that are simulated by them.
-        return Scatter(bias + without_noise, _stated(results, kept), 0, stated=True)
+        return Scatter(bias + without_noise, both_stated, 0, stated=True)
     # What fewer records give is no covariance.
     least = fewest_records(len(bias)) if stochastic else 3
     drawn: list[Array] = []
 
     def known() -> Scatter:
-        return _of_records(results, kept, bias, None if stochastic else without_noise, np.array(drawn))
+        """By the records that were drawn, about the difference without noise or, without one, its mean."""
+        of_methods = np.array(drawn)
+        differences = of_methods[:, 0] - of_methods[:, 1]
+        covariance = np.atleast_2d(np.cov(differences, rowvar=False))
+        # Of a few records the largest ratio by chance depends on their number: at 1 %, of all quantities.
+        freedoms = len(drawn) - 1
+        allowed = np.sqrt(freedoms / chi2.ppf(EXCESS_LEVEL / of_methods[0].size, freedoms))
+        stated = bool(_largest_excess(results, kept, of_methods) > allowed)
+        whole = both_stated if stated else covariance
+        if stochastic:
+            return Scatter(
+                bias + differences.mean(axis=0), whole + covariance / len(drawn), len(drawn), stated
+            )
+        return Scatter(bias + without_noise, whole, len(drawn), stated)
 
     for draw in range(draws):
         tell(f"both methods held against each other on {draws} simulated records", draw / draws)
@@ -230,29 +205,7 @@ def scatter(
             # Where as many records as decide give a larger p-value, no others are drawn.
             if enough and known().chi_square(np.subtract(*values(results)))[1] > 0.1:
                 break
-    return known() if len(drawn) >= least else Scatter.missing(len(bias), len(drawn))
-
-
-def _of_records(
-    results: Sequence[xr.Dataset], kept: Sequence[str], bias: Array, without_noise: Array | None, drawn: Array
-) -> Scatter:
-    """Scatter of (record, method, quantity), about the difference without noise or, without one, its mean."""
-    covariance = np.atleast_2d(np.cov(drawn[:, 0] - drawn[:, 1], rowvar=False))
-    of_methods = np.mean(drawn[:, 0] - drawn[:, 1], axis=0) if without_noise is None else without_noise
-    # Of a few records the largest ratio by chance depends on their number: at 1 %, of all quantities.
-    degrees_of_freedom = len(drawn) - 1
-    least = chi2.ppf(EXCESS_LEVEL / drawn[0].size, degrees_of_freedom)
-    stated = _largest_excess(results, kept, drawn) > np.sqrt(degrees_of_freedom / least)
-    whole = _stated(results, kept) if stated else covariance
-    if without_noise is None:
-        whole = whole + covariance / len(drawn)
-    return Scatter(bias + of_methods, whole, len(drawn), bool(stated))
-
-
-def _stated(results: Sequence[xr.Dataset], kept: Sequence[str]) -> Array:
-    """Sum of the covariances that both methods state."""
-    first, second = (stated_covariance(result, kept) for result in results)
-    return first + second
+    return known() if len(drawn) >= least else nothing_known(len(bias), len(drawn))
 
 
 def _at_its_best(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[Any, xr.Dataset]:
