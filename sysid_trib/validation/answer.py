@@ -16,10 +16,9 @@ from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import noise_of_run
 from sysid_trib.validation.holdout import fitted_motions
 from sysid_trib.validation.model_error import with_error_of_model, with_rounding
-from sysid_trib.validation.residuals import pooled, residuals
+from sysid_trib.validation.residuals import residuals
 from sysid_trib.validation.verdict import is_found, is_random
 
 # Significance level of a residual that is not white noise.
@@ -165,11 +164,8 @@ def _with_model(
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
-    result = followed.result
-    (motions,) = fitted_motions([*followed.runs.values()], (result,))
-    pairs = enumerate(motions)
-    of_runs = [residuals({"": followed}, [motion], noise_of_run(result, at), at) for at, motion in pairs]
-    whole = pooled(of_runs)
+    motions = fitted_motions([*followed.runs.values()], (followed.result,))
+    whole = residuals({"": followed}, motions, followed.result)
     return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
 
 

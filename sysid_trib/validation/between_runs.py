@@ -250,13 +250,13 @@ def _quantity(
         unit = float(np.median(errors[known]))
         scaled = values[known] / unit, errors[known] / unit
         fit = RandomEffects(*scaled, design[known])
-        tau, p_value = fit.tau, fit.homogeneity_p_value
-        interval = unit * np.array([tau, *fit.tau_interval])
+        p_value, weighted = fit.homogeneity_p_value, fit.with_scatter(fit.tau)
+        interval = unit * np.array([fit.tau, *fit.tau_interval])
         scatter = [p_value, RandomEffects(*scaled, design[known, :1]).homogeneity_p_value]
-        effects = unit * np.stack([fit.weighted(tau).effects, fit.effect_errors(tau)])
+        effects = unit * np.stack([weighted.effects, np.sqrt(np.diag(weighted.widened_covariance))])
         off[known] = fit.deleted_residuals()
         for at, name in enumerate(conditions):
-            p_values[at] = fit.p_value(tau, np.flatnonzero(np.array(condition_of) == name))
+            p_values[at] = weighted.p_value(np.flatnonzero(np.array(condition_of) == name))
         shrunken[:, known] = unit * np.stack(fit.shrunken())
         acting = [name for name, p in zip(conditions, p_values, strict=True) if p < level]
         verdict = _verdict(acting, p_value < level)

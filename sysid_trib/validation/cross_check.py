@@ -18,13 +18,13 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable, comparison_values
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import chi_square_test, group_names, noise_of_run, variable
+from sysid_trib.results.variables import chi_square_test, group_names, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.holdout import compared_part, fitted_motions
 from sysid_trib.validation.homogeneity import MIXED_UNITS, verdict_of
 from sysid_trib.validation.lack_of_fit import lack_of_fit
-from sysid_trib.validation.residuals import pooled, residuals, with_motions
+from sysid_trib.validation.residuals import residuals, with_motions
 from sysid_trib.validation.simulated_pairs import nothing_known, scatter
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
@@ -189,17 +189,17 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     tell("residuals")
     if duration is not None:
         compared.attrs["compared_stretch"] = duration
-    moving = list(zip(*motions, strict=True))
     followed = dict(zip(names, pair, strict=True))
-    of_runs = [residuals(followed, of_run, noise_of_run(second, at), at) for at, of_run in enumerate(moving)]
-    compared = compared.merge(pooled(of_runs))
+    compared = compared.merge(residuals(followed, motions, second))
     verdict = verdict_of(compared.p_value.item())
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
     stochastic = random_force_groups(followed[names[1]])
     compared.attrs["answer"] = answer = names[better_of(first, second)]
-    records = [with_motions(run, names, of_run) for run, of_run in zip(runs, moving, strict=True)]
+    records = [
+        with_motions(run, names, of_run) for run, of_run in zip(runs, zip(*motions, strict=True), strict=True)
+    ]
     over_motion = _residual_over_motion(records)
     compared["residual_over_motion"] = variable(
         "model", over_motion, "RMS of record minus motion over the record's"

@@ -1,16 +1,14 @@
 """Homogeneity of the runs of one experiment, in their coefficients and in the random force."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
+from sysid_trib.likelihood.random_force import DENSITY_UNITS, random_force_of
 from sysid_trib.methods import method_of
 from sysid_trib.results.references import (
     ASYMPTOTIC_FREQUENCY,
@@ -24,27 +22,15 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
 
 
-def random_force_of_each(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> list[RandomForce]:
-    """The random force of each run by its own identification; None of a run that alone decides nothing.
-
-    One in which the most likely density is zero says no more: the common identification has its error.
-    """
-    forces = []
-    for at, result in enumerate(results):
-        force = RandomForce(np.nan) if result is None else random_force_of(result)
-        if result is not None and not force:
-            force = replace(force, standard_error=random_force_of(together, at).standard_error)
-        forces.append(force)
-    return forces
-
-
-def density_agreement(forces: Sequence[RandomForce]) -> Variables:
-    """Test whether the densities of runs are the same.
+def density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> Variables:
+    """Test whether the densities of the random force are the same in all runs.
 
     Parameters
     ----------
-    forces : sequence of RandomForce
-        Of each run; one whose density or standard error is nan is left out.
+    results : sequence of Dataset or None
+        Of each run by itself; None of a run that alone decides nothing.
+    together : Dataset
+        The identification of all of them.
 
     Returns
     -------
@@ -56,49 +42,36 @@ def density_agreement(forces: Sequence[RandomForce]) -> Variables:
     -----
     A ratio of variances is tested by its logarithm: a density has the relative error e, its logarithm the
     standard error e. Where the most likely density is zero the deviance rises from there by one within the
-    standard error u, as S/u. The statistic is the least sum of the runs' deviances at one common density.
+    standard error u, as S/u; that of the common identification is taken, as such a run says no more. The
+    statistic is the least sum of the runs' deviances at one common density.
     """
-    densities = np.array([force.density for force in forces])
-    errors = np.array([force.standard_error for force in forces])
+    densities, errors = np.full((2, len(results)), np.nan)
+    for at, result in enumerate(results):
+        if result is not None:
+            force = random_force_of(result)
+            densities[at] = force.density
+            errors[at] = (force if force else random_force_of(together, at)).standard_error
     known = np.isfinite(densities) & np.isfinite(errors) & (errors > 0.0)
+    zero, some = known & (densities == 0.0), known & (densities > 0.0)
     statistic, count = np.nan, max(0, int(known.sum()) - 1)
-    if count and np.any(densities[known] > 0.0):
-        statistic = _least_deviance(densities[known], errors[known])
-    p_value = float(chi2.sf(statistic, count)) if np.isfinite(statistic) else np.nan
-    text = "deviance of one density for all runs"
-    tested = chi_square_test((), statistic, count, text, p_value)
+    if count and some.any():
+        logs, relative = np.log(densities[some]), errors[some] / densities[some]
+
+        def deviance(log_density: float) -> float:
+            of_some = np.sum(((log_density - logs) / relative) ** 2)
+            return float(of_some + np.sum(np.exp(log_density) / errors[zero]))
+
+        statistic = minimize_scalar(deviance, bracket=(logs.min() - 1.0, logs.max())).fun
+    text = "density of the random force by this run alone"
+    tested = chi_square_test((), statistic, count, "deviance of one density for all runs")
     return {
-        **with_error(
-            "random_force_density",
-            ("run",),
-            (densities, errors),
-            "density of the random force by this run alone",
-            DENSITY_UNITS,
-        ),
+        **with_error("random_force_density", "run", (densities, errors), text, DENSITY_UNITS),
         **{f"density_{name}": values for name, values in tested.items()},
     }
 
 
-def _least_deviance(densities: np.ndarray, errors: np.ndarray) -> float:
-    """Least sum over runs, by the common density."""
-    zero = densities == 0.0
-    logs, relative = np.log(densities[~zero]), errors[~zero] / densities[~zero]
-
-    def deviance(log_density: float) -> float:
-        return float(
-            np.sum(((log_density - logs) / relative) ** 2) + np.sum(np.exp(log_density) / errors[zero])
-        )
-
-    # A run without a random force moves the common density down alone.
-    low, high = logs.min() - 1.0, logs.max()
-    while deviance(low - 1.0) < deviance(low):
-        low -= 1.0
-    return float(minimize_scalar(deviance, bounds=(low - 1.0, high + 1e-9), method="bounded").fun)
-
-
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01
-CHI_SQUARE = "chi-square about the weighted mean"
 MIXED_UNITS = "1; rad/s for the frequency"
 
 
@@ -130,22 +103,20 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     then it changes with amplitude.
     """
     method, library = method_of(together), library_of(together, whole=True)
-    kept = comparable(together)
-    frequency = together.reference_frequency.item()
+    kept, frequency = comparable(together), together.reference_frequency.item()
     free = together.reference_frequency_standard_error.item() > 0.0
     names = [*kept, ASYMPTOTIC_FREQUENCY] if free else kept
     values = np.full((len(decays), len(names)), np.nan)
     covariances = np.full((len(decays), len(names), len(names)), np.nan)
-    reasons = []
-    of_runs: list[xr.Dataset | None] = []
+    results, reasons = list[xr.Dataset | None](), [""] * len(decays)
     for at, decay in enumerate(decays):
         try:
             result = method.identify(decay, library)
         except SysidTribError as error:
-            reasons.append(str(error))
-            of_runs.append(None)
+            reasons[at] = str(error)
+            results.append(None)
             continue
-        of_runs.append(result)
+        results.append(result)
         values[at] = comparison_values(result, kept, frequency)[: len(names)]
         # A free motion has a frequency so precise that a coefficient's error does not know it.
         covariance = (
@@ -154,33 +125,28 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
             else stated_covariance(result, kept)
         )
         covariances[at] = covariance[: len(names), : len(names)]
-        reasons.append("")
-    tested = _tested(names, values, covariances, reasons)
-    if not random_force_of(together):
-        return tested
-    densities = density_agreement(random_force_of_each(of_runs, together))
-    verdict = verdict_of(float(densities["density_p_value"][1]))
-    return tested.assign(densities).assign_attrs(density_verdict=verdict)
-
-
-def _tested(names: Sequence[str], values: Array, covariances: Array, reasons: Sequence[str]) -> xr.Dataset:
-    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     usable = np.isfinite(values).all(axis=1)
-    v, c = values[usable], covariances[usable]
-    of_quantities = [_homogeneity(v[:, [j]], c[:, [j]][:, :, [j]]) for j in range(len(names))]
-    statistics, counts = np.array(of_quantities).T
-    total = chi_square_test((), *_homogeneity(v, c), CHI_SQUARE)
-    variables = {
-        **with_error(
-            "value", ("run", "quantity"), (values, errors), "value from this run alone", MIXED_UNITS
+    v, c, text = values[usable], covariances[usable], "chi-square about the weighted mean"
+    statistics, counts = np.array(
+        [_homogeneity(v[:, [j]], c[:, [j]][:, :, [j]]) for j in range(len(names))]
+    ).T
+    total = chi_square_test((), *_homogeneity(v, c), text)
+    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    dims = ("run", "quantity")
+    variables: Variables = {
+        "value": variable(dims, values, "value from this run alone", MIXED_UNITS),
+        "standard_error": variable(
+            dims, errors, "standard error of the value from this run alone", MIXED_UNITS
         ),
-        "reason": variable("run", list(reasons), "why this run alone decides nothing"),
-        **chi_square_test("quantity", statistics, counts, CHI_SQUARE),
+        "reason": variable("run", reasons, "why this run alone decides nothing"),
+        **chi_square_test("quantity", statistics, counts, text),
         **{f"total_{name}": values_of_test for name, values_of_test in total.items()},
     }
-    variables["standard_error"] = variables.pop("value_standard_error")
-    verdict = verdict_of(float(total["p_value"][1]))
-    return xr.Dataset(variables, {"quantity": list(names)}, {"verdict": verdict})
+    attrs = {"verdict": verdict_of(float(total["p_value"][1]))}
+    if random_force_of(together):
+        variables |= density_agreement(results, together)
+        attrs["density_verdict"] = verdict_of(float(variables["density_p_value"][1]))
+    return xr.Dataset(variables, {"quantity": names}, attrs)
 
 
 def verdict_of(p_value: float) -> str:

@@ -1,6 +1,6 @@
 """The error of a model: by how much its coefficients move between parts of a record."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import xarray as xr
@@ -62,22 +62,35 @@ def with_error_of_model(
     the part and of the whole squared and subtracted (Hausman 1978); what they move beyond that is the error
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
-    whole, stated = _values(result), _errors(result)
+    whole, stated = _values(result), np.nan_to_num(_errors(result))
     changes, errors, missed = [], [], []
     for low, high in RECORD_PARTS.values():
         part = part_fit(method, runs, library, low, high, result)
         missed += [rms for run in runs for rms in _held_out(part, run, library, low, high)]
         if part is not None:
             changes.append(_values(part) - whole)
-            errors.append(_errors(part))
+            errors.append(np.nan_to_num(_errors(part)))
     missed += _of_other_runs(method, runs, library, result)
-    if not changes:
+    held_out = float("nan")
+    if changes:
+        of_model = covariance_by_parts(changes, errors, stated)
+        if missed and np.all(np.isfinite(missed)):
+            held_out = float(np.exp(np.mean(np.log(missed))))
+    else:
         excess = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
-        return _widened(result, np.diag((excess * stated) ** 2), float("nan"))
-    held_out = (
-        float(np.exp(np.mean(np.log(missed)))) if missed and np.all(np.isfinite(missed)) else float("nan")
+        of_model = np.diag((excess * stated) ** 2)
+    noise, model, count = _errors(result), np.sqrt(np.diag(of_model)), result.sizes["force"]
+    total = _with_errors(
+        result,
+        result["covariance"] + of_model[:count, :count],
+        result.frequency_covariance + of_model[:count, -1],
+        np.hypot(noise, model),
     )
-    return _widened(result, covariance_by_parts(changes, errors, stated), held_out)
+    return total.assign(
+        error_of_noise=variable("force", noise[:count], "standard error by the noise", PER_FORCE_UNIT),
+        error_of_model=variable("force", model[:count], "standard error by the model", PER_FORCE_UNIT),
+        held_out_rms=variable((), held_out, "residual of parts that were held out", "rad"),
+    )
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
@@ -184,33 +197,22 @@ def _values(result: xr.Dataset) -> Array:
 
 
 def _errors(result: xr.Dataset) -> Array:
-    """Standard errors of `_values`; zero where there is none."""
+    """Standard errors of `_values`; nan where a frequency has none."""
     of_frequencies = (result[f"{name}_standard_error"].item() for name in FREQUENCIES)
-    return np.nan_to_num(np.array([*result.standard_error.values, *of_frequencies]))
+    return np.array([*result.standard_error.values, *of_frequencies])
 
 
-def _widened(result: xr.Dataset, of_model: Array, held_out: float) -> xr.Dataset:
-    """The result with the covariance of the model added to that of the noise."""
-    count = result.sizes["force"]
-    covariance = result["covariance"] + of_model[:count, :count]
-    noise, model = result.standard_error, np.sqrt(np.diag(of_model))
-    parts = {
-        "error_of_noise": variable("force", noise.values, "standard error by the noise", PER_FORCE_UNIT),
-        "error_of_model": variable("force", model[:count], "standard error by the model", PER_FORCE_UNIT),
-        "held_out_rms": variable((), held_out, "residual of parts that were held out", "rad"),
-    }
+def _with_errors(
+    result: xr.Dataset, covariance: xr.DataArray, frequency_covariance: xr.DataArray, errors: Array
+) -> xr.Dataset:
+    """A result with other errors of the same meaning, those of `_values`."""
     changed = {
         "covariance": covariance,
-        "standard_error": np.hypot(noise, model[:count]),
-        "frequency_covariance": result.frequency_covariance + of_model[:count, -1],
+        "frequency_covariance": frequency_covariance,
+        "standard_error": result.standard_error.copy(data=errors[:-2]),
+        "reference_frequency_standard_error": xr.DataArray(errors[-2]),
+        "asymptotic_frequency_standard_error": xr.DataArray(errors[-1]),
     }
-    for name, error in zip(FREQUENCIES, model[count:], strict=True):
-        changed[f"{name}_standard_error"] = np.hypot(result[f"{name}_standard_error"], error)
-    return _with(result, changed).assign(parts)
-
-
-def _with(result: xr.Dataset, changed: Mapping[str, xr.DataArray]) -> xr.Dataset:
-    """A result with other numbers of the same meaning."""
     return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
 
 
@@ -239,15 +241,13 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
         return result
     by_rounding = np.sqrt(np.mean(squares, axis=0) / len(runs))
     factor = np.maximum(1.0, np.divide(by_rounding, stated, out=np.ones_like(stated), where=stated > 0.0))
-    count = result.sizes["force"]
-    changed = {
-        "covariance": result["covariance"] * np.outer(factor[:count], factor[:count]),
-        "standard_error": result.standard_error * factor[:count],
-        "frequency_covariance": result.frequency_covariance * factor[:count] * factor[-1],
-    }
-    for name, by in zip(FREQUENCIES, factor[count:], strict=True):
-        changed[f"{name}_standard_error"] = result[f"{name}_standard_error"] * by
-    return _with(result, changed)
+    of_forces = factor[:-2]
+    return _with_errors(
+        result,
+        result["covariance"] * np.outer(of_forces, of_forces),
+        result.frequency_covariance * of_forces * factor[-1],
+        stated * factor,
+    )
 
 
 def _squares_by_rounding(

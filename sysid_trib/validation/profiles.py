@@ -88,11 +88,6 @@ class Profile:
                 break
         return self._by_root(sign * root)
 
-    def better(self) -> Fit | None:
-        """A fit that is better than the best, if there is one."""
-        fit = min(self.fits.values(), key=self.likelihood.deviance_of)
-        return fit if self.likelihood.deviance_of(fit) < BETTER else None
-
     def _look(self, at: float) -> float:
         """The root of the deviance at a place, by a fit from the nearest one towards the best."""
         if at not in self.roots:
@@ -149,17 +144,35 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     """
     likelihood = free_likelihood(decay, result, names)
     for _ in range(MOST_FITS):
-        profiles, ends = [], []
+        profiles, ends = [], np.empty((len(names), 2))
         for at, name in enumerate(names):
             tell(f"profile of {name}", at / len(names))
             profiles.append(Profile(likelihood, name, _error(likelihood, name)))
-            ends.append([profiles[-1].end(sign) for sign in (-1.0, 1.0)])
-        others = [better for profiled in profiles if (better := profiled.better()) is not None]
-        if not others:
+            ends[at] = [profiles[-1].end(sign) for sign in (-1.0, 1.0)]
+        best = min((fit for of in profiles for fit in of.fits.values()), key=likelihood.deviance_of)
+        # A fit that is better than the best is the best.
+        if likelihood.deviance_of(best) >= BETTER:
             break
-        best = min(others, key=lambda fit: float(fit.residual @ fit.residual))
         likelihood = FreeLikelihood.of_fit(likelihood.problem, best)
-    return _dataset(profiles, np.array(ends))
+    estimate, error = np.array([(of.estimate, of.error) for of in profiles]).T
+    points: Array = np.full((2, len(profiles), max(len(of.roots) for of in profiles)), np.nan)
+    for at, of in enumerate(profiles):
+        places = sorted(of.roots)
+        points[:, at, : len(places)] = places, np.square([of.roots[place] for place in places])
+    low, high = (estimate + error * end for end in ends.T)
+    value, unit = estimate[:, None] + error[:, None] * points[0], PER_FORCE_UNIT
+    off = np.max(np.abs(np.abs(ends) - END_ROOT), axis=1) > OFF * END_ROOT
+    variables = {
+        "estimate": variable("parameter", estimate, "estimate", unit),
+        "standard_error": variable("parameter", error, "standard error", unit),
+        "low": variable("parameter", low, "lower end of the interval of 95 %", unit),
+        "high": variable("parameter", high, "upper end of the interval of 95 %", unit),
+        "asymmetric": variable("parameter", off, "whether the error misleads"),
+        "value": variable(("parameter", "point"), value, "value at which it was held", unit),
+        "deviance": variable(("parameter", "point"), points[1], "deviance there", "1"),
+    }
+    attrs = {"confidence": CONFIDENCE, "threshold": float(chi2.ppf(CONFIDENCE, 1))}
+    return xr.Dataset(variables, {"parameter": list(names)}, attrs)
 
 
 # Probabilities of contours, whose deviance is that of chi-square with two degrees; the step between points at
@@ -276,32 +289,3 @@ def _error(likelihood: FreeLikelihood, name: str) -> float:
     if at not in parameters.free or not (np.isfinite(error) and error > 0.0):
         raise UsageError(f"{name} is held or tied: there is no profile of it.")
     return error
-
-
-def _dataset(profiles: Sequence[Profile], ends: Array) -> xr.Dataset:
-    """The Dataset of `profile`; ends are counted in errors, (parameter, 2)."""
-    names = [profiled.name for profiled in profiles]
-    estimate, error = (
-        np.array([getattr(profiled, word) for profiled in profiles]) for word in ("estimate", "error")
-    )
-    points: Array = np.full((2, len(profiles), max(len(profiled.roots) for profiled in profiles)), np.nan)
-    for at, profiled in enumerate(profiles):
-        values = sorted(profiled.roots)
-        points[:, at, : len(values)] = values, np.square([profiled.roots[value] for value in values])
-    low, high = (estimate + error * end for end in ends.T)
-    value = estimate[:, None] + error[:, None] * points[0]
-    unit = PER_FORCE_UNIT
-    off = np.max(np.abs(np.abs(ends) - END_ROOT), axis=1) > OFF * END_ROOT
-    return xr.Dataset(
-        {
-            "estimate": variable("parameter", estimate, "estimate", unit),
-            "standard_error": variable("parameter", error, "standard error", unit),
-            "low": variable("parameter", low, "lower end of the interval of 95 %", unit),
-            "high": variable("parameter", high, "upper end of the interval of 95 %", unit),
-            "asymmetric": variable("parameter", off, "whether the error misleads"),
-            "value": variable(("parameter", "point"), value, "value at which it was held", unit),
-            "deviance": variable(("parameter", "point"), points[1], "deviance there", "1"),
-        },
-        {"parameter": names},
-        {"confidence": CONFIDENCE, "threshold": float(chi2.ppf(CONFIDENCE, 1))},
-    )

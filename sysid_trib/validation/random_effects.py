@@ -5,11 +5,12 @@ sought, an error e_i of variance s_i^2 that is stated (random-effects meta-regre
 1986, Viechtbauer 2007).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.special import softmax
 from scipy.stats import chi2, f as f_distribution, norm, t as student
 
 from sysid_trib.arrays import Array, Index
@@ -22,30 +23,8 @@ TAUS, LAST_P_VALUE = 100, 1e-4
 
 
 @dataclass(frozen=True)
-class Weighted:
-    """Generalised least squares at one tau.
-
-    Attributes
-    ----------
-    effects : (column,) array of float
-    covariance : (column, column) array of float
-    chi_square : float
-        Of the residuals.
-    deviance : float
-        Minus twice the logarithm of the restricted likelihood.
-    weights : (value,) array of float
-    """
-
-    effects: Array
-    covariance: Array
-    chi_square: float
-    deviance: float
-    weights: Array
-
-
-@dataclass(frozen=True)
 class RandomEffects:
-    """Values with their errors, and the columns of what they may depend on.
+    """Values with their errors, and least squares of the columns that they may depend on.
 
     Attributes
     ----------
@@ -53,28 +32,48 @@ class RandomEffects:
         Errors above zero.
     design : (value, column) array of float
         Of full rank, with fewer columns than values.
+    scatter : float
+        The tau with which they are weighted.
     """
 
     values: Array
     errors: Array
     design: Array
+    scatter: float = 0.0
+
+    def with_scatter(self, tau: float) -> "RandomEffects":
+        """The same, weighted with another tau."""
+        return replace(self, scatter=tau)
 
     @property
     def degrees_of_freedom(self) -> int:
         """Values beyond the columns."""
         return len(self.values) - self.design.shape[1]
 
-    def weighted(self, tau: float) -> Weighted:
-        """Least squares with the weights of a scatter."""
-        weights = 1.0 / (self.errors**2 + tau**2)
-        root = np.sqrt(weights)
-        q, r = np.linalg.qr(self.design * root[:, None])
-        effects = np.linalg.solve(r, q.T @ (self.values * root))
-        inverse = np.linalg.inv(r)
-        chi_square = float(np.sum(weights * (self.values - self.design @ effects) ** 2))
-        information = 2.0 * float(np.sum(np.log(np.abs(np.diag(r)))))
-        deviance = chi_square - float(np.sum(np.log(weights))) + information
-        return Weighted(effects, inverse @ inverse.T, chi_square, deviance, weights)
+    @property
+    def weights(self) -> Array:
+        """Inverse variances, (value,)."""
+        return np.asarray(1.0 / (self.errors**2 + self.scatter**2))
+
+    @cached_property
+    def root(self) -> Array:
+        """Triangular root of the covariance of the effects, (column, column)."""
+        return np.linalg.inv(np.linalg.qr(self.design * np.sqrt(self.weights)[:, None], mode="r"))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the effects, (column, column)."""
+        return self.root @ self.root.T
+
+    @cached_property
+    def effects(self) -> Array:
+        """Effects of the columns, (column,)."""
+        return self.root @ (self.root.T @ (self.design.T @ (self.weights * self.values)))
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of the squared residuals over their variances."""
+        return float(np.sum(self.weights * (self.values - self.design @ self.effects) ** 2))
 
     @cached_property
     def tau(self) -> float:
@@ -92,14 +91,14 @@ class RandomEffects:
 
     @property
     def homogeneity_p_value(self) -> float:
-        """p-value of no scatter."""
-        return float(chi2.sf(self.weighted(0.0).chi_square, self.degrees_of_freedom))
+        """p-value of no scatter beyond the one there is."""
+        return float(chi2.sf(self.chi_square, self.degrees_of_freedom))
 
     def _tau_of(self, chi_square: float) -> float:
         """The scatter by which the residuals have a chi-square; 0 where none need be."""
 
         def excess(tau: float) -> float:
-            return self.weighted(tau).chi_square - chi_square
+            return self.with_scatter(tau).chi_square - chi_square
 
         if excess(0.0) <= 0.0:
             return 0.0
@@ -108,22 +107,19 @@ class RandomEffects:
             above *= 2.0
         return float(brentq(excess, 0.0, above, xtol=1e-9 * above))
 
-    def p_value(self, tau: float, columns: Index) -> float:
-        """p-value of no effect of some columns at all (F; Knapp and Hartung 2003).
+    @property
+    def widened_covariance(self) -> Array:
+        """Covariance of the effects by the residuals (Knapp and Hartung 2003).
 
         Residuals smaller than the errors narrow nothing (Roever et al. 2015).
         """
-        fit = self.weighted(tau)
-        wider = max(1.0, fit.chi_square / self.degrees_of_freedom)
-        effects, covariance = fit.effects[columns], fit.covariance[np.ix_(columns, columns)]
-        statistic = float(effects @ np.linalg.solve(covariance, effects)) / (wider * len(columns))
-        return float(f_distribution.sf(statistic, len(columns), self.degrees_of_freedom))
+        return max(1.0, self.chi_square / self.degrees_of_freedom) * self.covariance
 
-    def effect_errors(self, tau: float) -> Array:
-        """Standard errors of the effects, by the same distribution as `p_value`."""
-        fit = self.weighted(tau)
-        wider = max(1.0, fit.chi_square / self.degrees_of_freedom)
-        return np.asarray(np.sqrt(wider * np.diag(fit.covariance)))
+    def p_value(self, columns: Index) -> float:
+        """p-value of no effect of some columns at all (F)."""
+        effects, covariance = self.effects[columns], self.widened_covariance[np.ix_(columns, columns)]
+        statistic = float(effects @ np.linalg.solve(covariance, effects)) / len(columns)
+        return float(f_distribution.sf(statistic, len(columns), self.degrees_of_freedom))
 
     def deleted_residuals(self) -> Array:
         """Distance of each value from what all others let expect, over scatter and error: (value,).
@@ -137,7 +133,8 @@ class RandomEffects:
             return np.full(len(self.values), np.nan)
         # At the last one no value's others scatter more than they should; small ones are looked at closely.
         taus = self._tau_of(freedoms) * np.linspace(0.0, 1.0, TAUS) ** 2
-        sizes, others = (np.array(rows) for rows in zip(*map(self._without_each, taus), strict=True))
+        fits = [self.with_scatter(tau)._without_each() for tau in taus]
+        sizes, others = (np.array(rows) for rows in zip(*fits, strict=True))
         at = np.maximum(np.argmax(others <= freedoms, axis=0), 1)
         value = np.arange(len(self.values))
         before, after = others[at - 1, value], others[at, value]
@@ -147,14 +144,17 @@ class RandomEffects:
         tail = np.maximum(student.sf(np.abs(size), freedoms), np.finfo(float).tiny)
         return np.where(scatters, np.copysign(norm.isf(tail), size), size)
 
-    def _without_each(self, tau: float) -> tuple[Array, Array]:
+    def _of_fitted(self) -> Array:
+        """Variances of the fitted values, (value,)."""
+        return np.asarray(np.sum((self.design @ self.root) ** 2, axis=1))
+
+    def _without_each(self) -> tuple[Array, Array]:
         """Each value's distance from the fit of all others, standardised, and their chi-square."""
-        fit = self.weighted(tau)
-        leverage = fit.weights * np.einsum("ia,ab,ib->i", self.design, fit.covariance, self.design)
+        leverage = self.weights * self._of_fitted()
         # A value whose leverage lacks this of one has no others that predict it.
         free = np.where(leverage < 1.0 - 1e-9, 1.0 - leverage, np.nan)
-        size = (self.values - self.design @ fit.effects) * np.sqrt(fit.weights / free)
-        return size, fit.chi_square - size**2
+        size = (self.values - self.design @ self.effects) * np.sqrt(self.weights / free)
+        return size, self.chi_square - size**2
 
     def shrunken(self) -> tuple[Array, Array]:
         """Where each value really is, with the others' help, and its standard error: (value,) each.
@@ -163,26 +163,19 @@ class RandomEffects:
         tau is averaged over: restricted likelihood times Jeffreys' prior.
         """
         last = self._tau_of(float(chi2.ppf(LAST_P_VALUE, self.degrees_of_freedom)))
-        last = max(last, float(np.max(self.errors)))
-        taus = last * np.logspace(-4.0, 0.0, TAUS)
-        fits = [self.weighted(tau) for tau in taus]
-        prior = [tau * np.sqrt(np.sum(fit.weights**2)) for tau, fit in zip(taus, fits, strict=True)]
-        log_mass = np.log(prior) + np.log(taus) - 0.5 * np.array([fit.deviance for fit in fits])
-        mass = np.exp(log_mass - np.max(log_mass))
-        mass /= mass.sum()
-        means, variances = zip(
-            *(self._at(tau, fit) for tau, fit in zip(taus, fits, strict=True)), strict=True
-        )
+        taus = max(last, float(np.max(self.errors))) * np.logspace(-4.0, 0.0, TAUS)
+        log_mass, means, variances = np.empty(TAUS), [], []
+        for at, fit in enumerate(map(self.with_scatter, taus)):
+            # Twice the logarithm of the restricted likelihood, and that of the prior.
+            likelihood = np.sum(np.log(fit.weights)) + 2.0 * np.sum(np.log(np.abs(np.diag(fit.root))))
+            prior = taus[at] ** 2 * np.sqrt(np.sum(fit.weights**2))
+            log_mass[at] = np.log(prior) + 0.5 * (likelihood - fit.chi_square)
+            towards = self.errors**2 * fit.weights
+            means.append(self.values + towards * (self.design @ fit.effects - self.values))
+            variances.append((1.0 - towards) * self.errors**2 + towards**2 * fit._of_fitted())
+        mass = softmax(log_mass)
         mean = mass @ np.array(means)
         return mean, np.sqrt(mass @ (np.array(variances) + (np.array(means) - mean) ** 2))
-
-    def _at(self, tau: float, fit: Weighted) -> tuple[Array, Array]:
-        """Values and variances where tau is known."""
-        fitted = self.design @ fit.effects
-        of_fitted = np.einsum("ia,ab,ib->i", self.design, fit.covariance, self.design)
-        towards = self.errors**2 * fit.weights
-        mean = self.values + towards * (fitted - self.values)
-        return mean, (1.0 - towards) * self.errors**2 + towards**2 * of_fitted
 
 
 # Two results of one kind differ by less than so many standard deviations in 95 of 100 cases (ISO 5725-6).
@@ -234,37 +227,25 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     freedoms = p - 1, n - p
     lower, upper = chi2.ppf(TAILS, freedoms[1])
     of_repeats = within, within * freedoms[1] / lower, within * freedoms[1] / upper
-    of_laboratories = _difference(between, within, freedoms)
-    of_results = _sum(between, (repeats - 1.0) * within, freedoms)
+    # By which parts chi-squares are below and above their means, of each mean square.
+    tails = np.array(freedoms) / chi2.ppf(np.array(TAILS)[:, None], freedoms)
+    (g1, g2), (h1, h2) = 1.0 - tails[0], tails[1] - 1.0
+    high, low = f_distribution.ppf(TAILS, *freedoms)
+    g12 = ((high - 1.0) ** 2 - (g1 * high) ** 2 - h2**2) / high
+    h12 = ((1.0 - low) ** 2 - (h1 * low) ** 2 - g2**2) / low
+    below = (g1 * between) ** 2 + (h2 * within) ** 2 + g12 * between * within
+    above = (h1 * between) ** 2 + (g2 * within) ** 2 + h12 * between * within
+    of_laboratories = _with_ends(between - within, np.sqrt(np.maximum(0.0, [below, above])))
+    rest = (repeats - 1.0) * within
+    of_results = _with_ends(between + rest, np.hypot([g1 * between, h1 * between], [g2 * rest, h2 * rest]))
     return (
         np.sqrt(of_repeats),
         np.sqrt(np.maximum(0.0, of_laboratories) / repeats),
         # Where laboratories scatter by less than their repetitions, they do not scatter (ISO 5725-2).
-        np.sqrt(np.maximum(np.array(of_results) / repeats, [within, 0.0, 0.0])),
+        np.sqrt(np.maximum(of_results / repeats, [within, 0.0, 0.0])),
     )
 
 
-def _parts(freedoms: tuple[int, int]) -> tuple[Array, Array]:
-    """By which parts chi-squares are below and above their means: (of each mean square,) both."""
-    tails = chi2.ppf(np.array(TAILS)[:, None], freedoms)
-    below, above = np.array(freedoms) / tails
-    return 1.0 - below, above - 1.0
-
-
-def _difference(first: float, second: float, freedoms: tuple[int, int]) -> Array:
-    """First mean square minus the second, with its interval."""
-    (g1, g2), (h1, h2) = _parts(freedoms)
-    high, low = f_distribution.ppf(TAILS, *freedoms)
-    g12 = ((high - 1.0) ** 2 - (g1 * high) ** 2 - h2**2) / high
-    h12 = ((1.0 - low) ** 2 - (h1 * low) ** 2 - g2**2) / low
-    below = (g1 * first) ** 2 + (h2 * second) ** 2 + g12 * first * second
-    above = (h1 * first) ** 2 + (g2 * second) ** 2 + h12 * first * second
-    mean = first - second
-    return np.array([mean, mean - np.sqrt(max(0.0, below)), mean + np.sqrt(max(0.0, above))])
-
-
-def _sum(first: float, second: float, freedoms: tuple[int, int]) -> Array:
-    """Sum of both, with its interval."""
-    below, above = (np.hypot(part[0] * first, part[1] * second) for part in _parts(freedoms))
-    mean = first + second
-    return np.array([mean, mean - below, mean + above])
+def _with_ends(mean: float, distances: Array) -> Array:
+    """A mean, and the ends of its interval at distances below and above."""
+    return np.array([mean, mean - distances[0], mean + distances[1]])

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import SysidTribError, Tell, silent
-from sysid_trib.forces.constraints import Constraints, ConstraintTable
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.library import counted_from
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
@@ -53,37 +53,47 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     sensor's alone and a random force with it.
     """
     runs, library = as_runs(decay, driven=True), library_of(result)
-    method = method_of(result)
     symbols = [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
     reference = result.reference_frequency.item()
-    fits = list(_fits(method, runs, reference))
-    rows, reasons = [], []
-    for at, (label, other, parts) in enumerate(fits):
+    fits = list(_fits(method_of(result), runs, reference))
+    reasons = [""] * len(fits)
+    values, errors = np.full((2, len(fits), len(symbols)), np.nan)
+    for at, (label, method, parts) in enumerate(fits):
         tell(label, at / len(fits))
         later = float(parts[0].time.values[0] - runs[0].time.values[0])
-        values = np.full((2, len(symbols)), np.nan)
-        reason = ""
         try:
-            refit = other.identify(one_or_all(parts), counted_from(library, later))
+            refit = method.identify(one_or_all(parts), counted_from(library, later))
             common = [symbol for symbol in symbols if symbol in refit.force and in_model(refit, symbol)]
-            at_shared = [symbols.index(symbol) for symbol in common]
-            values[0, at_shared] = comparison_values(refit, common, reference)[:-1]
+            places = [symbols.index(symbol) for symbol in common]
+            values[at, places] = comparison_values(refit, common, reference)[:-1]
             covariance = comparison_covariance(refit, common, reference)
-            values[1, at_shared] = np.sqrt(np.diag(covariance))[:-1]
+            errors[at, places] = np.sqrt(np.diag(covariance))[:-1]
         except (SysidTribError, np.linalg.LinAlgError) as error:
-            reason = str(error)
-        rows.append(values)
-        reasons.append(reason)
-    coefficients, errors = np.array(rows).transpose(1, 0, 2)
-    return _dataset(result.sel(force=symbols), fits, coefficients, errors, reasons)
+            reasons[at] = str(error)
+    result = result.sel(force=symbols)
+    estimate, unit, dims = result.coefficient.values, PER_FORCE_UNIT, ("fit", "force")
+    everything = np.vstack([estimate, values])
+    change = np.divide(values - estimate, errors, out=np.full_like(values, np.nan), where=errors > 0.0)
+    kinds, labels = zip(*(label.split(": ", 1) for label, *_ in fits), strict=True)
+    variables: Variables = {
+        "coefficient": variable(dims, values, "coefficient of the fit", unit),
+        "standard_error": variable(dims, errors, "standard error of the fit", unit),
+        "change": variable(dims, change, "change over the error of the fit", "1"),
+        "reason": variable("fit", reasons, "why a fit failed"),
+        "kind": variable("fit", list(kinds), "what was changed"),
+        "estimate": variable("force", estimate, "coefficient of the result", unit),
+        "stated_error": variable("force", result.standard_error.values, "standard error of the result", unit),
+        "low": variable("force", np.nanmin(everything, axis=0), "least of all fits", unit),
+        "high": variable("force", np.nanmax(everything, axis=0), "largest of all fits", unit),
+    }
+    return xr.Dataset(variables, {"fit": list(labels), "force": result.force.values, "unit": result.unit})
 
 
 def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
     """Every fit: what it is, and how it is made."""
     whole = list(runs)
     for name, (low, high) in RECORD_PARTS.items():
-        parts = [run.isel(time=between(run, low, high)) for run in runs]
-        yield f"window: {name}", method, parts
+        yield f"window: {name}", method, [run.isel(time=between(run, low, high)) for run in runs]
     # Starts: so many periods of the record are left out before it.
     for periods in (1.0, 3.0):
         later = 2.0 * np.pi * periods / reference
@@ -92,43 +102,14 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     for first, label in enumerate(("first", "second")):
         parts = [run.isel(time=slice(first, None, 2)) for run in runs]
         yield f"sampling: every other, {label} on", method, parts
-    for noise in NOISES:
-        other = with_random_force(method, noise)
-        if hasattr(method, "random_force"):
-            yield f"noise: random force {noise}", other, whole
-    yield from ((f"method: {type(m).__name__.lower()}", m, whole) for m in _methods(method))
-
-
-def _methods(method: Method) -> Iterator[Method]:
-    """The other methods of all forces, with the options that the method has."""
+    for noise in NOISES if hasattr(method, "random_force") else ():
+        yield f"noise: random force {noise}", with_random_force(method, noise), whole
     common = ("reference_frequency", "shapes", "random_force")
     options = {name: getattr(method, name) for name in common if hasattr(method, name)}
-    table: ConstraintTable = getattr(method, "constraints", {})
+    constraints = Constraints(getattr(method, "constraints", {}))
+    # The other methods of all forces, with the options that the method has.
     kinds: tuple[Callable[..., Method], ...] = (Averaging, Direct, Trajectory)
     for kind in kinds:
         if kind is not type(method):
-            yield constrained(kind(**options), Constraints(table))
-
-
-def _dataset(
-    result: xr.Dataset, fits: Sequence[Refit], values: np.ndarray, errors: np.ndarray, reasons: Sequence[str]
-) -> xr.Dataset:
-    """The Dataset of `sensitivity`."""
-    estimate, stated = result.coefficient.values, result.standard_error.values
-    everything = np.vstack([estimate, values])
-    low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
-    change = np.divide(values - estimate, errors, out=np.full_like(values, np.nan), where=errors > 0.0)
-    unit = PER_FORCE_UNIT
-    variables: Variables = {
-        "coefficient": variable(("fit", "force"), values, "coefficient of the fit", unit),
-        "standard_error": variable(("fit", "force"), errors, "standard error of the fit", unit),
-        "change": variable(("fit", "force"), change, "change over the error of the fit", "1"),
-        "reason": variable("fit", list(reasons), "why a fit failed"),
-        "kind": variable("fit", [label.partition(":")[0] for label, *_ in fits], "what was changed"),
-        "estimate": variable("force", estimate, "coefficient of the result", unit),
-        "stated_error": variable("force", stated, "standard error of the result", unit),
-        "low": variable("force", low, "least of all fits", unit),
-        "high": variable("force", high, "largest of all fits", unit),
-    }
-    labels = [label.partition(": ")[2] for label, *_ in fits]
-    return xr.Dataset(variables, {"fit": labels, "force": result.force.values, "unit": result.unit})
+            other = constrained(kind(**options), constraints)
+            yield f"method: {type(other).__name__.lower()}", other, whole

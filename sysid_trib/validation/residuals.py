@@ -16,7 +16,7 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.sensor import coarse_step, rounded_noise, slow_part
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import variable
+from sysid_trib.results.variables import noise_of_run, variable
 from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     MEASURED_TIME,
@@ -84,20 +84,26 @@ def with_motions(
 
 
 def residuals(
-    followed: Mapping[str, FollowedRuns], motions: Sequence[FittedMotion | None], noise: float, run: int = 0
+    followed: Mapping[str, FollowedRuns],
+    motions: Sequence[Sequence[FittedMotion | None]],
+    noise_of: xr.Dataset,
 ) -> xr.Dataset:
-    """Residual of each model in a run: RMS, RMS over the noise, first departure, p-value of white noise.
+    """Residual of each model: RMS, RMS over the noise, first departure, p-value of white noise.
 
     Parameters
     ----------
     followed : mapping of str to FollowedRuns
         The runs with each identification, by its name.
-    motions : sequence of FittedMotion, or None
-        Of their models; a model without a motion has nan.
-    noise : float, rad
-        Of one sample.
-    run : int
-        Which of the results' runs.
+    motions : sequence of sequences of FittedMotion, or None
+        Of each model in each run; one without a motion has nan.
+    noise_of : Dataset
+        The identification whose noise of a sample counts.
+
+    Returns
+    -------
+    Dataset
+        Of several runs RMS over these, the earliest departure, the least p-value times the number of runs
+        (Bonferroni), and the highest line; those of each run besides, with the dimension `run`.
 
     Notes
     -----
@@ -107,13 +113,29 @@ def residuals(
     is no noise: within the band of the motion the p-value is zero with one.
     """
     rows = [
-        _of_innovations(pair, motion, run)
-        if random_force_of(pair.result, run) or sensor_noise_of(pair.result, run).warm_up
-        else _of_free_motion(pair.runs[run], pair.result, motion, noise)
-        for pair, motion in zip(followed.values(), motions, strict=True)
+        [
+            _of_innovations(pair, motion, run)
+            if random_force_of(pair.result, run) or sensor_noise_of(pair.result, run).warm_up
+            else _of_free_motion(pair.runs[run], pair.result, motion, noise_of_run(noise_of, run))
+            for run, motion in enumerate(of_model)
+        ]
+        for pair, of_model in zip(followed.values(), motions, strict=True)
     ]
-    columns = zip(RESIDUALS.items(), np.array(rows).T, strict=True)
-    variables = {name: variable("model", column, *texts) for (name, texts), column in columns}
+    # Each of `RESIDUALS`, (run, model).
+    columns = np.array(rows).transpose(2, 1, 0)
+    rms, departure, p_value, line = columns[:2], columns[2], columns[3], columns[4:]
+    count, highest = columns.shape[1], np.argmax(np.nan_to_num(columns[5]), axis=0)
+    whole = [
+        *(np.sqrt(np.mean(rms**2, axis=1)) if count > 1 else rms[:, 0]),
+        np.fmin.reduce(departure),
+        np.minimum(1.0, count * p_value.min(axis=0)),
+        *np.take_along_axis(line, highest[None, None], axis=1)[:, 0],
+    ]
+    texts = RESIDUALS.items()
+    variables = {name: variable("model", of, *text) for (name, text), of in zip(texts, whole, strict=True)}
+    if count > 1:
+        pairs = zip(texts, columns, strict=True)
+        variables |= {f"run_{name}": variable(("run", "model"), of, *text) for (name, text), of in pairs}
     return xr.Dataset(variables, {"model": list(followed)})
 
 
@@ -183,27 +205,6 @@ def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: in
     departure = departure_time(time, normalised, 1.0, width)
     p_value = _noise_p_value(normalised, 1.0, width, (x, v), 0)
     return rms, over_noise, departure, 0.0 if _in_band(line, followed.result) else p_value, *line
-
-
-def pooled(of_runs: Sequence[xr.Dataset]) -> xr.Dataset:
-    """`residuals` of several runs as one, those of each run besides it with the dimension `run`.
-
-    RMS over the runs, the earliest departure, the least p-value times the number of runs (Bonferroni),
-    and the highest line.
-    """
-    if len(of_runs) == 1:
-        return of_runs[0]
-    runs = xr.concat(of_runs, "run")
-    whole = (runs[["residual_rms", "residual_over_noise"]] ** 2).mean("run", skipna=False) ** 0.5
-    whole["departure_time"] = runs.departure_time.min("run")
-    whole["residual_p_value"] = np.minimum(1.0, len(of_runs) * runs.residual_p_value.min("run"))
-    highest = runs.line_amplitude.fillna(0.0).argmax("run")
-    whole = whole.assign(
-        {name: runs[name].isel(run=highest) for name in ("line_frequency", "line_amplitude")}
-    )
-    for name in whole.data_vars:
-        whole[name].attrs = of_runs[0][name].attrs
-    return whole.merge(runs.rename({name: f"run_{name}" for name in runs.data_vars}))
 
 
 def departure_time(time: Array, residual: Array, noise: float, width: int) -> float:

@@ -27,6 +27,20 @@ PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
 # fallen to this part, and their amplitude is that of the last periods.
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
+# Long name and unit of what is said of each frequency, and of each simulation.
+RESPONSE = {
+    "amplitude": ("amplitude", "rad"),
+    "amplitude_low": ("low end of the 95 % band", "rad"),
+    "amplitude_high": ("high end of the 95 % band", "rad"),
+    "whole_low": ("low end of the band of a sweep", "rad"),
+    "whole_high": ("high end of the band of a sweep", "rad"),
+    "phase": ("phase ahead of the drive", "1"),
+}
+CHECKS = {
+    "check_frequency": ("angular frequency of a motion that was simulated", "rad/s"),
+    "check_amplitude": ("its amplitude", "rad"),
+    "simulated_amplitude": ("that of the simulation", "rad"),
+}
 
 
 def forced_response(
@@ -132,10 +146,22 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     # Where no draw has a motion there is none, and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
-    # Lines are off by as much in each draw.
-    exact = amplitude / by_lines
-    ends = [exact * end for end in (low, high, *_as_a_whole(curves, low, high))]
-    return _dataset(result, given, (amplitude, *ends, phase), checks, left_open)
+    # Lines are off by as much in each draw, and all by what simulations left open.
+    exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
+    ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
+    curves_of = zip(
+        RESPONSE.items(), (amplitude, *(exact * end * part for end, part in ends), phase), strict=True
+    )
+    of_checks = zip(CHECKS.items(), checks, strict=True)
+    data = {name: variable(("sweep", "frequency"), curve, *texts) for (name, texts), curve in curves_of}
+    data |= {name: variable("check", values, *texts) for (name, texts), values in of_checks}
+    natural, text = result.asymptotic_frequency.item(), "over that at small amplitudes"
+    data["frequency_ratio"] = variable("frequency", w / natural, text, "1")
+    data["left_open"] = variable((), left_open, "largest part by which simulations differ", "1")
+    coords = {"sweep": list(SWEEPS), "frequency": variable("frequency", w, "angular frequency", "rad/s")}
+    kept = ("library", "library_source", "record_source", UNIT_ATTR, SIZE_ATTR)
+    attrs = {key: result.attrs[key] for key in kept if key in result.attrs}
+    return xr.Dataset({"drive": given.drive, **data}, coords, attrs)
 
 
 def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
@@ -231,33 +257,3 @@ def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, floa
     except SimulationError:
         return float("nan")
     return 2.0 * abs(float(np.abs(np.mean(angle * turning[-len(angle) :].conj()))))
-
-
-def _dataset(
-    result: xr.Dataset, given: xr.Dataset, curves: tuple[Array, ...], checks: Array, left_open: float
-) -> xr.Dataset:
-    amplitude, low, high, whole_low, whole_high, phase = curves
-    both, unit = ("sweep", "frequency"), "rad"
-    w, natural = given.frequency.values, result.asymptotic_frequency.item()
-    of_check = ("angular frequency of a motion that was simulated", "its amplitude", "that of the simulation")
-    names = ("check_frequency", "check_amplitude", "simulated_amplitude")
-    data = {
-        "drive": given.drive,
-        "amplitude": variable(both, amplitude, "amplitude", unit),
-        "amplitude_low": variable(both, low * (1.0 - left_open), "low end of the 95 % band", unit),
-        "amplitude_high": variable(both, high * (1.0 + left_open), "high end of the 95 % band", unit),
-        "whole_low": variable(both, whole_low * (1.0 - left_open), "low end of the band of a sweep", unit),
-        "whole_high": variable(both, whole_high * (1.0 + left_open), "high end of the band of a sweep", unit),
-        "phase": variable(both, phase, "phase ahead of the drive", "1"),
-        "frequency_ratio": variable("frequency", w / natural, "over that at small amplitudes", "1"),
-        "left_open": variable((), left_open, "largest part by which simulations differ", "1"),
-    }
-    for name, values, text, units in zip(names, checks, of_check, ("rad/s", unit, unit), strict=True):
-        data[name] = variable("check", values, text, units)
-    coords = {"sweep": list(SWEEPS), "frequency": variable("frequency", w, "angular frequency", "rad/s")}
-    kept = {
-        key: result.attrs[key]
-        for key in ("library", "library_source", "record_source", UNIT_ATTR, SIZE_ATTR)
-        if key in result.attrs
-    }
-    return xr.Dataset(data, coords, kept)

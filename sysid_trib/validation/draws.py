@@ -1,8 +1,8 @@
-"""Draws of an identification's parameters from their posterior, as arviz takes them."""
+"""Draws of an identification's parameters: their posterior, and simultaneous bands of the model's curves."""
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -10,12 +10,14 @@ from scipy.special import logsumexp, softmax
 from scipy.stats import genpareto, multivariate_t
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import Tell, UsageError, silent
+from sysid_trib.cycles.envelope_prediction import Averaged, predict_envelope
+from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
+from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
 from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.validation.profiles import free_likelihood
 
@@ -25,19 +27,17 @@ PROPOSAL_TAILS, FIRST_DRAWS, LEAST_DRAWS, NEW_PART = 10.0, (600, 600), 2000, 0.3
 # The first step along a shape parameter, in errors, the growth of the next, the deviance at which the last is
 # made, and how many there are each way.
 SHAPE_STEP, SHAPE_GROWTH, FARTHEST_DEVIANCE, MOST_SHAPE_STEPS = 0.5, 1.15, 16.0, 30
-
-
+# Draws of a band's factor, and points of the curves that are no motion.
+CURVE_DRAWS, CURVE_GRID = 4000, 60
+# Name, dimension, long name and unit of each curve.
+MODEL_CURVES = (
+    ("angle", "time", "angle of the model", "rad"),
+    ("envelope", "envelope_time", "amplitude of the model", "rad"),
+    ("frequency", "amplitude", "angular frequency of the model", "rad/s"),
+    ("damping_ratio", "amplitude", "damping ratio of the model", "1"),
+)
 # Centre and covariance of the free parameters in a part of the proposal, a multivariate t.
-ProposalPart = tuple[Array, Array]
-
-
-class WeightedDraws(NamedTuple):
-    """Draws of the free parameters, (draw, free), their log likelihoods and weights; each part's share."""
-
-    values: Array
-    log_likelihood: Array
-    weight: Array
-    shares: Array
+ProposalPart: TypeAlias = tuple[Array, Array]
 
 
 @in_units_of_the_motion
@@ -98,24 +98,27 @@ def posterior(
     masses = np.full(len(parts), 1.0 / len(parts))
     for at, count in enumerate((*FIRST_DRAWS, max(LEAST_DRAWS, draws * chains))):
         tell(f"round {at + 1}", 0.1 + 0.2 * at)
-        weighted = _weighted(likelihood, parts, masses, count, rng)
+        values, log_likelihood, log_parts = _drawn(likelihood, parts, masses, count, rng)
+        density = logsumexp(log_parts, axis=0, b=masses[:, None])
+        weight = softmax(log_likelihood - density)
         # Roots: parts that hold little of the posterior are tried more often than they count.
-        roots = np.sqrt(weighted.shares)
+        roots = np.sqrt(masses * (np.exp(log_parts - density) @ weight))
         masses = np.append((1.0 - NEW_PART) * roots / roots.sum(), NEW_PART)
-        covariance = np.cov(weighted.values.T, aweights=weighted.weight)
-        parts.append((weighted.weight @ weighted.values, covariance))
+        parts.append((weight @ values, np.cov(values.T, aweights=weight)))
     # Systematic drawing by the weights, in an order that is none.
-    cumulated = np.cumsum(weighted.weight)
     positions = (np.arange(draws * chains) + rng.uniform()) / (draws * chains)
-    chosen = rng.permutation(np.minimum(np.searchsorted(cumulated, positions), count - 1))
-    values = np.array([likelihood.parameters.expand(free) for free in weighted.values[chosen]])
-    lp = weighted.log_likelihood[chosen].reshape(chains, draws)
-    stats = xr.Dataset(
-        {"lp": variable(("chain", "draw"), lp, "log likelihood over that of the best fit", "1")}
-    )
-    size = 1.0 / float(np.sum(weighted.weight**2))
-    attrs = {"effective_sample_size": size, "pareto_k": _pareto_k(weighted.weight)}
-    groups = {"posterior": _dataset(likelihood, values.reshape(chains, draws, -1)), "sample_stats": stats}
+    chosen = rng.permutation(np.minimum(np.searchsorted(np.cumsum(weight), positions), count - 1))
+    kept = np.array([likelihood.parameters.expand(free) for free in values[chosen]])
+    lp = log_likelihood[chosen].reshape(chains, draws)
+    text = "log likelihood over that of the best fit"
+    # Shape of the generalised Pareto distribution of the largest weights.
+    tail, ordered = int(min(0.2 * count, 3.0 * np.sqrt(count))), np.sort(weight)
+    pareto_k = genpareto.fit((ordered[-tail:] - ordered[-tail - 1]) / ordered[-1], floc=0.0)[0]
+    attrs = {"effective_sample_size": 1.0 / float(np.sum(weight**2)), "pareto_k": float(pareto_k)}
+    groups = {
+        "posterior": _dataset(likelihood, kept.reshape(chains, draws, -1)),
+        "sample_stats": xr.Dataset({"lp": variable(("chain", "draw"), lp, text, "1")}),
+    }
     return xr.DataTree.from_dict({name: group.assign_attrs(attrs) for name, group in groups.items()})
 
 
@@ -141,14 +144,17 @@ def _parts(likelihood: FreeLikelihood) -> list[ProposalPart]:
     return parts
 
 
-def _weighted(
+def _drawn(
     likelihood: FreeLikelihood,
     parts: Sequence[ProposalPart],
     masses: Array,
     count: int,
     rng: np.random.Generator,
-) -> WeightedDraws:
-    """Draws from a mixture of parts, so often from each, weighted by the likelihood over its density."""
+) -> tuple[Array, Array, Array]:
+    """Draws from a mixture of parts, so often from each: (draw, free); their log likelihoods, (draw,).
+
+    And the logarithms of the densities of the parts there, (part, draw).
+    """
     parameters, size = likelihood.parameters, np.sqrt(np.diag(parts[0][1]))
     low, high = (limit[parameters.free] for limit in parameters.limits)
     proposals = [
@@ -159,21 +165,10 @@ def _weighted(
     units = np.concatenate(
         [np.reshape(part.rvs(several, random_state=rng), (several, len(size))) for part, several in pairs]
     )
-    log_parts = np.array([part.logpdf(units) for part in proposals])
-    density = logsumexp(log_parts, axis=0, b=masses[:, None])
-    values = size * units
-    log_likelihood = np.full(count, -np.inf)
+    values, log_likelihood = size * units, np.full(count, -np.inf)
     for at in np.flatnonzero(np.all((values >= low) & (values <= high), axis=1)):
         log_likelihood[at] = -0.5 * likelihood.deviance(parameters.expand(values[at]))
-    weight = softmax(log_likelihood - density)
-    return WeightedDraws(values, log_likelihood, weight, masses * (np.exp(log_parts - density) @ weight))
-
-
-def _pareto_k(weight: Array) -> float:
-    """Shape of the generalised Pareto distribution of the largest weights."""
-    tail = int(min(0.2 * len(weight), 3.0 * np.sqrt(len(weight))))
-    ordered = np.sort(weight)
-    return float(genpareto.fit((ordered[-tail:] - ordered[-tail - 1]) / ordered[-1], floc=0.0)[0])
+    return values, log_likelihood, np.array([part.logpdf(units) for part in proposals])
 
 
 def _dataset(likelihood: FreeLikelihood, values: Array) -> xr.Dataset:
@@ -196,3 +191,90 @@ def _dataset(likelihood: FreeLikelihood, values: Array) -> xr.Dataset:
     for name, of_runs, units in zip(PER_RUN, runs, ("rad", "rad/s", "rad"), strict=True):
         variables[name] = variable((*dims, "run"), of_runs, name.replace("_", " "), units)
     return xr.Dataset(variables, {"force": symbols} | ({"shape_parameter": shapes} if shapes else {}))
+
+
+@in_units_of_the_motion
+def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 0) -> xr.Dataset:
+    """Curves of an identified model with bands that hold each as a whole in 95 % of records.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        The record, or the runs.
+    result : Dataset
+        An identification of it, whose forces, constraints and shapes are those of the fit.
+    run : int
+        Which run's motion and envelope.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    Dataset
+        `angle(time)` as the sensor shows it, `envelope(envelope_time)`, and over `amplitude` the `frequency`
+        (rad/s) and the `damping_ratio`, each with its `..._standard_error` and the ends of its band,
+        `..._low` and `..._high`; attrs `factor_...`: half width over the standard error.
+
+    Raises
+    ------
+    UsageError
+        There is no such run.
+    DecayError
+        A random force pushes the motion, no motion follows the record, or a model within the errors has none.
+
+    Notes
+    -----
+    The fit of the motion, its parameters drawn with their covariance, also the start and the sensor's zero;
+    curves follow them by differences of a standard error each way. A band is the curve ± a multiple of its
+    pointwise standard error, which 95 % of the drawn curves do not exceed anywhere (sup-t; Montiel Olea and
+    Plagborg-Møller 2019). Curves but the motion are averages over a cycle. The bands know the error of the
+    noise, not that of the model: of a model that lacks something they hold its own curves, not the system's.
+    """
+    likelihood = free_likelihood(decay, result)
+    records = likelihood.problem.records
+    if run not in range(len(records)):
+        raise UsageError(f"There is no run {run}; the runs of these records are 0 to {len(records) - 1}.")
+    time = records[run].time
+    coarse = np.linspace(time[0], time[-1], CURVE_GRID)
+    values = likelihood.best.values
+    # One standard error each way along the axes of the covariance: a kink counts as in the mean.
+    steps = likelihood.root.T[np.any(likelihood.root != 0.0, axis=0)]
+    try:
+        best = _curves(likelihood, values, run, coarse, None)
+        up, down = (
+            [_curves(likelihood, values + sign * step, run, coarse, best[-1]) for step in steps]
+            for sign in (1.0, -1.0)
+        )
+    except SysidTribError as why:
+        raise DecayError(f"Within its errors this model need not have a motion: {why}") from None
+    amplitudes = variable("amplitude", best[-1], "amplitude", "rad")
+    coords = {"time": time, "envelope_time": coarse, "amplitude": amplitudes}
+    made = xr.Dataset(coords=coords, attrs={"confidence": BAND_PROBABILITY})
+    normal = np.random.default_rng(seed).standard_normal((CURVE_DRAWS, len(steps)))
+    for at, (name, dim, words, units) in enumerate(MODEL_CURVES):
+        root = 0.5 * np.array([more[at] - less[at] for more, less in zip(up, down, strict=True)])
+        error = np.linalg.norm(root, axis=0)
+        unit = root / np.where(error > 0.0, error, np.inf)
+        # Draw by draw: a table of all draws of a long record would not fit.
+        factor = simultaneous_factor(np.array([[np.max(np.abs(draw @ unit))] for draw in normal]))
+        made = made.assign(with_error(name, dim, (best[at], error), words, units))
+        for end, sign in (("low", -1.0), ("high", 1.0)):
+            text = f"{end} end of the 95 % band of the whole {words}"
+            made[f"{name}_{end}"] = variable(dim, best[at] + sign * factor * error, text, units)
+        made.attrs[f"factor_{name}"] = factor
+    return made
+
+
+def _curves(
+    likelihood: FreeLikelihood, values: Array, run: int, time: Array, amplitudes: Array | None
+) -> tuple[Array, ...]:
+    """The curves of these parameters, in the order of `MODEL_CURVES`, and the amplitudes of the last two."""
+    parameters, record = likelihood.parameters, likelihood.problem.records[run]
+    model, (angle, rate, _) = parameters.model(values, run), parameters.per_run(values)[run]
+    motion = record.angle + record.residual(model, parameters.per_run(values)[run])
+    release = float(np.hypot(angle, rate / model.reference_frequency))
+    envelope = predict_envelope(model, time, release).amplitude.values
+    if amplitudes is None:
+        amplitudes = np.geomspace(max(envelope.min(), 1e-2 * release), release, CURVE_GRID)
+    change, frequency = Averaged(model).rates(amplitudes)
+    return motion, envelope, frequency, -change / (amplitudes * frequency), amplitudes
