@@ -9,14 +9,15 @@ from helpers import decay, density_that_wanders, rms, scores
 from kicked_motion import kicked_motion, smooth_forces
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
+from statsmodels.tsa.statespace.kalman_smoother import SMOOTHER_ALL
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.methods import Averaging, Direct, EnergyDecay, FeenyLiang, Trajectory, WuDecrement
-from sysid_trib.motion_fit.kalman import set_signal, statsmodels_model
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.linearised import linearised_about
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
 
 W, NOISE = 8.87, 2e-4
@@ -46,7 +47,7 @@ def linear_record(samples=60):
     motion = trajectory(model, time, 0.3, 0.0)
     path = np.stack([motion.position, motion.rate / W], axis=1)
     angle = decay(time, path[:, 0], 1, 1e-3).angle.values
-    return linearised_about(model, time, angle, path, np.array([0.3, 0.0, 0.0]), Derivatives(("zeta",), True))
+    return linearised_about(model, (time, angle), path, np.array([0.3, 0.0, 0.0]), ("zeta", FREQUENCY))
 
 
 @pytest.mark.parametrize(("ratio", "correlation"), [(50.0, 0.0), (0.3, 0.8)])
@@ -73,11 +74,17 @@ def test_the_filter_is_the_dense_gaussian_likelihood(ratio, correlation):
 @pytest.mark.parametrize("filter_", [[1.0], [1.0, -0.5, 0.2]], ids=["white", "coloured"])
 def test_the_smoothed_motion_is_that_of_statsmodels(filter_):
     linear = replace(linear_record(), sensor_filter=np.array(filter_))
-    steps, deviation = linear.steps, np.array([2e-3, 0.01, 1e-3, 0.02, 1e-3])
-    model = statsmodels_model(
-        linear.observed, steps.transition, 0.3 * steps.diffusion, linear.sensor_filter, smoother=True
-    )
-    set_signal(model, *linear.driven(deviation))
+    deviation = np.array([2e-3, 0.01, 1e-3, 0.02, 1e-3])
+    # statsmodels' own smoother, given the record, what each step adds and the first state.
+    model = linear.statsmodels(0.3, smoothed=True)
+    model.smoother_output = SMOOTHER_ALL
+    further = len(filter_) - 1
+    record = linear.record - linear.observed_parameters @ deviation
+    added = np.pad(linear.mismatch + linear.by_column @ deviation, ((0, 1), (0, further)))
+    model.bind(np.ascontiguousarray(record[None]))
+    model["state_intercept"] = added.T
+    start = np.pad(linear.start @ deviation, (0, further))
+    model.initialize_known(start, model.initialization.stationary_cov)
     change = model.smooth().smoothed_state[:2].T
     assert linear.smoothed_motion(0.3, deviation) == pytest.approx(linear.path + change, abs=1e-12)
     assert np.abs(change).max() > 1e-4

@@ -17,7 +17,8 @@ from benchmarks.study.common import rms, shown
 from benchmarks.study.pushed import FREE
 from sysid_trib.likelihood.ratio_posterior import probability_of_none
 from sysid_trib.likelihood.variance_ratio import ratio_span
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about
+from sysid_trib.motion_fit.linearised import linearised_about
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.validation.random_force_test import TrialModel, trial_model
 
 # e-folds between two ratios that are tried, and how many of them: up to a wander of 3 noise levels.
@@ -29,11 +30,9 @@ def records_about_motion(seeds: range) -> tuple[TrialModel, int, np.ndarray]:
     case, model = FREE[0], FREE[0].model
     motion, w = st.simulate(model, case.time, case.start), model.reference_frequency
     path = np.column_stack([motion.angle.values, motion.rate.values / w])
-    by, own = (
-        Derivatives(tuple(model.coefficients), frequency=True),
-        np.array([path[0, 0], w * path[0, 1], 0.0]),
-    )
-    linear = linearised_about(model, case.time, motion.angle.values, path, own, by)
+    own = np.array([path[0, 0], w * path[0, 1], 0.0])
+    by = (*model.coefficients, FREQUENCY)
+    linear = linearised_about(model, (case.time, motion.angle.values), path, own, by)
     noise = [np.random.default_rng(seed).standard_normal(len(path)) for seed in seeds]
     kicks = linear.steps.diffusion[:, 1, 1]
     low, _ = ratio_span(float(kicks.sum()), float(np.median(kicks)))

@@ -16,7 +16,7 @@ from sysid_trib.forces.force import Force, ShapeValues
 from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.library import force_counted_from
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import Ends, ends_of
+from sysid_trib.simulation.motions import Steps, steps_of
 from sysid_trib.simulation.stepped_states import FROZEN, begun_with, history_on_cycle, watched
 
 # Where a cycle begins and ends: not where the angle or its rate is zero.
@@ -121,11 +121,11 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> SteadyC
     )
 
 
-def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Ends:
+def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Steps:
     """One cycle after the other."""
     spans = np.zeros(len(begin)), np.full(len(begin), length)
     try:
-        ends = ends_of(model, spans, begin, by_start=by_start)
+        ends = steps_of(model, spans, begin, by_start=by_start)
     except SimulationError:
         raise LibraryError(f"Force '{force.symbol}': its cycle could not be followed.") from None
     bad = ~np.isfinite(ends.end).all(axis=1)

@@ -25,7 +25,6 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.motion_fit.least_squares import (
     Fit,
-    FitEstimate,
     FreeLikelihood,
     fitted,
     grown,
@@ -34,9 +33,8 @@ from sysid_trib.motion_fit.least_squares import (
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import RandomMotionFit, fit_random_motion, stochastic_identification
-from sysid_trib.motion_fit.stochastic_step import penalised_deviance
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
-from sysid_trib.records.inputs import KnownInput, inputs_for
+from sysid_trib.records.inputs import inputs_for
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -149,13 +147,12 @@ class Trajectory(Constrained):
         quick = _quick(self, problem, runs) if self.start is None or stochastic_too else None
         first = _first_values(self, problem, quick)
         if stochastic_too:
-            stochastic = _with_random_force(self, problem, first, quick)
-            return stochastic_identification(self, problem, runs, library, stochastic)
+            return stochastic_identification(self, problem, _with_random_force(self, problem, first, quick))
         problem, fit = self._fitted_freely(problem, first)
         while stopped := stopped_by_bounds(problem.parameters, fit, problem.parameters.constraints.bounds):
             problem = replace(problem, parameters=problem.parameters.fix(stopped))
             fit = fitted(problem, fit.values)
-        return _identification(self, problem, runs, library, fit)
+        return _identification(self, problem, fit)
 
     def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> FreeLikelihood:
         """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none.
@@ -174,7 +171,7 @@ class Trajectory(Constrained):
     def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         records = tuple(_record(run, offered, self.warm_up) for run in runs)
-        return FitProblem(_parameters(self, offered, len(runs)), records)
+        return FitProblem(_parameters(self, offered, len(runs)), records, runs, library)
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> tuple[FitProblem, Fit]:
         """The fit of the free motion, and its problem with the noise of each run."""
@@ -276,42 +273,31 @@ def _with_random_force(
     method: Trajectory, problem: FitProblem, values: Array, quick: xr.Dataset | None
 ) -> RandomMotionFit:
     """The fit of the innovations; a parameter that a bound stops is held there."""
-    parameters = problem.parameters
-    records = [(record.time, record.angle) for record in problem.records]
-    inputs = [record.inputs for record in problem.records]
-    white = np.ones(1)
-    filters = [white if quick is None else sensor_noise_of(quick, at).filter_ for at in range(len(records))]
+    if quick is not None:
+        # Direct identification has the colours by frequencies above the motion's.
+        filters = [sensor_noise_of(quick, at).filter_ for at in range(len(problem.records))]
+        problem = problem.with_filters(filters)
     while True:
-        stochastic = _likelier_of(parameters, records, values, method, filters, inputs)
-        fit = Fit(stochastic.values, stochastic.residual, stochastic.sensitivity)
+        parameters = problem.parameters
+        fit = _likelier_of(problem, values, method)
         stopped = stopped_by_bounds(parameters, fit, parameters.constraints.bounds)
         if not stopped:
-            return stochastic
-        parameters = parameters.fix(stopped)
-        values = parameters.expand(stochastic.values[parameters.free])
+            return fit
+        problem = replace(problem, parameters=parameters.fix(stopped))
+        values = problem.parameters.expand(fit.values[problem.parameters.free])
 
 
-def _likelier_of(
-    parameters: Parameters,
-    records: Sequence[tuple[Array, Array]],
-    values: Array,
-    method: Trajectory,
-    filters: Sequence[Array],
-    inputs: Sequence[Mapping[str, KnownInput]],
-) -> RandomMotionFit:
-    """The fit in noise of these colours or in white noise, whose innovations are likelier.
-
-    Direct identification has the colours by frequencies above the motion's.
-    """
-    fit = fit_random_motion(parameters, records, values, method.random_force, filters, inputs)
-    if all(len(filter_) == 1 for filter_ in filters):
+def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> RandomMotionFit:
+    """The fit in noise of the colours of the records or in white noise, whose innovations are likelier."""
+    fit = fit_random_motion(problem, values, method.random_force)
+    white = [np.ones(1)] * len(problem.records)
+    if all(len(record.filter_) == 1 for record in problem.records):
         return fit
     try:
-        white = fit_random_motion(parameters, records, values, method.random_force, inputs=inputs)
+        in_white = fit_random_motion(problem.with_filters(white), values, method.random_force)
     except DecayError:
         return fit
-    fits = sorted((fit, white), key=lambda tried: penalised_deviance(parameters, tried.values, tried.runs))
-    return fits[0]
+    return min(fit, in_white, key=lambda tried: tried.at.penalised_deviance())
 
 
 def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:
@@ -341,11 +327,8 @@ def _residuals(problem: FitProblem, fit: Fit) -> list[Array]:
     return counted
 
 
-def _identification(
-    method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset], library: ForceLibrary, fit: Fit
-) -> xr.Dataset:
-    residuals = _residuals(problem, fit)
-    parameters = problem.parameters
+def _identification(method: Trajectory, problem: FitProblem, fit: Fit) -> xr.Dataset:
+    residuals, runs, parameters = _residuals(problem, fit), problem.runs, problem.parameters
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
     reduced = fit.residual @ fit.residual / degrees_of_freedom
     covariance = reduced * parameters.covariance(fit.sensitivity, fit.values)
@@ -356,7 +339,6 @@ def _identification(
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
             # In which the errors of a driven record are taken whose residual is not white.
             covariance = parameters.clustered_covariance(fit.sensitivity, fit.residual, fit.values, 24)
-    estimate = FitEstimate(problem, fit.values, covariance, noises)
     units = _units(runs)
     extra: dict[str, tuple[ArrayLike, str, str]]
     extra = {"residual_rms": ([root_mean_square(residual) for residual in residuals], units, "RMS residual")}
@@ -373,7 +355,7 @@ def _identification(
         chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, levels, strict=True))
         ratio = birge_ratio(chi_square, degrees_of_freedom)
         extra["birge_ratio"] = (ratio, "1", "Birge ratio by the sensor's noise")
-    result = estimate.identification(method, runs, library, extra)
+    result = problem.identification(method, fit.values, covariance, noises, extra)
     constraints = Constraints(method.constraints).of_each_run(method.own, len(runs))
     if constraints:
         at_bound = parameters.constraints.fixed.keys() & constraints.bounds.keys()

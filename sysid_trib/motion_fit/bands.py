@@ -13,15 +13,14 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.motion_fit.innovations import birge_ratios
-from sysid_trib.motion_fit.kalman import filter_gains, statsmodels_model
-from sysid_trib.motion_fit.linearised import Derivatives, sensor_on
-from sysid_trib.motion_fit.steps import Steps, steps_over
-from sysid_trib.motion_fit.tracked import TrackedRecord, linear_about, track
+from sysid_trib.motion_fit.linearised import sensor_on
+from sysid_trib.motion_fit.steps import steps_over
+from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.schema import covariance_with_frequency
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import noise_of_run, variable, with_error
 from sysid_trib.simulation.integrate import FREQUENCY
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import Steps
 
 # Periods that the filter has for the start and the sensor's zero before the first prediction.
 SETTLING_PERIODS = 2.0
@@ -146,27 +145,28 @@ def _predictions(
 ) -> Predictions:
     """What is predicted from each start, so many periods ahead: ascending."""
     names, of_parameters = parameters_of(result)
-    by = Derivatives(names, frequency=True)
+    by = (*names, FREQUENCY)
     states, covariance, by_states = _filtered(tracked, starts, by)
     time, w = tracked.time, tracked.model.reference_frequency
     leads = 2.0 * np.pi / w * ahead
     targets = _nearest(time, time[starts][:, None] + leads)
     times = np.where(targets >= 0, time[targets], time[starts][:, None] + leads)
-    model, onward = tracked.model, (*names, FREQUENCY)
+    model = tracked.model
     predicted, variance = np.empty(times.shape), np.empty(times.shape)
     size = states.shape[1] - 1
     still = np.broadcast_to(np.eye(size), (len(starts), size, size))
     now = Steps(states[:, :size], still, by_states[:, :size], np.zeros_like(still))
     at = time[starts]
     for j in range(len(leads)):
-        now, at = _advanced(model, onward, now, w * (at - time[0]), w * (times[:, j] - at)), times[:, j]
-        shown, observed, by_sensor = sensor_on(tracked.model, at - time[0], now.end, by)
+        now = now.then(steps_over(model, w * (at - time[0]), w * (times[:, j] - at), now.end, by))
+        at = times[:, j]
+        shown, observed, by_sensor = sensor_on(model, at - time[0], now.end, by)
         predicted[:, j] = shown + states[:, size]
         by_start = np.concatenate(
             [np.einsum("oa,oab->ob", observed, now.transition), np.ones((len(starts), 1))], axis=1
         )
         by_parameter = np.einsum("oa,oap->op", observed, now.sensitivity) + by_states[:, size]
-        by_parameter[:, :-1] += by_sensor
+        by_parameter += by_sensor
         variance[:, j] = (
             np.einsum("oa,oab,ob->o", by_start, covariance, by_start)
             + tracked.per_tau * np.einsum("oa,oab,ob->o", observed, now.diffusion, observed)
@@ -214,57 +214,32 @@ def _nearest(time: Array, wanted: Array) -> Index:
     return np.where(np.abs(time[at] - wanted) <= half, at, -1)
 
 
-def _filtered(tracked: TrackedRecord, starts: Index, by: Derivatives) -> tuple[Array, Array, Array]:
+def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tuple[Array, Array, Array]:
     """States with the sensor's zero behind them, from the samples up to each start.
 
     (start, state + 1), their covariance, and their derivatives by coefficients and frequency: with another
     curve of the sensor, or another force, the same samples are those of another motion. Nothing is known of
     the motion and the zero before the first sample: their standard deviation there is the swing.
     """
-    linear = linear_about(tracked, tracked.linear.path, tracked.zero, by)
-    steps = linear.steps
-    samples, size = linear.path.shape
-    transition = np.zeros((samples - 1, size + 1, size + 1))
-    transition[:, :size, :size] = steps.transition
-    transition[:, size, size] = 1.0
-    noise = np.zeros_like(transition)
-    noise[:, :size, :size] = tracked.ratio * steps.diffusion
-    observed = np.column_stack([linear.observed, np.ones(samples)])
+    linear = tracked.linear_about(tracked.linear.path, tracked.zero, by)
+    behind, (steps, size, _) = (0, 1), linear.steps.transition.shape
     first = np.zeros((size + 1, size + 1))
-    swing = float(np.max(np.abs(tracked.angle))) / tracked.noise
-    first[[0, 1, size], [0, 1, size]] = swing**2
-    filter_ = statsmodels_model(observed, transition, noise, linear.sensor_filter, first=first).filter()
-    # The record, and what the parameters show and add, go through one filter.
-    signals = np.column_stack([linear.record, -linear.observed_parameters[:, :-3]])
-    added = np.concatenate([linear.mismatch[:, :, None], linear.by_column[:, :, :-3]], axis=2)
-    with_zero = replace(linear, steps=replace(steps, transition=transition), observed=observed)
-    gain, variance = filter_gains(filter_)
-    source = np.zeros((*gain.shape, signals.shape[1]))
-    source[1:] = gain[:-1, :, None] * signals[:-1, None]
-    source[1:, :size] += added
-    predicted = with_zero.recursion(gain, source)
-    shown = with_zero.with_sensor_states[0]
-    innovations = (signals - np.einsum("na,nac->nc", shown, predicted)) / variance[:, None]
-    weight = np.einsum("abn,nb->na", filter_.predicted_state_cov[..., :samples], shown)
-    motion = slice(0, size + 1)
-    changes = (predicted + weight[:, :, None] * innovations[:, None])[starts, motion]
-    covariance = tracked.noise**2 * np.moveaxis(filter_.filtered_state_cov[motion, motion], -1, 0)[starts]
-    states = np.column_stack([linear.path, np.full(samples, tracked.zero)])[starts]
-    return states + changes[..., 0], covariance, changes[..., 1:]
+    first[[0, 1, size], [0, 1, size]] = (float(np.max(np.abs(tracked.angle))) / tracked.noise) ** 2
+    # The start is no column here, but of that covariance.
+    linear = replace(
+        linear,
+        start=0.0 * linear.start[:, :-3],
+        by_column=linear.by_column[:, :, :-3],
+        observed_parameters=linear.observed_parameters[:, :-3],
+    )
+    diffusion = np.pad(linear.steps.diffusion, ((0, 0), behind, behind))
+    linear = linear.with_further_state(np.ones(steps), diffusion, 1.0, first)
+    changes, covariance = linear.filtered_motion(tracked.ratio)
+    states = linear.path + changes[..., 0]
+    states[:, size] += tracked.zero
+    return states[starts], tracked.noise**2 * covariance[starts], changes[starts, :, 1:]
 
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
     """Coefficients of the model, and their covariance with the reference frequency behind them."""
     return tuple(result.force.values.tolist()), np.nan_to_num(covariance_with_frequency(result))
-
-
-def _advanced(model: Model, by: tuple[str, ...], now: Steps, tau: Array, length: Array) -> Steps:
-    """Motions from the origins, a stretch further, with all that moves them."""
-    steps = steps_over(model, tau, length, now.end, by)
-    onward = steps.transition
-    return Steps(
-        steps.end,
-        onward @ now.transition,
-        onward @ now.sensitivity + steps.sensitivity,
-        onward @ now.diffusion @ onward.swapaxes(1, 2) + steps.diffusion,
-    )

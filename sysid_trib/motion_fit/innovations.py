@@ -1,14 +1,12 @@
 """Innovations of any identification, and the random force over time: when the motion was pushed."""
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.likelihood.sensor_noise import autocorrelation, ljung_box_p_value
-from sysid_trib.motion_fit.kalman import set_signal, statsmodels_model
+from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error
@@ -145,41 +143,35 @@ def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, A
     if tracked.ratio == 0.0:
         zero = np.zeros(len(tracked.time))
         return linear.smoothed_motion(0.0, tracked.deviation).T, zero, zero
-    states = _with_impulse(tracked, spans).smooth()
-    smoothed = linear.path.T + states.smoothed_state[:size]
+    with_impulse = _with_impulse(tracked, spans)
+    states = with_impulse.smoothed_motion(tracked.ratio, tracked.deviation)
+    covariance = with_impulse.statsmodels(tracked.ratio, smoothed=True).smooth().smoothed_state_cov
     firsts = np.flatnonzero(np.diff(spans[:-1], prepend=-1))
     # The impulse of a span is that at the first sample of the next, before it starts anew.
     ends = np.append(firsts[1:], len(spans) - 1)
     # xi acts in v = theta'/w and in tau: the rate grows by w times the impulse.
     scale = frequency / (tracked.time[ends] - tracked.time[firsts])
-    variance = np.maximum(states.smoothed_state_cov[size, size, ends], 0.0)
+    variance = np.maximum(covariance[size, size, ends], 0.0)
     at = np.searchsorted(firsts, np.arange(len(spans)), side="right") - 1
-    force = scale * states.smoothed_state[size, ends]
-    return smoothed, force[at], (scale * tracked.noise * np.sqrt(variance))[at]
+    force = scale * states[ends, size]
+    return states[:, :size].T, force[at], (scale * tracked.noise * np.sqrt(variance))[at]
 
 
-def _with_impulse(tracked: TrackedRecord, spans: Index) -> Any:
-    """statsmodels' smoother of the states and of the impulse in each span."""
-    linear, steps, ratio = tracked.linear, tracked.linear.steps, tracked.ratio
-    samples, size = linear.path.shape
+def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
+    """The record's linear model with the impulse in each span as a state."""
+    linear, steps = tracked.linear, tracked.linear.steps
+    size = linear.path.shape[1]
     weights, rest = _impulse_of_step(
         tracked.model.reference_frequency * np.diff(tracked.time), steps.diffusion[:, :2, :2]
     )
-    transition = np.zeros((samples - 1, size + 1, size + 1))
-    transition[:, :size, :size] = steps.transition
-    transition[1:, size, size] = spans[1:-1] == spans[:-2]
-    selection = np.zeros_like(transition)
+    goes_on = np.append(0.0, spans[1:-1] == spans[:-2])
+    selection = np.zeros((len(weights), size + 1, size + 1))
     selection[:, range(size + 1), range(size + 1)] = 1.0
     selection[:, size, :2] = weights
-    covariance = np.zeros_like(transition)
-    covariance[:, :size, :size] = ratio * steps.diffusion
-    covariance[:, size, size] = ratio * rest
-    covariance = selection @ covariance @ selection.swapaxes(1, 2)
-    observed = np.column_stack([linear.observed, np.zeros(samples)])
-    model = statsmodels_model(observed, transition, covariance, linear.sensor_filter, smoother=True)
-    record, added, start = linear.driven(tracked.deviation)
-    set_signal(model, record, np.column_stack([added, np.zeros(samples - 1)]), np.append(start, 0.0))
-    return model
+    diffusion = np.pad(steps.diffusion, ((0, 0), (0, 1), (0, 1)))
+    diffusion[:, size, size] = rest
+    diffusion = selection @ diffusion @ selection.swapaxes(1, 2)
+    return linear.with_further_state(goes_on, diffusion, 0.0)
 
 
 def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:

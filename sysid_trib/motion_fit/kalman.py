@@ -6,17 +6,18 @@ columns (start, sensor's zero, coefficients) go through it in one banded triangu
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
 from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, ratio_span, variance_ratio
-from sysid_trib.motion_fit.steps import SensorNoise, Steps
+from sysid_trib.simulation.motions import Steps
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,11 @@ class LinearModel:
     by_column : (step, state, column) array of float
         Derivative of each end by the columns' parameters.
     sensor_filter : (tap,) array of float
-        Whitens the sensor's noise. Of coloured noise the last values are further states, behind the others.
+        Whitens the sensor's noise. Of coloured noise the last values, in units of its innovations, are
+        further states, behind the others.
+    first : (state, state) array of float, optional
+        Covariance of the first state, zero where left out. Like all of the filter's it is in units of the
+        variance of the sensor's noise, of its innovations where that is coloured.
     """
 
     steps: Steps
@@ -50,62 +55,145 @@ class LinearModel:
     start: Array
     by_column: Array
     sensor_filter: Array = field(default_factory=lambda: np.ones(1))
+    first: Array | None = None
     # Rows and the smoothed motion of one ratio have one filter.
     _last: dict[float, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def with_further_state(
+        self, transition: Array, diffusion: Array, shown: float, first: Array | None = None
+    ) -> "LinearModel":
+        """The model with one more state behind the others, which no parameter moves; its path is zero.
+
+        Parameters
+        ----------
+        transition : (step,) array of float
+            From this state to its next.
+        diffusion : (step, state + 1, state + 1) array of float
+            Of all states.
+        shown : float
+            What the sensor shows of it.
+        first : (state + 1, state + 1) array of float, optional
+            As of the class.
+        """
+        behind = (0, 1)
+        whole = np.pad(self.steps.transition, ((0, 0), behind, behind))
+        whole[:, -1, -1] = transition
+        end = np.pad(self.steps.end, ((0, 0), behind))
+        return replace(
+            self,
+            steps=replace(self.steps, end=end, transition=whole, diffusion=diffusion),
+            path=np.pad(self.path, ((0, 0), behind)),
+            observed=np.pad(self.observed, ((0, 0), behind), constant_values=shown),
+            start=np.pad(self.start, (behind, (0, 0))),
+            by_column=np.pad(self.by_column, ((0, 0), behind, (0, 0))),
+            first=first,
+        )
 
     @cached_property
     def mismatch(self) -> Array:
         """Where the exact steps end, from the path's next state, (step, state)."""
         return self.steps.end - self.path[1:]
 
-    def _filtered(self, ratio: float) -> Any:
-        """statsmodels' filter, of which gains and covariances are asked: they do not depend on the record."""
-        if ratio not in self._last:
-            covariance = ratio * self.steps.diffusion
-            model = statsmodels_model(self.observed, self.steps.transition, covariance, self.sensor_filter)
-            self._last.clear()
-            self._last[ratio] = model.filter()
-        return self._last[ratio]
+    @cached_property
+    def _noise_transition(self) -> Array:
+        """Companion matrix of the states of coloured noise, (order, order)."""
+        order = len(self.sensor_filter) - 1
+        return np.concatenate([-self.sensor_filter[None, 1:], np.eye(order)[:-1]])[:order]
 
     @cached_property
-    def with_sensor_states(self) -> tuple[Array, Array]:
-        """`observed` and the transitions, with those of the states of coloured noise."""
-        noise = SensorNoise(self.sensor_filter)
-        return noise.behind(self.observed, noise.shown), noise.block_diagonal(
-            self.steps.transition, noise.transition
-        )
+    def observed_states(self) -> Array:
+        """What the sensor shows of all states, those of coloured noise behind the others, (sample, state)."""
+        samples, order = len(self.record), len(self.sensor_filter) - 1
+        return np.concatenate([self.observed, np.tile(np.eye(1, order), (samples, 1))], axis=1)
+
+    @cached_property
+    def _transition(self) -> Array:
+        """Transitions of all states, (step, state, state)."""
+        return _block_diagonal(self.steps.transition, self._noise_transition)
+
+    def statsmodels(self, ratio: float, *, smoothed: bool = False) -> Any:
+        """statsmodels' filter of this model, or a smoother of the states' covariance.
+
+        Neither is given the record, on which gains and covariances do not depend.
+        """
+        # Here, since importing statsmodels takes longer than an identification.
+        from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
+        from statsmodels.tsa.statespace.kalman_smoother import SMOOTHER_STATE_COV, KalmanSmoother
+
+        samples, size = self.observed_states.shape
+        order = len(self.sensor_filter) - 1
+        sizes = {"k_endog": 1, "k_states": size, "k_posdef": size}
+        # Disturbances and the rest would take twice the time.
+        smoother: Any = KalmanSmoother(**sizes, smoother_output=SMOOTHER_STATE_COV) if smoothed else None
+        model: Any = smoother or KalmanFilter(**sizes)
+        driven = np.eye(order)[:, :1] @ np.eye(order)[:1]
+        lasting = solve_discrete_lyapunov(self._noise_transition, driven) if order else driven
+        first = np.zeros((size - order, size - order)) if self.first is None else self.first
+        covariance = _block_diagonal(ratio * self.steps.diffusion, driven)
+        model.bind(np.zeros((1, samples)))
+        model["design"] = self.observed_states.T[None]
+        model["transition"] = _of_each_sample(self._transition)
+        model["selection"] = np.eye(size)
+        model["state_cov"] = _of_each_sample(covariance)
+        model["obs_cov"] = np.full((1, 1), float(not order))
+        model.initialize_known(np.zeros(size), _block_diagonal(first, lasting))
+        return model
+
+    def _filtered(self, ratio: float) -> Any:
+        if ratio not in self._last:
+            self._last.clear()
+            self._last[ratio] = self.statsmodels(ratio).filter()
+        return self._last[ratio]
 
     def gains(self, ratio: float) -> tuple[Array, Array]:
-        """Gain of the prediction (sample, state) and variance of the innovations (sample,).
-
-        In units of the variance of the sensor's noise, of its innovations where that is coloured.
-        """
-        return filter_gains(self._filtered(ratio))
+        """Gain of the prediction (sample, state) and variance of the innovations (sample,)."""
+        filtered = self._filtered(ratio)
+        return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
 
     def rows(self, ratio: float) -> WhiteRows:
         """Normalised innovations of the record, and of the columns, for a ratio per_tau / variance."""
-        innovations, columns, variance = self.innovations(ratio)
-        size = np.sqrt(variance)
-        return WhiteRows(innovations / size, columns / size[:, None], float(np.sum(np.log(variance))))
+        _, innovations, variance = self.innovations(ratio)
+        white = innovations / np.sqrt(variance)[:, None]
+        return WhiteRows(white[:, 0], -white[:, 1:], float(np.sum(np.log(variance))))
 
-    def innovations(self, ratio: float) -> tuple[Array, Array, Array]:
-        """Innovations of the record (sample,) and the columns (sample, column), rad; their variance."""
+    def innovations(self, ratio: float, parameters: Array | None = None) -> tuple[Array, Array, Array]:
+        """States predicted from the past, what comes otherwise than predicted, and its variance.
+
+        Parameters
+        ----------
+        ratio : float
+            Of the random force's growth of the variance of v to the variance of the sensor's noise.
+        parameters : (column,) array of float, optional
+            Deviations at which the record is filtered; where left out, it and each column are for themselves.
+
+        Returns
+        -------
+        predicted : (sample, state, signal) array of float
+        innovations : (sample, signal) array of float, rad
+            Of the record, minus what each column adds to it.
+        variance : (sample,) array of float
+        """
         gain, variance = self.gains(ratio)
-        predicted = self._predicted(gain)
-        shown = np.einsum("na,nac->nc", self.with_sensor_states[0], predicted)
-        return self.record - shown[:, 0], shown[:, 1:] + self.observed_parameters, variance
-
-    def _predicted(self, gain: Array) -> Array:
-        """States predicted from the past, of the record and of each column, (sample, state, 1 + column)."""
+        signals, added, start = self._signals
+        if parameters is not None:
+            signals, added, start = (part @ np.append(1.0, parameters)[:, None] for part in self._signals)
         samples, size = self.path.shape
-        columns = self.start.shape[1]
-        source = np.zeros((samples, gain.shape[1], 1 + columns))
-        source[0, :size, 1:] = self.start
-        source[1:, :, 0] = gain[:-1] * self.record[:-1, None]
-        source[1:, :size, 0] += self.mismatch
-        source[1:, :, 1:] = -gain[:-1, :, None] * self.observed_parameters[:-1, None, :]
-        source[1:, :size, 1:] += self.by_column
-        return self.recursion(gain, source)
+        source = np.zeros((samples, gain.shape[1], signals.shape[1]))
+        source[0, :size] = start
+        source[1:] = gain[:-1, :, None] * signals[:-1, None]
+        source[1:, :size] += added
+        predicted = self.recursion(gain, source)
+        shown = np.einsum("na,nac->nc", self.observed_states, predicted)
+        return predicted, signals - shown, variance
+
+    @cached_property
+    def _signals(self) -> tuple[Array, Array, Array]:
+        """Signals (sample, signal), what each step adds, first states: of the record, then of the columns."""
+        return (
+            np.column_stack([self.record, -self.observed_parameters]),
+            np.concatenate([self.mismatch[:, :, None], self.by_column], axis=2),
+            np.pad(self.start, ((0, 0), (1, 0))),
+        )
 
     def recursion(self, gain: Array, source: Array, *, backward: bool = False) -> Array:
         """States s[k + 1] = (transition - gain observed) s[k] + source[k + 1], s[0] = source[0].
@@ -126,8 +214,8 @@ class LinearModel:
         (sample, state, column) array of float
         """
         samples, size = gain.shape
-        observed, transition = self.with_sensor_states
-        turned = transition[:, :size, :size] - gain[:-1, :, None] * observed[:-1, None, :size]
+        observed = self.observed_states[:-1, None, :size]
+        turned = self._transition[:, :size, :size] - gain[:-1, :, None] * observed
         # Lower banded, with a unit diagonal.
         band = np.zeros((2 * size, samples * size))
         band[0] = 1.0
@@ -147,116 +235,54 @@ class LinearModel:
         By the fixed-interval smoother of de Jong (1989): the filter's recursion, and its transpose backwards.
         """
         predicted, surprise = self._surprised(ratio, parameters)
-        gain, _ = self.gains(ratio)
-        return self._corrected(ratio, predicted, self.recursion(gain, surprise, backward=True))
+        surprise = self.recursion(self.gains(ratio)[0], surprise, backward=True)
+        return self.path + self._corrected(ratio, predicted, surprise)[..., 0]
 
-    def filtered_motion(self, ratio: float, parameters: Array) -> tuple[Array, Array]:
-        """The path by the samples up to each one, at given deviations of the parameters.
+    def filtered_motion(self, ratio: float, parameters: Array | None = None) -> tuple[Array, Array]:
+        """Deviations from the path by the samples up to each one, and their covariance.
+
+        Parameters
+        ----------
+        ratio, parameters
+            As of `innovations`.
 
         Returns
         -------
-        path : (sample, state) array of float
-        rate_error : (sample,) array of float
-            Standard error of v on it, in units of that of the sensor's noise.
+        change : (sample, state, signal) array of float
+        covariance : (sample, state, state) array of float
+            In units of the variance of the sensor's noise.
         """
-        path = self._corrected(ratio, *self._surprised(ratio, parameters))
-        return path, np.sqrt(np.maximum(self._filtered(ratio).filtered_state_cov[1, 1], 0.0))
-
-    def _surprised(self, ratio: float, parameters: Array) -> tuple[Array, Array]:
-        """States predicted from the past, and what each innovation tells of them, (sample, state, 1) each."""
-        gain, variance = self.gains(ratio)
-        record, added, start = self.driven(parameters)
         size = self.path.shape[1]
-        source = np.zeros((*gain.shape, 1))
-        source[0, :size, 0] = start
-        source[1:, :, 0] = gain[:-1] * record[:-1, None]
-        source[1:, :size, 0] += added
-        predicted = self.recursion(gain, source)
-        observed = self.with_sensor_states[0]
-        innovations = record - np.einsum("na,na->n", observed, predicted[..., 0])
-        return predicted, (observed * (innovations / variance)[:, None])[..., None]
+        covariance = np.moveaxis(self._filtered(ratio).filtered_state_cov[:size, :size], -1, 0)
+        return self._corrected(ratio, *self._surprised(ratio, parameters)), covariance
+
+    def _surprised(self, ratio: float, parameters: Array | None) -> tuple[Array, Array]:
+        """States predicted from the past, and what each innovation tells of them, (sample, state, signal)."""
+        predicted, innovations, variance = self.innovations(ratio, parameters)
+        weighted = innovations / variance[:, None]
+        return predicted, self.observed_states[:, :, None] * weighted[:, None]
 
     def _corrected(self, ratio: float, predicted: Array, surprise: Array) -> Array:
-        """The path with what innovations tell of the predicted states, (sample, state)."""
+        """Predicted states with what innovations tell of them, without those of coloured noise."""
         samples, size = self.path.shape
         covariance = self._filtered(ratio).predicted_state_cov[:size, :, :samples]
-        change = predicted[:, :size, 0] + np.einsum("abn,nb->na", covariance, surprise[..., 0])
-        return np.asarray(self.path + change)
-
-    def driven(self, parameters: Array) -> tuple[Array, Array, Array]:
-        """Record (sample,), what is added in each step (step, state) and first state, at given deviations."""
-        record = self.record - self.observed_parameters @ parameters
-        return record, self.mismatch + self.by_column @ parameters, self.start @ parameters
+        return np.asarray(predicted[:, :size] + np.einsum("abn,nbc->nac", covariance, surprise))
 
 
-def filter_gains(filtered: Any) -> tuple[Array, Array]:
-    """Gain of the prediction (sample, state) and variance of the innovations (sample,) of statsmodels."""
-    return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
+def _block_diagonal(matrices: Array, further: Array) -> Array:
+    """Matrices (..., state, state) with a block behind each."""
+    size, order = matrices.shape[-1], len(further)
+    if not order:
+        return matrices
+    whole = np.zeros((*matrices.shape[:-2], size + order, size + order))
+    whole[..., :size, :size] = matrices
+    whole[..., size:, size:] = further
+    return whole
 
 
-def statsmodels_model(
-    observed: Array,
-    transition: Array,
-    covariance: Array,
-    sensor_filter: Array,
-    *,
-    first: Array | None = None,
-    smoother: bool = False,
-) -> Any:
-    """statsmodels' filter or smoother of one signal in noise whose innovations have the variance one.
-
-    Parameters
-    ----------
-    observed : (sample, state) array of float
-        Derivative of the signal by the state.
-    transition, covariance : (step, state, state) array of float
-        Of each step, and of the noise that it adds.
-    sensor_filter : (tap,) array of float
-        Whitens the sensor's noise; that has states behind these where it is coloured.
-    first : (state, state) array of float, optional
-        Covariance of the first state; known where left out.
-    smoother : bool
-        Whether it can smooth too: states and their covariance.
-    """
-    # Here, since importing statsmodels takes longer than an identification.
-    from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
-    from statsmodels.tsa.statespace.kalman_smoother import SMOOTHER_STATE, SMOOTHER_STATE_COV, KalmanSmoother
-
-    noise = SensorNoise(sensor_filter)
-    samples, size = observed.shape[0], observed.shape[1] + noise.order
-    sizes = {"k_endog": 1, "k_states": size, "k_posdef": size}
-    # States and their covariance: disturbances and the rest would take twice the time.
-    output = SMOOTHER_STATE | SMOOTHER_STATE_COV
-    model: Any = KalmanSmoother(**sizes, smoother_output=output) if smoother else KalmanFilter(**sizes)
-    model.bind(np.zeros((1, samples)))
-    model["design"] = noise.behind(observed, noise.shown).T[None]
-    model["transition"] = _padded(
-        np.moveaxis(noise.block_diagonal(transition, noise.transition), 0, -1), np.eye(size)
-    )
-    model["selection"] = np.eye(size)
-    driven = np.moveaxis(noise.block_diagonal(covariance, noise.driven), 0, -1)
-    model["state_cov"] = _padded(driven, np.zeros((size, size)))
-    model["obs_cov"] = np.full((1, 1), float(not noise.order))
-    known = np.zeros(2 * observed.shape[1:]) if first is None else first
-    model.initialize_known(np.zeros(size), noise.block_diagonal(known, noise.first))
-    return model
-
-
-def set_signal(model: Any, record: Array, added: Array, start: Array) -> None:
-    """Give a model of statsmodels its record, what each step adds to the state, and the first state.
-
-    The states of coloured noise have nothing added.
-    """
-    further = model.k_states - len(start)
-    model.bind(np.ascontiguousarray(record[None]))
-    added = np.pad(added.T, ((0, further), (0, 0)))
-    model["state_intercept"] = _padded(added, np.zeros(len(added)))
-    model.initialize_known(np.pad(start, (0, further)), model.initialization.stationary_cov)
-
-
-def _padded(values: Array, last: Array) -> Array:
-    """Values of each step, and one more that statsmodels wants for the step after the last sample."""
-    return np.concatenate([values, last[..., None]], axis=-1)
+def _of_each_sample(matrices: Array) -> Array:
+    """Matrices of each step as statsmodels has them, with one for the step after the last sample."""
+    return np.moveaxis(np.concatenate([matrices, matrices[-1:]]), 0, -1)
 
 
 def likely_ratio(

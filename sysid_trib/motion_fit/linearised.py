@@ -1,6 +1,6 @@
 """A record about a path, linear in states and parameters, and further accelerations as columns."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial, legendre
@@ -10,34 +10,11 @@ from sysid_trib.errors import DecayError
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.records.smoothing import smooth
+from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model, Motion
 from sysid_trib.simulation.motions import SimulatedMotion, sensor_error
 from sysid_trib.simulation.simulate import trajectory
-
-
-@dataclass(frozen=True)
-class Derivatives:
-    """How a record is linearised: by these parameters, the start and the sensor's zero behind them.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Coefficients and shape parameters.
-    frequency : bool
-        Whether the reference frequency comes next.
-    rate_error : float or (sample,) array of float, rad
-        Standard error of v on the path: where forces switch with v, steps are averaged over it.
-    """
-
-    names: tuple[str, ...]
-    frequency: bool
-    rate_error: Array | float = 0.0
-
-    @property
-    def count(self) -> int:
-        """Number of columns: names, frequency, angle and rate at the first sample, zero of the sensor."""
-        return len(self.names) + self.frequency + 3
 
 
 def spline_path(model: Model, time: Array, angle: Array) -> Array:
@@ -73,13 +50,13 @@ def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
     return x, v
 
 
-def linearised_along(model: Model, time: Array, motion: SimulatedMotion, by: Derivatives) -> LinearModel:
-    """A motion of a model about itself."""
+def linearised_along(model: Model, time: Array, motion: SimulatedMotion) -> LinearModel:
+    """A motion of a model about itself, with the columns of its start and of the sensor's zero."""
     path = np.stack(
         [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
     )
     at_start = np.array([motion.position[0], motion.rate[0], 0.0])
-    return linearised_about(model, time, motion.angle, path, at_start, by)
+    return linearised_about(model, (time, motion.angle), path, at_start)
 
 
 def whitened(model: Model, time: Array, start: tuple[float, float], ratio: float, columns: Array) -> Array:
@@ -96,7 +73,7 @@ def whitened(model: Model, time: Array, start: tuple[float, float], ratio: float
     """
     if not ratio:
         return columns
-    linear = linearised_along(model, time, trajectory(model, time, *start), Derivatives((), False))
+    linear = linearised_along(model, time, trajectory(model, time, *start))
     steps, size = linear.path.shape[0] - 1, linear.path.shape[1]
     nothing = np.zeros((steps + 1, size, columns.shape[1]))
     shown = replace(linear, observed_parameters=columns, start=nothing[0], by_column=nothing[1:])
@@ -104,61 +81,55 @@ def whitened(model: Model, time: Array, start: tuple[float, float], ratio: float
 
 
 def linearised_about(
-    model: Model, time: Array, angle: Array, path: Array, per_run: Array, by: Derivatives
+    model: Model,
+    record: tuple[Array, Array],
+    path: Array,
+    per_run: Array,
+    by: tuple[str, ...] = (),
+    rate_error: Array | float = 0.0,
 ) -> LinearModel:
-    """A record about a path.
+    """A record about a path, with columns for parameters, then for the start and the sensor's zero.
 
     Parameters
     ----------
     model : Model
         Forces and sensor terms at the present parameters.
-    time, angle : (sample,) array of float, s and rad
-        The record, with steps of any length.
+    record : two (sample,) arrays of float, s and rad
+        Time, with steps of any length, and angle.
     path : (sample, state) array of float
         x, v (rad), internal states, memory at each sample.
     per_run : (3,) array of float
         Angle (rad) and rate (rad/s) at the first sample, zero of the sensor (rad).
-    by : Derivatives
-        The columns.
-
-    Returns
-    -------
-    LinearModel
+    by : tuple of str
+        Coefficients and shape parameters; behind them may be the reference frequency.
+    rate_error : float or (sample,) array of float, rad
+        Standard error of v on the path: where forces switch with v, steps are averaged over it.
 
     Raises
     ------
     SimulationError
         The motion between two samples cannot be computed.
     """
-    w, size = model.reference_frequency, path.shape[1]
-    started = path.copy()
-    started[0] = _start(model, per_run, size)
-    steps = expected_steps(model, time, started, by.rate_error, by.names, frequency=by.frequency)
-    by_column = np.zeros((len(time) - 1, size, by.count))
-    by_column[:, :, :-3] = steps.sensitivity
-    start = np.zeros((size, by.count))
-    start[0, -3], start[1, -2] = 1.0, 1.0 / w
-    if by.frequency:
-        # The rate at the first sample is a parameter, v = rate / w is the state.
-        start[1, -4] = -started[0, 1] / w
+    (time, angle), w, size, count = record, model.reference_frequency, path.shape[1], len(by)
+    motion, started = Motion(model.forces), path.copy()
+    y, p = motion.start(model, float(per_run[0]), float(per_run[1]) / w)
+    started[0] = np.concatenate([y, p[motion.memory_at]])[:size]
+    steps = expected_steps(model, time, started, rate_error, by)
+    by_column = np.pad(steps.sensitivity, ((0, 0), (0, 0), (0, 3)))
+    start = np.zeros((size, count + 3))
+    start[0, count], start[1, count + 1] = 1.0, 1.0 / w
+    # The rate at the first sample is a parameter, v = rate / w is the state.
+    start[1, :count] = [-started[0, 1] / w if name == FREQUENCY else 0.0 for name in by]
     shown, observed, by_sensor = sensor_on(model, time - time[0], started, by)
-    observed_parameters = np.zeros((len(time), by.count))
-    observed_parameters[:, : len(by.names)] = by_sensor
+    observed_parameters = np.pad(by_sensor, ((0, 0), (0, 3)))
     observed_parameters[:, -1] = 1.0
-    return LinearModel(
-        steps, started, angle - per_run[2] - shown, observed, observed_parameters, start, by_column
-    )
+    rest = angle - per_run[2] - shown
+    return LinearModel(steps, started, rest, observed, observed_parameters, start, by_column)
 
 
-def _start(model: Model, per_run: Array, size: int) -> Array:
-    motion = Motion(model.forces)
-    y, p = motion.start(model, float(per_run[0]), float(per_run[1]) / model.reference_frequency)
-    return np.concatenate([y, p[motion.memory_at]])[:size]
-
-
-def sensor_on(model: Model, elapsed: Array, path: Array, by: Derivatives) -> tuple[Array, Array, Array]:
+def sensor_on(model: Model, elapsed: Array, path: Array, by: tuple[str, ...]) -> tuple[Array, Array, Array]:
     """What the sensor shows on a path but for its zero (sample,), and its derivatives by state and names."""
-    error, by_motion, by_names = sensor_error(model, elapsed, path[:, 0], path[:, 1], by.names)
+    error, by_motion, by_names = sensor_error(model, elapsed, path[:, 0], path[:, 1], by)
     observed = np.zeros_like(path)
     observed[:, 0] = 1.0
     observed[:, :2] += by_motion
@@ -249,47 +220,22 @@ def _scaled(values: Array, limits: tuple[float, float]) -> Array:
     return (2.0 * values - low - high) / max(high - low, 1e-12 * max(1.0, abs(high)))
 
 
-def random_walk(
-    model: Model,
-    time: Array,
-    motion: SimulatedMotion,
-    per_tau: float,
-    normal: np.random.Generator,
-    draws: int,
-) -> Array:
-    """Draw what a random force adds to the angle of a free motion.
+def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
+    """Draw what a random force adds to a record about its path, (sample, draw), rad.
 
     Parameters
     ----------
-    model : Model
-    time : (sample,) array of float, s
-    motion : SimulatedMotion
-        The model's free motion at these times.
+    linear : LinearModel
     per_tau : float, rad^2
         Growth of the variance of v in a unit of tau (see `RandomForce.per_tau`).
     normal : Generator
     draws : int
-
-    Returns
-    -------
-    (draw, sample) array of float, rad
-
-    Raises
-    ------
-    SimulationError
-        The motion between two samples cannot be computed.
 
     Notes
     -----
     Deviations obey z[k+1] = F[k] z[k] + e[k] with the transitions F of the exact steps and the covariance
     per_tau D[k] of e[k]: the linear model of the filter, computed once for all draws.
     """
-    linear = linearised_along(model, time, motion, Derivatives((), frequency=False))
-    return random_walk_about(linear, per_tau, normal, draws).T
-
-
-def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
-    """Draw what a random force of this size adds to a record about its path, (sample, draw)."""
     variance, axes = np.linalg.eigh(per_tau * linear.steps.diffusion)
     # A part that friction holds has no variance; rounding makes it negative.
     root = axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :]

@@ -2,16 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.sensor_noise import whitened
 from sysid_trib.motion_fit.parameters import Parameters
+from sysid_trib.records.decay import one_or_all
 from sysid_trib.records.inputs import KnownInput
+from sysid_trib.results.schema import Estimate, identification
+from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import Observation
-from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE
+from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
@@ -144,11 +151,17 @@ class FitProblem:
     parameters : Parameters
         What the vector of values holds.
     records : tuple of WhitenedRecord
-        The runs.
+        What was measured of the runs.
+    runs : sequence of xarray.Dataset
+        The decays themselves.
+    offered : ForceLibrary
+        All forces to choose from.
     """
 
     parameters: Parameters
     records: tuple[WhitenedRecord, ...]
+    runs: Sequence[xr.Dataset]
+    offered: ForceLibrary
 
     def first(self, part: float) -> "FitProblem":
         """The problem of the first part of each record."""
@@ -161,6 +174,11 @@ class FitProblem:
             for record, count in zip(self.records, counts, strict=True)
         ]
         return replace(self, records=tuple(cut))
+
+    def with_filters(self, filters: Sequence[Array]) -> "FitProblem":
+        """The problem with a filter for each run that whitens its noise."""
+        pairs = zip(self.records, filters, strict=True)
+        return replace(self, records=tuple(replace(record, filter_=filter_) for record, filter_ in pairs))
 
     def residuals(self, values: Array) -> list[Array]:
         """Motion minus record of each run, (sample,) array of float each, rad."""
@@ -210,3 +228,43 @@ class FitProblem:
             residual = record.residual(parameters.model(stepped, run), start)
             table[:, i] = (residual - here) / (stepped[i] - values[i])
         return table
+
+    def identification(
+        self,
+        method: Any,
+        values: Array,
+        covariance: Array,
+        noises: Sequence[float],
+        extra: Mapping[str, tuple[ArrayLike, str, str]],
+    ) -> xr.Dataset:
+        """A fit as the Dataset that every method returns.
+
+        Parameters
+        ----------
+        method : dataclass with `shapes`
+            The method, for the provenance.
+        values, covariance : (parameter,) and (parameter, parameter) array of float
+            The fitted values, and their covariance.
+        noises : sequence of float, rad
+            The sensor's noise in each run.
+        extra : mapping of str to (values, units, long_name)
+            Further variables, a number each or one for each run.
+        """
+        parameters = self.parameters
+        model, per_run = parameters.model(values), parameters.per_run(values)
+        estimate = Estimate(
+            parameters.coefficients(values),
+            parameters.covariance_of(covariance, (*parameters.library.symbols, FREQUENCY)),
+            model.reference_frequency,
+            noises,
+            {**start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2]), **extra},
+        )
+        method = replace(method, shapes=dict(model.shapes))
+        runs = one_or_all(self.runs)
+        result = identification(method, runs, parameters.library, estimate, offered=self.offered)
+        if "shape" in result:
+            errors = dict(zip(parameters.names, np.sqrt(np.diag(covariance)), strict=True))
+            errors = {name: errors[name] for name in parameters.fit_shapes}
+            fitted = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
+            result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
+        return result

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,237 +16,166 @@ from sysid_trib.motion_fit.parameters import Parameters
 
 
 @dataclass(frozen=True)
-class PushedRun:
-    """One run, linear about its filtered path.
-
-    Attributes
-    ----------
-    linear : LinearModel
-        With the columns of all common parameters, then of the run's own.
-    ratio : VarianceRatio
-        per_tau of the random force over the variance of the sensor's noise.
-    deviation : (column,) array of float
-        Of the parameters from where it is linear.
-    """
-
-    linear: LinearModel
-    ratio: VarianceRatio
-    deviation: Array
-
-    def filtered_motion(self) -> tuple[Array, Array]:
-        """The path by the samples up to each one (sample, state), and the standard error of v (sample,), rad.
-
-        At the parameters of most likelihood.
-        """
-        path, rate_error = self.linear.filtered_motion(self.ratio.ratio, self.deviation)
-        return path, np.sqrt(self.ratio.variance) * rate_error
-
-    def innovations(self) -> Array:
-        """What is predicted wrongly one sample ahead, (sample,), rad."""
-        innovations, columns, _ = self.linear.innovations(self.ratio.ratio)
-        return np.asarray(innovations - columns @ self.deviation)
-
-
-@dataclass(frozen=True)
 class Iterate:
     """Where the iteration is, and the step that it would take.
 
     Attributes
     ----------
-    values : (parameter,) array of float
-    runs : tuple of PushedRun
-    rows : WhiteRows
-        Normalised innovations of all runs, as a regression on the free parameters.
-    step : (free,) array of float
-        Of the free parameters.
-    covariance : (free, free) array of float
-        Of the free parameters, without limits.
-    """
-
-    values: Array
-    runs: tuple[PushedRun, ...]
-    rows: WhiteRows
-    step: Array
-    covariance: Array
-
-    @property
-    def remaining(self) -> float:
-        """The step in standard errors, of the parameter where it is largest."""
-        return float(np.max(np.abs(self.step) / np.sqrt(np.diag(self.covariance))))
-
-
-def iterate(
-    parameters: Parameters,
-    values: Array,
-    linear: Sequence[LinearModel],
-    densities: Sequence[float | None],
-    before: Iterate | None,
-) -> Iterate:
-    """Ratio of each run, then the step of all parameters.
-
-    Parameters
-    ----------
     parameters : Parameters
     values : (parameter,) array of float
         Where the runs are linear.
     linear : sequence of LinearModel
-        The runs.
-    densities : sequence of float or None, (rad/s^2)^2/Hz
-        Held in each run; None where it is estimated.
-    before : Iterate or None
-        The last one.
+        The runs about their filtered paths, with the columns of all common parameters, then of the run's own.
+    ratios : sequence of VarianceRatio
+        Of each run: per_tau of the random force over the variance of the sensor's noise.
     """
-    jacobian = parameters.by_free(np.eye(len(values)), values)
-    blocks = [jacobian[_places(parameters, run)] for run in range(len(linear))]
-    frequency = parameters.model(values).reference_frequency
-    last = [run.ratio for run in before.runs] if before else [None] * len(linear)
-    ratios = [
-        _ratio(model, block, density, frequency, of_run)
-        for model, block, density, of_run in zip(linear, blocks, densities, last, strict=True)
-    ]
-    rows = _stacked(linear, blocks, ratios)
-    step, covariance = _step_within(parameters, values, rows)
-    deviations = [block @ step for block in blocks]
-    runs = tuple(PushedRun(*parts) for parts in zip(linear, ratios, deviations, strict=True))
-    return Iterate(values, runs, rows, step, covariance)
 
+    parameters: Parameters
+    values: Array
+    linear: Sequence[LinearModel]
+    ratios: Sequence[VarianceRatio] = ()
 
-def average_by_ratio(parameters: Parameters, at: Iterate, run: int) -> RatioAverage:
-    """The step of the free parameters over the ratios of a run that its record leaves open.
+    def with_ratios(self, densities: Sequence[float | None], before: "Iterate | None") -> "Iterate":
+        """The same with the ratio of each run, by its own restricted likelihood or by a given density.
 
-    Parameters
-    ----------
-    parameters : Parameters
-    at : Iterate
-        The last one.
-    run : int
-        Of which the ratio was estimated.
-    """
-    jacobian = parameters.by_free(np.eye(len(at.values)), at.values)
-    linear, ratios = (
-        [stochastic.linear for stochastic in at.runs],
-        [stochastic.ratio for stochastic in at.runs],
-    )
-    blocks = [jacobian[_places(parameters, number)] for number in range(len(linear))]
+        Parameters
+        ----------
+        densities : sequence of float or None, (rad/s^2)^2/Hz
+            Held in each run; None where it is estimated.
+        before : Iterate or None
+            The last one, near which the ratios are.
+        """
+        last = before.ratios if before else [None] * len(self.linear)
+        frequency = self.parameters.model(self.values).reference_frequency
+        ratios = []
+        for run, (density, of_run) in enumerate(zip(densities, last, strict=True)):
+            rows = self._rows_by_ratio(run)
+            if density is None:
+                ratio = likely_ratio(self.linear[run], rows, of_run.ratio if of_run else None)
+            else:
+                per_tau = RandomForce(density).per_tau(frequency)
+                ratio = held_ratio(rows, per_tau, of_run.variance if of_run else None)
+            ratios.append(ratio)
+        return replace(self, ratios=ratios)
 
-    def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
-        of_runs = [*ratios[:run], ratio, *ratios[run + 1 :]]
-        return _step_within(parameters, at.values, _stacked(linear, blocks, of_runs))
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivative of all parameters by the free ones, (parameter, free)."""
+        return self.parameters.by_free(np.eye(len(self.values)), self.values)
 
-    samples = len(linear[run].record)
-    return average_over_ratios(_rows_by_ratio(linear[run], blocks[run]), ratios[run], samples, solved)
+    @cached_property
+    def _blocks(self) -> list[Array]:
+        """Derivative of the columns' parameters of each run by the free ones, (column, free)."""
+        common = self.jacobian[: len(self.parameters.common)]
+        own = [self.jacobian[self.parameters.of_run(run)] for run in range(len(self.linear))]
+        return [np.concatenate([common, part]) for part in own]
 
+    @cached_property
+    def rows(self) -> WhiteRows:
+        """Normalised innovations of all runs as one regression on the free parameters."""
+        of_runs = [model.rows(ratio.ratio) for model, ratio in zip(self.linear, self.ratios, strict=True)]
+        sizes = [np.sqrt(ratio.variance) for ratio in self.ratios]
+        target = np.concatenate([rows.target / size for rows, size in zip(of_runs, sizes, strict=True)])
+        design = [
+            rows.design @ block / size for rows, block, size in zip(of_runs, self._blocks, sizes, strict=True)
+        ]
+        return WhiteRows(target, np.concatenate(design), 0.0)
 
-def with_gains_over_colours(parameters: Parameters, settled: Iterate) -> tuple[PushedRun, ...]:
-    """Runs with the gain of each one's random force over the sensor's noise alone, in a colour of its own.
+    @cached_property
+    def solution(self) -> tuple[Array, Array]:
+        """Step of the free parameters within their limits, and their covariance without limits.
 
-    Parameters
-    ----------
-    parameters : Parameters
-    settled : Iterate
-        The last one.
+        Parameters that would pass a limit go to it, and the others are solved again.
+        """
+        rows, free = self.rows, self.parameters.free
+        step, inverse = rows.solution()
+        low, high = (limit[free] - self.values[free] for limit in self.parameters.limits)
+        passed = (step < low) | (step > high)
+        if passed.any():
+            limited = np.clip(step, low, high)
+            target = rows.target - rows.design[:, passed] @ limited[passed]
+            rest = replace(rows, target=target, design=rows.design[:, ~passed])
+            limited[~passed] = np.clip(rest.solution()[0], low[~passed], high[~passed])
+            step = limited
+        return step, inverse
 
-    Notes
-    -----
-    Both colours are of most likelihood, of the order that the sensor's noise has. With the random force the
-    ratio is held where it is: the gain is no larger than with both free.
-    """
-    jacobian = parameters.by_free(np.eye(len(settled.values)), settled.values)
-    blocks = [jacobian[_places(parameters, run)] for run in range(len(settled.runs))]
-    return tuple(_with_gain(*pair) for pair in zip(settled.runs, blocks, strict=True))
+    @property
+    def remaining(self) -> float:
+        """The step in standard errors, of the parameter where it is largest."""
+        step, covariance = self.solution
+        return float(np.max(np.abs(step) / np.sqrt(np.diag(covariance))))
 
+    def deviation(self, run: int) -> Array:
+        """The parameters of most likelihood from where a run is linear, (column,)."""
+        return np.asarray(self._blocks[run] @ self.solution[0])
 
-def penalised_deviance(parameters: Parameters, values: Array, runs: Sequence[PushedRun]) -> float:
-    """Deviance of the innovations with the Bayesian information criterion's price of the colours.
+    def filtered_motion(self, run: int) -> tuple[Array, Array]:
+        """The path by the samples up to each one (sample, state), and the standard error of v (sample,), rad.
 
-    Parameters
-    ----------
-    parameters : Parameters
-    values : (parameter,) array of float
-        Of most likelihood.
-    runs : sequence of PushedRun
-        Linear about their filtered paths.
-    """
-    jacobian = parameters.by_free(np.eye(len(values)), values)
-    total = 0.0
-    for at, run in enumerate(runs):
-        rows = _rows_by_ratio(run.linear, jacobian[_places(parameters, at)])
-        taps = len(run.linear.sensor_filter) - 1
-        total += rows(run.ratio.ratio).restricted_deviance()[0] + taps * np.log(len(run.linear.record))
-    return total
+        At the parameters of most likelihood.
+        """
+        linear, ratio = self.linear[run], self.ratios[run]
+        change, covariance = linear.filtered_motion(ratio.ratio, self.deviation(run))
+        return linear.path + change[..., 0], np.sqrt(ratio.variance * np.maximum(covariance[:, 1, 1], 0.0))
 
+    def innovations(self, run: int) -> Array:
+        """What is predicted wrongly one sample ahead, (sample,), rad."""
+        return self.linear[run].innovations(self.ratios[run].ratio, self.deviation(run))[1][:, 0]
 
-def _with_gain(run: PushedRun, block: Array) -> PushedRun:
-    filter_, ratio = run.linear.sensor_filter, run.ratio
-    if len(filter_) == 1 or ratio.gain == 0.0:
-        return run
+    def stepped(self, step: Array) -> Array:
+        """The parameters after a step of the free ones, within their limits."""
+        free = self.parameters.free
+        low, high = (limit[free] for limit in self.parameters.limits)
+        return self.parameters.expand(np.clip(self.values[free] + step, low, high))
 
-    def least_deviance(of: float) -> float:
-        def deviance(colour: Array) -> float:
-            linear = replace(run.linear, sensor_filter=colour)
-            return _rows_by_ratio(linear, block)(of).restricted_deviance()[0]
+    def average_by_ratio(self, run: int) -> RatioAverage:
+        """The step of the free parameters over the ratios of a run that its record leaves open."""
 
-        return most_likely_colour(deviance, [filter_], samples=len(run.linear.record))[1]
+        def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
+            return replace(self, ratios=[*self.ratios[:run], ratio, *self.ratios[run + 1 :]]).solution
 
-    gain = max(0.0, least_deviance(0.0) - least_deviance(ratio.ratio))
-    return replace(run, ratio=replace(ratio, gain=gain))
+        samples = len(self.linear[run].record)
+        return average_over_ratios(self._rows_by_ratio(run), self.ratios[run], samples, solved)
 
+    def with_gains_over_colours(self) -> "Iterate":
+        """The same with the gain of each run's random force over the sensor's noise alone, in its own colour.
 
-def _places(parameters: Parameters, run: int) -> list[int]:
-    """Places in the vector of all parameters that the columns of a run have."""
-    return [*range(len(parameters.common)), *range(len(parameters))[parameters.of_run(run)]]
+        Both colours are of most likelihood, of the order that the sensor's noise has. With the random force
+        the ratio is held where it is: the gain is no larger than with both free.
+        """
+        ratios = [
+            ratio if len(model.sensor_filter) == 1 or ratio.gain == 0.0 else self._with_gain(run)
+            for run, (model, ratio) in enumerate(zip(self.linear, self.ratios, strict=True))
+        ]
+        return replace(self, ratios=ratios)
 
+    def _with_gain(self, run: int) -> VarianceRatio:
+        linear, ratio = self.linear[run], self.ratios[run]
 
-def _ratio(
-    model: LinearModel, block: Array, density: float | None, frequency: float, last: VarianceRatio | None
-) -> VarianceRatio:
-    """The ratio of variances of one run, by its own restricted likelihood or by a given density."""
-    rows = _rows_by_ratio(model, block)
-    if density is None:
-        return likely_ratio(model, rows, last.ratio if last else None)
-    return held_ratio(rows, RandomForce(density).per_tau(frequency), last.variance if last else None)
+        def least_deviance(of: float) -> float:
+            def deviance(colour: Array) -> float:
+                return self._rows_by_ratio(run, colour)(of).restricted_deviance()[0]
 
+            return most_likely_colour(deviance, [linear.sensor_filter], samples=len(linear.record))[1]
 
-def _rows_by_ratio(model: LinearModel, block: Array) -> Callable[[float], WhiteRows]:
-    """Innovations of one run by the ratio of its variances, as a regression on the parameters that it has."""
+        return replace(ratio, gain=max(0.0, least_deviance(0.0) - least_deviance(ratio.ratio)))
 
-    def rows(ratio: float) -> WhiteRows:
-        white = model.rows(ratio)
-        design = white.design @ block
-        return replace(white, design=design[:, np.any(design != 0.0, axis=0)])
+    def penalised_deviance(self) -> float:
+        """Deviance of the innovations with the Bayesian information criterion's price of the colours."""
+        total = 0.0
+        for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
+            deviance, _ = self._rows_by_ratio(run)(ratio.ratio).restricted_deviance()
+            total += deviance + (len(linear.sensor_filter) - 1) * np.log(len(linear.record))
+        return total
 
-    return rows
+    def _rows_by_ratio(self, run: int, colour: Array | None = None) -> Callable[[float], WhiteRows]:
+        """Innovations of a run by the ratio of its variances, as a regression on the parameters it has."""
+        block, linear = self._blocks[run], self.linear[run]
+        linear = linear if colour is None else replace(linear, sensor_filter=colour)
 
+        def rows(ratio: float) -> WhiteRows:
+            white = linear.rows(ratio)
+            design = white.design @ block
+            return replace(white, design=design[:, np.any(design != 0.0, axis=0)])
 
-def _stacked(
-    linear: Sequence[LinearModel], blocks: Sequence[Array], ratios: Sequence[VarianceRatio]
-) -> WhiteRows:
-    """Normalised innovations of all runs as one regression on the free parameters."""
-    of_runs = [model.rows(ratio.ratio) for model, ratio in zip(linear, ratios, strict=True)]
-    sizes = [np.sqrt(ratio.variance) for ratio in ratios]
-    target = np.concatenate([rows.target / size for rows, size in zip(of_runs, sizes, strict=True)])
-    design = np.concatenate(
-        [rows.design @ block / size for rows, block, size in zip(of_runs, blocks, sizes, strict=True)]
-    )
-    return WhiteRows(target, design, 0.0)
-
-
-def _step_within(parameters: Parameters, values: Array, rows: WhiteRows) -> tuple[Array, Array]:
-    """Step of the free parameters within their limits, and their covariance without limits.
-
-    Parameters that would pass a limit go to it, and the others are solved again.
-    """
-    step, inverse = rows.solution()
-    now = values[parameters.free]
-    low, high = (limit[parameters.free] - now for limit in parameters.limits)
-    passed = (step < low) | (step > high)
-    if passed.any():
-        limited = np.clip(step, low, high)
-        rest = replace(
-            rows,
-            target=rows.target - rows.design[:, passed] @ limited[passed],
-            design=rows.design[:, ~passed],
-        )
-        limited[~passed] = np.clip(rest.solution()[0], low[~passed], high[~passed])
-        step = limited
-    return step, inverse
+        return rows

@@ -12,15 +12,13 @@ from sysid_trib.likelihood.colour import of_order
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.kalman import LinearModel
-from sysid_trib.motion_fit.linearised import Derivatives, linearised_about, spline_path
+from sysid_trib.motion_fit.linearised import linearised_about, spline_path
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.model import Model
 
 # Of noise as 1/f so many taps: each is a state, and further ones change little at the frequency of a swing.
 MOST_TAPS = 49
-# Angle and rate at the first sample, zero of the sensor.
-NO_PARAMETERS = Derivatives((), frequency=False)
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,14 @@ class TrackedRecord:
 
     def innovations(self) -> tuple[Array, Array]:
         """What is predicted wrongly one sample ahead, and its standard deviation, (sample,) each, rad."""
-        innovations, columns, variance = self.linear.innovations(self.ratio)
-        return innovations - columns @ self.deviation, self.noise * np.sqrt(variance)
+        _, innovations, variance = self.linear.innovations(self.ratio, self.deviation)
+        return innovations[:, 0], self.noise * np.sqrt(variance)
+
+    def linear_about(self, path: Array, zero: float, by: tuple[str, ...] = ()) -> LinearModel:
+        """The record linear about a path, with a zero of the sensor, and columns for parameters."""
+        per_run = np.array([path[0, 0], self.model.reference_frequency * path[0, 1], zero])
+        linear = linearised_about(self.model, (self.time, self.angle), path, per_run, by)
+        return replace(linear, sensor_filter=self.linear.sensor_filter)
 
     def with_density(self, density: float) -> "TrackedRecord":
         """The record with another random force ((rad/s^2)^2/Hz), settled anew from where it is.
@@ -162,7 +166,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))
     path = spline_path(model, time, angle)
     per_run = np.array([path[0, 0], frequency * path[0, 1], 0.0])
-    linear = linearised_about(model, time, angle, path, per_run, NO_PARAMETERS)
+    linear = linearised_about(model, (time, angle), path, per_run)
     colour = sensor.filter_ if len(sensor.filter_) <= MOST_TAPS else of_order(sensor.filter_, MOST_TAPS - 1)
     linear = replace(linear, sensor_filter=colour)
     return _settled(TrackedRecord(model, time, angle, linear, np.zeros(3), 0.0, noise, per_tau))
@@ -187,17 +191,8 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
         if np.argmin(changes) < len(changes) - 3:
             break
         zero = float(tracked.zero + deviation[2])
-        tracked = replace(tracked, linear=linear_about(tracked, linear.path + change, zero), zero=zero)
+        tracked = replace(tracked, linear=tracked.linear_about(linear.path + change, zero), zero=zero)
     raise DecayError(
         "The motion of this identification does not settle on the record; its forces do not describe it. "
         "Offer others, or a shorter window."
     )
-
-
-def linear_about(
-    tracked: TrackedRecord, path: Array, zero: float, by: Derivatives = NO_PARAMETERS
-) -> LinearModel:
-    """The record linear about a path, with a zero of the sensor."""
-    per_run = np.array([path[0, 0], tracked.model.reference_frequency * path[0, 1], zero])
-    linear = linearised_about(tracked.model, tracked.time, tracked.angle, path, per_run, by)
-    return replace(linear, sensor_filter=tracked.linear.sensor_filter)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -110,38 +109,55 @@ def sensor_error(
 
 # In an interval, and in each unit of tau of it.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
-NO_IMPULSES = np.empty(0), np.empty(0)
+GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
+GAUSS_POINTS = GAUSS_POINTS + 0.5
 
 
-class Ends(NamedTuple):
-    """Ends of intervals that begin at given states: x, v (rad), internal states, memory.
+@dataclass(frozen=True)
+class Steps:
+    """Exact motion over intervals, from states that are given at their beginnings.
+
+    The state is x, v (rad), then the internal states of the forces, then their memory (`Motion.variables`,
+    `Motion.memory`).
 
     Attributes
     ----------
-    end : (interval, state) array of float
-    transition : (interval, state, start) array of float
-        Derivative by the beginning.
-    sensitivity : (interval, state, parameter) array of float
-        By parameters of the model.
-    impulses : (interval, state, point) array of float
-        By how strong an impulse is within the interval.
+    end : (step, state) array of float
+        State at the end of each interval.
+    transition : (step, state, start) array of float
+        Derivative of the end by the beginning.
+    sensitivity : (step, state, parameter) array of float
+        Derivative of the end by the parameters that were asked for, the beginning (x, v, ...) held.
+    diffusion : (step, state, state) array of float
+        Covariance of the end by a white acceleration that makes the variance of v grow by one a unit of tau;
+        zero where it was not asked for.
     """
 
     end: Array
     transition: Array
     sensitivity: Array
-    impulses: Array
+    diffusion: Array
+
+    def then(self, further: "Steps") -> "Steps":
+        """Both one after the other."""
+        onward = further.transition
+        return Steps(
+            further.end,
+            onward @ self.transition,
+            onward @ self.sensitivity + further.sensitivity,
+            onward @ self.diffusion @ onward.swapaxes(1, 2) + further.diffusion,
+        )
 
 
-def ends_of(
+def steps_of(
     model: Model,
     spans: tuple[Array, Array],
     states: Array,
     by: tuple[str, ...] = (),
-    impulses: tuple[Array, Array] = NO_IMPULSES,
     *,
+    diffuses: bool = False,
     by_start: int | None = None,
-) -> Ends:
+) -> Steps:
     """Follow a motion over intervals, each from a state that is given.
 
     Parameters
@@ -154,8 +170,9 @@ def ends_of(
         At the beginnings.
     by : tuple of str
         Parameters by which the ends are derived, as in `integrate`.
-    impulses : two (point,) arrays of float
-        Where in an interval, in parts of it, an impulse acts, and how strong it is.
+    diffuses : bool
+        Whether the diffusion is asked for: that of impulses within the interval, carried to its end by the
+        same derivatives, at Gauss's points.
     by_start : int, optional
         By so many of the first numbers of the beginnings the ends are derived; by all where left out.
 
@@ -164,7 +181,8 @@ def ends_of(
     SimulationError
         The motion diverges within an interval, or switches without end.
     """
-    (tau, length), (places, strengths) = spans, impulses
+    tau, length = spans
+    places = GAUSS_POINTS if diffuses else np.empty(0)
     w = model.reference_frequency
     motion, program = program_of(model.forces, forced=INPUT in model.inputs, paced=FREQUENCY in by)
     size, count = program.states + program.memory, len(tau)
@@ -172,24 +190,24 @@ def ends_of(
     first = starts + len(by)
     columns = first + len(places)
     knots, marks, points = _knots(tau, length, w * bends_of(model), places)
-    of_impulses = np.zeros((len(knots), columns))
+    impulses = np.zeros((len(knots), columns))
     inside = np.flatnonzero(points >= 0)
-    of_impulses[inside, first + points[inside]] = strengths[points[inside]]
+    impulses[inside, first + points[inside]] = np.sqrt(GAUSS_WEIGHTS)[points[inside]]
     polynomials = polynomials_of(model, knots)
     # Where each interval begins is given, and so are the derivatives there.
     state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
     rows = np.empty((count, size + 1))
     tangents = np.empty((count, size + 1, columns))
     increments = np.zeros((len(knots), 2))
-    given = Given(
-        tau, knots, polynomials, increments, of_impulses, marks, states.astype(float), rows, tangents
-    )
+    given = Given(tau, knots, polynomials, increments, impulses, marks, states.astype(float), rows, tangents)
     budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
     if count:
         run(program, given, state, (DIVERGED, *budget), w)
     kept = np.delete(np.arange(size + 1), program.states)
-    table = tangents[:, kept]
-    return Ends(rows[:, kept], *(part.copy() for part in np.split(table, [starts, first], axis=2)))
+    by_begin, by_names, by_impulses = np.split(tangents[:, kept], [starts, first], axis=2)
+    random = by_impulses * np.sqrt(length)[:, None, None]
+    diffusion = random @ random.swapaxes(1, 2)
+    return Steps(rows[:, kept], by_begin.copy(), by_names.copy(), diffusion)
 
 
 def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:

@@ -21,8 +21,8 @@ from sysid_trib.likelihood.sensor_noise import memory_samples
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.linearised import Derivatives, random_walk_about, trial_forces
-from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, linear_about, track
+from sysid_trib.motion_fit.linearised import random_walk_about, trial_forces
+from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable
 
@@ -139,8 +139,8 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
     if "shape_standard_error" in result:
         errors = result.shape_standard_error
         shapes = errors.shape_parameter.values[errors.values > 0.0].tolist()
-    by = Derivatives((*(offered[at] for at in kept), *shapes), frequency=False)
-    linear = linear_about(tracked, tracked.linear.path, tracked.zero, by)
+    names = (*(offered[at] for at in kept), *shapes)
+    linear = tracked.linear_about(tracked.linear.path, tracked.zero, names)
     # Directions in which parameters were free: not where they are fixed or tied.
     covariance = covariance[np.ix_([*kept, -1], [*kept, -1])]
     size = np.sqrt(np.diag(covariance))
@@ -148,7 +148,7 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     # Part of a variance below which a direction of the parameters was held or tied.
     free = size[:, None] * vectors[:, values > 1e-12]
-    basis = block_diag(free[:-1], np.eye(by.count - len(kept)))
+    basis = block_diag(free[:-1], np.eye(linear.start.shape[1] - len(kept)))
     by_column = linear.by_column @ basis
     by_column[:, :2, : free.shape[1]] += stiffness * free[-1]
     return replace(
@@ -281,8 +281,7 @@ def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, flo
     linear = trial.linear
     path = linear.path
     gain, variance = linear.gains(ratio)
-    observed, _ = linear.with_sensor_states
-    source = observed[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]
+    source = linear.observed_states[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]
     # The states of coloured noise are no motion.
     smoothed = linear.recursion(gain, source, backward=True)[1:, : path.shape[1]]
     weights = np.einsum("kad,kab,kbd->kd", smoothed, linear.steps.diffusion, smoothed, optimize=True)

@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, silent
 from sysid_trib.likelihood.random_force import is_fitted, random_force_of
 from sysid_trib.methods import method_of
-from sysid_trib.motion_fit.linearised import random_walk
+from sysid_trib.motion_fit.linearised import linearised_along, random_walk_about
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of
@@ -47,7 +47,9 @@ def _simulated_runs(runs: Sequence[xr.Dataset], truth: Truth, *, draws: int, see
             time = np.linspace(time[0], time[-1], most)
         free, force = trajectory(model, time, motion.angle, motion.rate), random_force_of(result, at)
         per_tau = force.per_tau(model.reference_frequency)
-        walks = random_walk(model, time, free, per_tau, forcing, draws) if force else None
+        walks = None
+        if force:
+            walks = random_walk_about(linearised_along(model, time, free), per_tau, forcing, draws).T
         simulated.append((time, free.angle, noise, walks))
     return simulated
 
