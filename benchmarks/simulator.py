@@ -24,7 +24,7 @@ from sysid_trib import Model, load_library  # noqa: E402
 from sysid_trib.forces import ForceLibrary  # noqa: E402
 from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
 from sysid_trib.records.inputs import KnownInput  # noqa: E402
-from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE  # noqa: E402
+from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE  # noqa: E402
 from sysid_trib.simulation.simulate import simulate, trajectory  # noqa: E402
 
 PAPER = {"lambda": -2.3e-5, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}

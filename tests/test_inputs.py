@@ -16,9 +16,9 @@ from scipy.interpolate import CubicSpline
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
-from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.physics.si_units import per_input
 from sysid_trib.records.inputs import KnownInput
+from sysid_trib.simulation.steps import expected_steps
 from sysid_trib.validation.driven import identified_driven
 
 W = 9.0

@@ -18,7 +18,7 @@ from benchmarks.study.pushed import FREE
 from sysid_trib.likelihood.ratio_posterior import probability_of_none
 from sysid_trib.likelihood.variance_ratio import ratio_span
 from sysid_trib.motion_fit.linearised import linearised_about
-from sysid_trib.simulation.integrate import FREQUENCY
+from sysid_trib.simulation.motions import FREQUENCY
 from sysid_trib.validation.random_force_test import TrialModel, trial_model
 
 # e-folds between two ratios that are tried, and how many of them: up to a wander of 3 noise levels.

@@ -14,13 +14,12 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.motion_fit.innovations import birge_ratios
 from sysid_trib.motion_fit.linearised import sensor_on
-from sysid_trib.motion_fit.steps import steps_over
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.schema import covariance_with_frequency
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import noise_of_run, variable, with_error
-from sysid_trib.simulation.integrate import FREQUENCY
-from sysid_trib.simulation.motions import Steps
+from sysid_trib.simulation.motions import FREQUENCY
+from sysid_trib.simulation.steps import Steps, steps_over
 
 # Periods that the filter has for the start and the sensor's zero before the first prediction.
 SETTLING_PERIODS = 2.0

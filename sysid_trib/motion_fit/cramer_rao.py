@@ -9,8 +9,8 @@ from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results.variables import variable
-from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
 
 

@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dtbtrs
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, ratio_span, variance_ratio
-from sysid_trib.simulation.motions import Steps
+from sysid_trib.simulation.steps import Steps
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,12 @@ from numpy.polynomial import Legendre, Polynomial, legendre
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.motion_fit.kalman import LinearModel
-from sysid_trib.motion_fit.steps import expected_steps
 from sysid_trib.records.smoothing import smooth
-from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model, Motion
-from sysid_trib.simulation.motions import SimulatedMotion, sensor_error
+from sysid_trib.simulation.motions import FREQUENCY, SimulatedMotion, sensor_error
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.steps import expected_steps
 
 
 def spline_path(model: Model, time: Array, angle: Array) -> Array:

@@ -11,8 +11,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.ties import Tie
-from sysid_trib.simulation.integrate import FREQUENCY
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import FREQUENCY
 
 # What each run has of its own: angle (rad) and rate (rad/s) at its first sample, zero of the sensor (rad).
 PER_RUN = ("start_angle", "start_rate", "offset")

@@ -2,23 +2,8 @@
 
 import numpy as np
 
-from sysid_trib.simulation.compiled import (
-    ROW_AHEAD,
-    ROW_CLOCK,
-    ROW_FAR,
-    ROW_LATER,
-    ROW_MEMORY,
-    ROW_MEMORY_DOWN,
-    ROW_MEMORY_UP,
-    ROW_REST,
-    ROW_SIGNS,
-    ROW_SIGNS_DOWN,
-    ROW_SIGNS_UP,
-    ROW_STATE,
-    ROW_VALUES,
-    TRIAL,
-    inner,
-)
+from sysid_trib.simulation import compiled as at
+from sysid_trib.simulation.compiled import inner
 from sysid_trib.simulation.jets import at_once, at_once_live, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
 
@@ -43,7 +28,7 @@ def state_at(program, c, J, y, ahead):
     """Put a state so much after the clock into the first order, and what is given over time into two."""
     for i in range(program.states):
         J[i, 0] = y[i]
-    J[program.states, 0] = c.v[ROW_CLOCK, 0] + ahead
+    J[program.states, 0] = c.v[at.CLOCK, 0] + ahead
     for m in range(program.channels):
         here, slope = c.drive[m, FORCING_NUMBERS], c.drive[m, FORCING_NUMBERS + 1]
         J[program.states + 1 + m, 0], J[program.states + 1 + m, 1] = here + ahead * slope, slope
@@ -52,9 +37,9 @@ def state_at(program, c, J, y, ahead):
 @inner
 def parameters_at(program, J, memory, signs):
     """Put memory and signs into the first orders."""
-    at = program.inputs - program.memory
+    kept = program.inputs - program.memory
     for m in range(program.memory):
-        J[at + m, 0] = memory[m]
+        J[kept + m, 0] = memory[m]
     for m in range(len(program.signs)):
         J[program.signs[m], 0] = signs[m]
 
@@ -90,60 +75,60 @@ def reverses(program):
 
 @inner
 def signs_and_values(program, c, out):
-    """Signs of the surfaces in c.aside[TRIAL], and their values."""
-    signs_of(program, c.aside[TRIAL], out)
+    """Signs of the surfaces in c.aside[at.TRIAL], and their values."""
+    signs_of(program, c.aside[at.TRIAL], out)
     for m in range(len(program.signs)):
-        c.v[ROW_VALUES, m] = c.aside[TRIAL][program.surfaces[m], 0]
+        c.v[at.VALUES, m] = c.aside[at.TRIAL][program.surfaces[m], 0]
 
 
 @inner
 def signs_ahead(program, c):
     """Signs of a motion that goes on from here: near a surface, those where it will be a little later."""
-    J, y, later = c.aside[TRIAL], c.v[ROW_STATE], c.v[ROW_LATER]
+    J, y, later = c.aside[at.TRIAL], c.v[at.STATE], c.v[at.STATE_LATER]
     state_at(program, c, J, y, 0.0)
-    signs_and_values(program, c, c.v[ROW_FAR])
+    signs_and_values(program, c, c.v[at.SIGNS_FAR])
     if reverses(program):
         # A reversal is an event of its own, at which the memory is replaced: before it v has its sign.
-        c.v[ROW_VALUES, 0] = np.inf
-    by_nearness(c.v[ROW_VALUES], c.v[ROW_SIGNS], c.v[ROW_FAR], c.v[ROW_SIGNS])
-    rates_of(program, J, c.v[ROW_SIGNS])
+        c.v[at.VALUES, 0] = np.inf
+    by_nearness(c.v[at.VALUES], c.v[at.SIGNS], c.v[at.SIGNS_FAR], c.v[at.SIGNS])
+    rates_of(program, J, c.v[at.SIGNS])
     for i in range(program.states):
         later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
     later[0] += 0.5 * LOOKAHEAD**2 * J[program.rates[1], 0]
     state_at(program, c, J, later, LOOKAHEAD)
-    signs_of(program, J, c.v[ROW_AHEAD])
-    by_nearness(c.v[ROW_VALUES], c.v[ROW_AHEAD], c.v[ROW_SIGNS], c.v[ROW_SIGNS])
+    signs_of(program, J, c.v[at.SIGNS_AHEAD])
+    by_nearness(c.v[at.VALUES], c.v[at.SIGNS_AHEAD], c.v[at.SIGNS], c.v[at.SIGNS])
 
 
 @inner
 def branch(program, c, way, memory, signs):
     """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
-    J, y, later, ahead = c.aside[TRIAL], c.v[ROW_REST], c.v[ROW_LATER], c.v[ROW_AHEAD]
-    put(c.v[ROW_STATE], y)
+    J, y, later, ahead = c.aside[at.TRIAL], c.v[at.STATE_AT_REST], c.v[at.STATE_LATER], c.v[at.SIGNS_AHEAD]
+    put(c.v[at.STATE], y)
     y[1] = 0.0
     state_at(program, c, J, y, 0.0)
-    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
-    put(c.v[ROW_MEMORY], memory)
-    if program.memory > 0 and way * c.v[ROW_SIGNS, 0] < 0.0:
+    parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])
+    put(c.v[at.MEMORY_NOW], memory)
+    if program.memory > 0 and way * c.v[at.SIGNS, 0] < 0.0:
         at_once_live(program, J, len(program.code))
         for m in range(program.memory):
             memory[m] = J[program.replaced[m], 0]
-    parameters_at(program, J, memory, c.v[ROW_SIGNS])
-    signs_and_values(program, c, c.v[ROW_FAR])
+    parameters_at(program, J, memory, c.v[at.SIGNS])
+    signs_and_values(program, c, c.v[at.SIGNS_FAR])
     for i in range(program.states):
         later[i] = y[i]
     later[0] += way * 0.5 * LOOKAHEAD**2
     later[1] += way * LOOKAHEAD
     state_at(program, c, J, later, LOOKAHEAD)
     signs_of(program, J, ahead)
-    by_nearness(c.v[ROW_VALUES], ahead, c.v[ROW_FAR], signs)
+    by_nearness(c.v[at.VALUES], ahead, c.v[at.SIGNS_FAR], signs)
     if program.states > 2:
         rates_of(program, J, signs)
         for i in range(2, program.states):
             later[i] += 0.5 * LOOKAHEAD * J[program.rates[i], 0]
         state_at(program, c, J, later, LOOKAHEAD)
         signs_of(program, J, ahead)
-        by_nearness(c.v[ROW_VALUES], ahead, signs, signs)
+        by_nearness(c.v[at.VALUES], ahead, signs, signs)
     state_at(program, c, J, y, 0.0)
     rates_of(program, J, signs)
     return J[program.rates[1], 0]
@@ -152,21 +137,21 @@ def branch(program, c, way, memory, signs):
 @inner
 def settle(program, c):
     """Set signs, and at a reversal the memory, for the motion from here; False if it sticks."""
-    speed = abs(c.v[ROW_STATE, 1])
+    speed = abs(c.v[at.STATE, 1])
     if speed <= SLOW:
-        up = branch(program, c, 1.0, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
-        down = branch(program, c, -1.0, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
+        up = branch(program, c, 1.0, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
+        down = branch(program, c, -1.0, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
         sticks = up <= 0.0 and down >= 0.0
         # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
         if speed <= AT_REST or (sticks and speed * speed < 2.0 * CREEP * min(-up, down)):
             if not sticks:
                 # Where both push away (negative friction) it goes towards x = 0.
-                rises = up > 0.0 and (down >= 0.0 or c.v[ROW_STATE, 0] < 0.0)
-                put(c.v[ROW_MEMORY_UP] if rises else c.v[ROW_MEMORY_DOWN], c.v[ROW_MEMORY])
-                put(c.v[ROW_SIGNS_UP] if rises else c.v[ROW_SIGNS_DOWN], c.v[ROW_SIGNS])
+                rises = up > 0.0 and (down >= 0.0 or c.v[at.STATE, 0] < 0.0)
+                put(c.v[at.MEMORY_UP] if rises else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
+                put(c.v[at.SIGNS_UP] if rises else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])
             return not sticks
     if len(program.signs) > 0:
-        parameters_at(program, c.aside[TRIAL], c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+        parameters_at(program, c.aside[at.TRIAL], c.v[at.MEMORY_NOW], c.v[at.SIGNS])
         signs_ahead(program, c)
     return True
 
@@ -190,9 +175,9 @@ def held_by(program, c):
     That of v alone is rest, of which `settle` decides. Most are crossed, which the first side tells.
     """
     for m in range(1, len(program.signs)):
-        near = abs(c.v[ROW_VALUES, m]) < NEAR_SURFACE
+        near = abs(c.v[at.VALUES, m]) < NEAR_SURFACE
         forcing = near and _rise_on(program, c, m, 1.0) < 0.0 and _rise_on(program, c, m, -1.0) > 0.0
-        if forcing and grip_of(program, c.aside[TRIAL], program.surfaces[m]) != 0.0:
+        if forcing and grip_of(program, c.aside[at.TRIAL], program.surfaces[m]) != 0.0:
             return np.int64(m)
     return np.int64(FREE)
 
@@ -200,9 +185,9 @@ def held_by(program, c):
 @inner
 def _rise_on(program, c, m, way):
     """How fast a surface rises on this side of it; the trial holds the first two orders there."""
-    J = c.aside[TRIAL]
-    state_at(program, c, J, c.v[ROW_STATE], 0.0)
-    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+    J = c.aside[at.TRIAL]
+    state_at(program, c, J, c.v[at.STATE], 0.0)
+    parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])
     J[program.signs[m], 0] = way
     at_once(program, J)
     for i in range(program.states):

@@ -67,19 +67,9 @@ INTERVAL_ENDS, INPUT_JUMPS = -2, -3
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; room for surfaces
 # and states, with the largest derivatives so far; how much the surface that holds it moves with v.
-(
-    ROW_STATE,
-    ROW_ERROR,
-    ROW_MEMORY,
-    ROW_REPLACED,
-    ROW_SIGNS,
-    ROW_ZEROS,
-    ROW_MEMORY_UP,
-    ROW_SIGNS_UP,
-    ROW_MEMORY_DOWN,
-    ROW_SIGNS_DOWN,
-) = range(10)
-(ROW_CLOCK, ROW_VALUES, ROW_FAR, ROW_AHEAD, ROW_LATER, ROW_LARGEST, ROW_REST, ROW_GRIP) = range(10, 18)
+STATE, ROUNDING, MEMORY_NOW, MEMORY_BEFORE, SIGNS, ZEROS = range(6)
+MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN = range(6, 10)
+CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_AT_REST, GRIP = range(10, 18)
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
 
@@ -154,7 +144,7 @@ def new_state(program: Instructions, parameters: int) -> EngineState:
         np.zeros((slots, ORDER + 1)),
         np.zeros((slots, ORDER + 1, parameters)),
         np.zeros((3, slots, ORDER + 1)),
-        np.zeros((ROW_GRIP + 1, width)),
+        np.zeros((GRIP + 1, width)),
         np.zeros((size, parameters)),
         np.zeros((program.channels, FORCING_NUMBERS + 2)),
         np.zeros((program.channels, parameters)),

@@ -6,23 +6,9 @@ series as well, cross zero.
 
 import numpy as np
 
+from sysid_trib.simulation import compiled as at
 from sysid_trib.simulation.branches import FREE, RESTS, parameters_at, put, reverses, signs_of, state_at
-from sysid_trib.simulation.compiled import (
-    INPUT_JUMPS,
-    INTERVAL_ENDS,
-    ORDER,
-    ROW_CLOCK,
-    ROW_ERROR,
-    ROW_LARGEST,
-    ROW_MEMORY,
-    ROW_SIGNS,
-    ROW_SIGNS_UP,
-    ROW_STATE,
-    ROW_ZEROS,
-    TRIAL,
-    compiled,
-    inner,
-)
+from sysid_trib.simulation.compiled import compiled, inner
 from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
 from sysid_trib.simulation.taylor import (
     FURTHEST_AT_ONCE,
@@ -41,11 +27,11 @@ MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
 @inner
 def memory_written(program, given, c, done):
     """Write the memory, with its derivatives."""
-    first, at = program.states + 1, program.inputs - program.memory
+    first, kept = program.states + 1, program.inputs - program.memory
     for m in range(program.memory):
-        given.rows[done, first + m] = c.v[ROW_MEMORY, m]
+        given.rows[done, first + m] = c.v[at.MEMORY_NOW, m]
         for q in range(c.T.shape[2]):
-            given.tangents[done, first + m, q] = c.T[at + m, 0, q]
+            given.tangents[done, first + m, q] = c.T[kept + m, 0, q]
 
 
 @inner
@@ -53,7 +39,7 @@ def sampled(program, given, c, done, n, reach):
     """Write what lies up to `reach` in tau since the clock; how much of the grid is done."""
     size, count = program.states, c.T.shape[2]
     while done < len(given.grid):
-        s = (given.grid[done] - c.v[ROW_CLOCK, 0]) - c.v[ROW_CLOCK, 1]
+        s = (given.grid[done] - c.v[at.CLOCK, 0]) - c.v[at.CLOCK, 1]
         if s > reach:
             break
         for i in range(size + 1):
@@ -70,22 +56,22 @@ def sampled(program, given, c, done, n, reach):
 def advance(program, c, n, h, held):
     """Go a step on: the state, its derivatives and the clock; sums are compensated."""
     for i in range(program.states):
-        step = rest_of(c.J[i], n, h) + c.v[ROW_ERROR, i]
-        new = c.v[ROW_STATE, i] + step
-        c.v[ROW_ERROR, i] = step - (new - c.v[ROW_STATE, i])
-        c.v[ROW_STATE, i] = new
+        step = rest_of(c.J[i], n, h) + c.v[at.ROUNDING, i]
+        new = c.v[at.STATE, i] + step
+        c.v[at.ROUNDING, i] = step - (new - c.v[at.STATE, i])
+        c.v[at.STATE, i] = new
         for q in range(c.T.shape[2]):
             c.dy[i, q] = of_parameter(c.T, i, q, n, h)
     if program.states > 2:
         forgotten(program, c)
     if held == RESTS:
         stop(c)
-    step = c.v[ROW_CLOCK, 1] + h
-    now = c.v[ROW_CLOCK, 0] + step
-    c.v[ROW_CLOCK, 1] = step - (now - c.v[ROW_CLOCK, 0])
-    c.v[ROW_CLOCK, 0] = now
+    step = c.v[at.CLOCK, 1] + h
+    now = c.v[at.CLOCK, 0] + step
+    c.v[at.CLOCK, 1] = step - (now - c.v[at.CLOCK, 0])
+    c.v[at.CLOCK, 0] = now
     for m in range(len(program.signs)):
-        c.v[ROW_ZEROS, m] = 0
+        c.v[at.ZEROS, m] = 0
 
 
 @inner
@@ -93,9 +79,9 @@ def forgotten(program, c):
     """What has faded out of the derivatives is zero: what rounding leaves of it would hold up every step."""
     for q in range(c.dy.shape[1]):
         for i in range(program.states):
-            c.v[ROW_LARGEST, q] = max(c.v[ROW_LARGEST, q], abs(c.dy[i, q]))
+            c.v[at.LARGEST_DERIVATIVES, q] = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.dy[i, q]))
         for i in range(2, program.states):
-            if abs(c.dy[i, q]) < SURFACE_PART * c.v[ROW_LARGEST, q]:
+            if abs(c.dy[i, q]) < SURFACE_PART * c.v[at.LARGEST_DERIVATIVES, q]:
                 c.dy[i, q] = 0.0
 
 
@@ -103,7 +89,7 @@ def forgotten(program, c):
 def written(program, given, c, done):
     """Write the end of an interval, with its derivatives."""
     for i in range(program.states):
-        given.rows[done, i] = c.v[ROW_STATE, i]
+        given.rows[done, i] = c.v[at.STATE, i]
         for q in range(c.T.shape[2]):
             given.tangents[done, i, q] = c.dy[i, q]
     memory_written(program, given, c, done)
@@ -112,17 +98,17 @@ def written(program, given, c, done):
 @inner
 def begun_anew(program, given, c, start):
     """Begin at a given state and memory, by which the first derivatives are."""
-    size, held, at = program.states, program.memory, program.inputs - program.memory
+    size, held, kept = program.states, program.memory, program.inputs - program.memory
     for m in range(len(program.signs)):
-        c.v[ROW_SIGNS, m], c.v[ROW_ZEROS, m] = 0.0, 0.0
+        c.v[at.SIGNS, m], c.v[at.ZEROS, m] = 0.0, 0.0
     for i in range(size):
-        c.v[ROW_STATE, i], c.v[ROW_ERROR, i] = given.starts[start, i], 0.0
+        c.v[at.STATE, i], c.v[at.ROUNDING, i] = given.starts[start, i], 0.0
         for q in range(c.T.shape[2]):
-            c.dy[i, q], c.v[ROW_LARGEST, q] = 1.0 if q == i else 0.0, 0.0
+            c.dy[i, q], c.v[at.LARGEST_DERIVATIVES, q] = 1.0 if q == i else 0.0, 0.0
     for m in range(held):
-        c.v[ROW_MEMORY, m] = given.starts[start, size + m]
+        c.v[at.MEMORY_NOW, m] = given.starts[start, size + m]
         for q in range(c.T.shape[2]):
-            c.T[at + m, 0, q] = 1.0 if q == size + m else 0.0
+            c.T[kept + m, 0, q] = 1.0 if q == size + m else 0.0
 
 
 @inner
@@ -131,23 +117,23 @@ def at_knot(program, given, c, piece, done, held):
 
     Returns the knot from which it goes on, how many intervals are done, and whether it begins anew.
     """
-    if given.marks[piece] == INTERVAL_ENDS:
+    if given.marks[piece] == at.INTERVAL_ENDS:
         written(program, given, c, done)
         done += 1
         piece += 1
         if piece == len(given.knots):
             return piece, done, False
-    c.v[ROW_CLOCK, 0], c.v[ROW_CLOCK, 1] = given.knots[piece], 0.0
+    c.v[at.CLOCK, 0], c.v[at.CLOCK, 1] = given.knots[piece], 0.0
     if given.marks[piece] >= 0:
         begun_anew(program, given, c, given.marks[piece])
         return piece, done, True
     if held == FREE:
         for q in range(given.impulses.shape[1]):
             c.dy[1, q] += given.impulses[piece, q]
-    c.v[ROW_STATE, 0] += given.increments[piece, 0]
-    c.v[ROW_STATE, 1] += given.increments[piece, 1]
+    c.v[at.STATE, 0] += given.increments[piece, 0]
+    c.v[at.STATE, 1] += given.increments[piece, 1]
     incremented = given.increments[piece, 0] != 0.0 or given.increments[piece, 1] != 0.0
-    return piece, done, incremented or given.marks[piece] == INPUT_JUMPS
+    return piece, done, incremented or given.marks[piece] == at.INPUT_JUMPS
 
 
 @inner
@@ -158,7 +144,7 @@ def driven(given, c, piece):
         for k in range(degree + 1):
             c.drive[m, k] = given.drives[piece, m, k] if piece >= 0 else 0.0
         if piece >= 0:
-            since = c.v[ROW_CLOCK, 0] - given.knots[piece]
+            since = c.v[at.CLOCK, 0] - given.knots[piece]
             for j in range(degree):
                 for k in range(degree - 1, j - 1, -1):
                     c.drive[m, k] += since * c.drive[m, k + 1]
@@ -170,25 +156,25 @@ def to_knot(given, c, piece):
     """Time to the next knot."""
     if piece + 1 == len(given.knots):
         return np.inf
-    return max(given.knots[piece + 1] - c.v[ROW_CLOCK, 0] - c.v[ROW_CLOCK, 1], 0.0)
+    return max(given.knots[piece + 1] - c.v[at.CLOCK, 0] - c.v[at.CLOCK, 1], 0.0)
 
 
 @inner
 def on_branch(program, c, held):
     """Put memory and signs into the series; at rest the states go on with the signs of rest."""
     if held == RESTS:
-        state_at(program, c, c.aside[TRIAL], c.v[ROW_STATE], 0.0)
-        parameters_at(program, c.aside[TRIAL], c.v[ROW_MEMORY], c.v[ROW_SIGNS])
-        signs_of(program, c.aside[TRIAL], c.v[ROW_SIGNS_UP])
-    parameters_at(program, c.J, c.v[ROW_MEMORY], c.v[ROW_SIGNS_UP] if held == RESTS else c.v[ROW_SIGNS])
+        state_at(program, c, c.aside[at.TRIAL], c.v[at.STATE], 0.0)
+        parameters_at(program, c.aside[at.TRIAL], c.v[at.MEMORY_NOW], c.v[at.SIGNS])
+        signs_of(program, c.aside[at.TRIAL], c.v[at.SIGNS_UP])
+    parameters_at(program, c.J, c.v[at.MEMORY_NOW], c.v[at.SIGNS_UP] if held == RESTS else c.v[at.SIGNS])
 
 
 @inner
 def outcome_of(c, h, furthest, steps, most_steps):
     """How a motion stands."""
-    if abs(c.v[ROW_STATE, 0]) > furthest:
+    if abs(c.v[at.STATE, 0]) > furthest:
         return GROWS
-    if not (np.isfinite(c.v[ROW_STATE, 0]) and np.isfinite(c.v[ROW_STATE, 1]) and h >= 0.0):
+    if not (np.isfinite(c.v[at.STATE, 0]) and np.isfinite(c.v[at.STATE, 1]) and h >= 0.0):
         return IS_NOT_FINITE
     return STEPS if steps > most_steps else MOVING
 
@@ -218,16 +204,16 @@ def run(program, given, c, limits):
     if shooting:
         piece, done, _ = at_knot(program, given, c, np.int64(0), done, held)
     else:
-        while piece < last and given.knots[piece + 1] <= c.v[ROW_CLOCK, 0]:
+        while piece < last and given.knots[piece + 1] <= c.v[at.CLOCK, 0]:
             piece += 1
     while state == MOVING:
         driven(given, c, piece)
         turned, begins, fresh = False, fresh, False
         if begins:
             held, turned = begun(program, c)
-            rest = c.v[ROW_CLOCK, 0] if held == RESTS else np.nan
+            rest = c.v[at.CLOCK, 0] if held == RESTS else np.nan
         on_branch(program, c, held)
-        to_end = max(end - c.v[ROW_CLOCK, 0] - c.v[ROW_CLOCK, 1], 0.0)
+        to_end = max(end - c.v[at.CLOCK, 0] - c.v[at.CLOCK, 1], 0.0)
         limit = min(to_end, to_knot(given, c, piece))
         h, which, way = min(limit, FURTHEST_AT_ONCE), -1, 0.0
         n = series(program, c, h, held)
@@ -237,7 +223,7 @@ def run(program, given, c, limits):
             ends = held == RESTS and piece == last and not shooting
             h, way, which = held_step(program, c, n, longest, held, ends)
         else:
-            h, which = free_step(program, c, n, min(h, length(program, c, n)) if n == ORDER else h)
+            h, which = free_step(program, c, n, min(h, length(program, c, n)) if n == at.ORDER else h)
         whole = h >= limit and which < 0 and way == 0.0
         if not shooting:
             done = sampled(program, given, c, done, n, np.inf if whole and limit == to_end else h)
@@ -247,10 +233,10 @@ def run(program, given, c, limits):
         advance(program, c, n, h, held)
         if which >= 0:
             budget -= 1
-            before = c.v[ROW_SIGNS, 0]
+            before = c.v[at.SIGNS, 0]
             held = switched(program, c, which, n, h)
-            rest = c.v[ROW_CLOCK, 0] if held == RESTS else np.nan
-            turned = held != RESTS and before * c.v[ROW_SIGNS, 0] < 0.0
+            rest = c.v[at.CLOCK, 0] if held == RESTS else np.nan
+            turned = held != RESTS and before * c.v[at.SIGNS, 0] < 0.0
         elif way != 0.0:
             budget -= 1
             released(program, c, held, way)
@@ -261,7 +247,7 @@ def run(program, given, c, limits):
                 state = ENDED
                 break
         if turned and reverses(program):
-            reversals = noted(reversals, turns, c.v[ROW_CLOCK, 0])
+            reversals = noted(reversals, turns, c.v[at.CLOCK, 0])
             turns += 1
         state = SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)
     return reversals, turns, rest, state

@@ -1,7 +1,6 @@
 """A model's motion by the compiled engine: what it is given, what comes back, and what its failures mean."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -10,20 +9,19 @@ import numpy as np
 from sysid_trib.errors import SimulationError
 from sysid_trib.records.inputs import FORCING_CHANNEL
 from sysid_trib.simulation.compiled import (
+    CLOCK,
     INPUT_JUMPS,
-    ROW_CLOCK,
-    ROW_MEMORY,
-    ROW_STATE,
+    MEMORY_NOW,
+    STATE,
     EngineState,
     Given,
     new_state,
 )
 from sysid_trib.simulation.forcing import UNFORCED, Forcing, jumps_of
 from sysid_trib.simulation.model import Model, Motion, Vector
+from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY, SimulatedMotion
 from sysid_trib.simulation.program import Instructions, program_of
 
-# What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
-FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
 # Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
 STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
 # Bytes of address space that the engine takes when it is loaded.
@@ -31,55 +29,27 @@ ENGINE_ROOM = 300_000_000
 DIVERGED = 1e3  # rad; no pendulum swings there
 
 
-@dataclass(frozen=True)
-class NormalisedMotion:
-    """A motion in tau.
-
-    Attributes
-    ----------
-    y : (grid, state) array of float
-        x, v and states on the grid.
-    acceleration : (grid,) array of float
-        dv/dtau.
-    hidden : dict of str to (grid,) array of float
-        States and memory of forces.
-    stop : float
-        NaN if the motion goes on.
-    reversals : array of float
-        Where v = 0 switches a force.
-    derivative : (grid, state + 1 + memory, parameter) array of float
-        Of `y`, the acceleration and the memory, at given times.
-    """
-
-    y: Vector
-    acceleration: Vector
-    hidden: dict[str, Vector]
-    stop: float
-    reversals: Vector
-    derivative: Vector
-
-
 def integrate(
     model: Model,
-    grid: Vector,
+    tau: Vector,
     at: tuple[float, float],
     *,
     by: Sequence[str] = (),
     forcing: Forcing = UNFORCED,
     most_steps: int = STEPS_A_PERIOD,
-) -> NormalisedMotion:
+) -> SimulatedMotion:
     """Integrate the motion of a model along a grid.
 
     Parameters
     ----------
     model : Model
-    grid : (grid,) array of float
-        tau, increasing; the start is its first.
+    tau : (sample,) array of float
+        w t, increasing; the start is its first.
     at : (float, float), rad
         x and v there.
     by : sequence of str
         Parameters of the derivatives: symbols, `dahl.s`, `FREQUENCY`, `BY_ANGLE`, `BY_RATE`.
-    forcing : Pushes
+    forcing : Forcing
     most_steps : int
         A period.
 
@@ -90,28 +60,30 @@ def integrate(
     """
     motion, program = program_of(model.forces, forced=forcing.forced, paced=FREQUENCY in by)
     state = begun((motion, program), model, at, by)
-    state.v[ROW_CLOCK, 0] = grid[0]
+    state.v[CLOCK, 0] = tau[0]
     size, knots = program.states, forcing.knots
     columns = size + 1 + program.memory
     given = Given(
-        grid,
+        tau,
         knots,
         forcing.polynomials,
         forcing.increments,
         np.zeros((len(knots), len(by))),
         np.where(jumps_of(forcing), INPUT_JUMPS, -1),
         np.empty((0, 0)),
-        np.empty((len(grid), columns)),
-        np.empty((len(grid), columns, len(by))),
+        np.empty((len(tau), columns)),
+        np.empty((len(tau), columns, len(by))),
     )
-    periods, many = float(grid[-1] - grid[0]) / (2.0 * np.pi), len(knots)
+    periods, many = float(tau[-1] - tau[0]) / (2.0 * np.pi), len(knots)
     switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
     limits = (DIVERGED, switchings, 5000 + many + int(most_steps * periods))
     reversals, turns, stop = run(program, given, state, limits, model.reference_frequency)
     names = (*motion.variables[2:], "", *motion.memory)
     hidden = dict(zip(names, given.rows.T[2:], strict=True))
-    acceleration, rows = hidden.pop(""), given.rows[:, :size]
-    return NormalisedMotion(rows, acceleration, hidden, stop, reversals[:turns].copy(), given.tangents)
+    bend, y, stop = hidden.pop(""), given.rows[:, :size], np.nan if forcing.acts else stop
+    return SimulatedMotion(
+        model, tau, y, bend, hidden, stop, reversals[:turns].copy(), tuple(by), given.tangents
+    )
 
 
 def begun(
@@ -134,8 +106,8 @@ def begun(
     dy, dp = _seeds(motion, model, at, by)
     columns = slice(first, first + len(by))
     slots = slice(program.states + 1 + program.channels, program.inputs)
-    state.v[ROW_STATE, : len(y)], state.dy[:, columns] = y, dy
-    state.v[ROW_MEMORY, : program.memory] = p[motion.memory_at]
+    state.v[STATE, : len(y)], state.dy[:, columns] = y, dy
+    state.v[MEMORY_NOW, : program.memory] = p[motion.memory_at]
     state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p[: motion.signs_at.start])
     state.T[slots, 0, columns] = dp
     # What is seen over w^p is less by p/w of itself where w is larger.
@@ -165,7 +137,7 @@ def run(
     )
     reversals, turns, rest, outcome = compiled(program, given, state, limits)
     if outcome != ended:
-        _raise(outcome, state.v[ROW_CLOCK, 0] / frequency)
+        _raise(outcome, state.v[CLOCK, 0] / frequency)
     return reversals, turns, rest
 
 

@@ -8,24 +8,8 @@ import math
 
 import numpy as np
 
+from sysid_trib.simulation import program as op
 from sysid_trib.simulation.compiled import inner
-from sysid_trib.simulation.program import (
-    ADD,
-    CONST,
-    DIV,
-    EXP,
-    LINEAR,
-    LOG,
-    MUL,
-    NEG,
-    PARTNER,
-    POWER,
-    SCALE,
-    SIGN,
-    SIN,
-    SUB,
-    TANH,
-)
 
 
 @inner
@@ -34,37 +18,37 @@ def _row_by_row(program, J, last, live):
     code, c = program.code, program.c
     for s in range(program.inputs, last):
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
-        if o == ADD:
+        if o == op.ADD:
             J[s, 0] = J[p, 0] + J[q, 0]
-        elif o == SUB:
+        elif o == op.SUB:
             J[s, 0] = J[p, 0] - J[q, 0]
-        elif o == LINEAR:
+        elif o == op.LINEAR:
             # What is off does not act even where it is singular.
             factor = c[s] * J[d, 0]
             J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
-        elif o == SCALE:
+        elif o == op.SCALE:
             J[s, 0] = J[p, 0] * J[q, 0] if J[p, 0] != 0.0 else 0.0
-        elif o == MUL:
+        elif o == op.MUL:
             J[s, 0] = J[p, 0] * J[q, 0]
-        elif o == DIV:
+        elif o == op.DIV:
             J[s, 0] = J[p, 0] / J[q, 0] if J[q, 0] != 0.0 else np.nan
-        elif o == NEG:
+        elif o == op.NEG:
             J[s, 0] = -J[p, 0]
-        elif o == CONST:
+        elif o == op.CONST:
             J[s, 0] = c[s]
-        elif o == SIN:
+        elif o == op.SIN:
             J[s, 0] = math.sin(J[p, 0])
-        elif o == PARTNER:
+        elif o == op.PARTNER:
             J[s, 0] = math.cos(J[p, 0])
-        elif o == EXP:
+        elif o == op.EXP:
             J[s, 0] = math.exp(min(J[p, 0], 709.0))
-        elif o == LOG:
+        elif o == op.LOG:
             J[s, 0] = math.log(J[p, 0]) if J[p, 0] > 0.0 else np.nan
-        elif o == POWER:
+        elif o == op.POWER:
             J[s, 0] = J[p, 0] ** c[s]
-        elif o == TANH:
+        elif o == op.TANH:
             J[s, 0] = math.tanh(J[p, 0])
-        elif o == SIGN and live:
+        elif o == op.SIGN and live:
             J[s, 0] = 1.0 if J[p, 0] > 0.0 else -1.0 if J[p, 0] < 0.0 else J[p, 0]
 
 
@@ -87,16 +71,16 @@ def order(program, J, k):
     for s in program.rows:
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         t = 0.0
-        if o == ADD:
+        if o == op.ADD:
             t = J[p, k] + J[q, k]
-        elif o == SUB:
+        elif o == op.SUB:
             t = J[p, k] - J[q, k]
-        elif o == LINEAR:
+        elif o == op.LINEAR:
             factor = c[s] * J[d, 0]
             t = J[p, k] + factor * J[q, k] if factor != 0.0 else J[p, k]
-        elif o == SCALE:
+        elif o == op.SCALE:
             t = J[p, 0] * J[q, k] if J[p, 0] != 0.0 else 0.0
-        elif o == MUL:
+        elif o == op.MUL:
             if p == q:
                 for j in range((k + 1) // 2):
                     t += J[p, j] * J[p, k - j]
@@ -106,34 +90,34 @@ def order(program, J, k):
             else:
                 for j in range(k + 1):
                     t += J[p, j] * J[q, k - j]
-        elif o == DIV:
+        elif o == op.DIV:
             t = J[p, k]
             for j in range(1, k + 1):
                 t -= J[q, j] * J[s, k - j]
             t /= J[q, 0]
-        elif o == NEG:
+        elif o == op.NEG:
             t = -J[p, k]
-        elif o == SIN:
+        elif o == op.SIN:
             for j in range(1, k + 1):
                 t += j * J[p, j] * J[q, k - j]
             t /= k
-        elif o == PARTNER:
+        elif o == op.PARTNER:
             for j in range(1, k + 1):
                 t -= j * J[p, j] * J[q, k - j]
             t /= k
-        elif o == EXP:
+        elif o == op.EXP:
             for j in range(1, k + 1):
                 t += j * J[p, j] * J[s, k - j]
             t /= k
-        elif o == LOG:
+        elif o == op.LOG:
             for j in range(1, k):
                 t += j * J[s, j] * J[p, k - j]
             t = (J[p, k] - t / k) / J[p, 0]
-        elif o == POWER:
+        elif o == op.POWER:
             for j in range(1, k + 1):
                 t += (c[s] * j - (k - j)) * J[p, j] * J[s, k - j]
             t /= k * J[p, 0]
-        elif o == TANH:
+        elif o == op.TANH:
             for j in range(1, k + 1):
                 t += j * J[p, j] * J[q, k - j]
             t /= k
@@ -147,40 +131,40 @@ def _derivatives(program, J, T, k, slots):
     for s in slots:
         o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         here = T[s, k]
-        if o <= LINEAR:
-            way = -1.0 if o == SUB else 1.0
-            factor = c[s] * J[r, 0] if o == LINEAR else way
-            of_factor = c[s] * J[q, k] if o == LINEAR else 0.0
+        if o <= op.LINEAR:
+            way = -1.0 if o == op.SUB else 1.0
+            factor = c[s] * J[r, 0] if o == op.LINEAR else way
+            of_factor = c[s] * J[q, k] if o == op.LINEAR else 0.0
             for i in range(count):
                 here[i] = T[p, k, i] + factor * T[q, k, i] + of_factor * T[r, 0, i]
             continue
-        if o in (SCALE, NEG):
-            factor, of_factor = (J[p, 0], J[q, k]) if o == SCALE else (0.0, 0.0)
+        if o in (op.SCALE, op.NEG):
+            factor, of_factor = (J[p, 0], J[q, k]) if o == op.SCALE else (0.0, 0.0)
             for i in range(count):
-                here[i] = T[p, 0, i] * of_factor + factor * T[q, k, i] if o == SCALE else -T[p, k, i]
+                here[i] = T[p, 0, i] * of_factor + factor * T[q, k, i] if o == op.SCALE else -T[p, k, i]
             continue
         for i in range(count):
             here[i] = 0.0
-        if o in (CONST, SIGN):
+        if o in (op.CONST, op.SIGN):
             continue
         for m in range(k + 1):
             # What multiplies the derivatives of the operands, and of the slot itself, at order m.
             of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
-            if o == MUL:
+            if o == op.MUL:
                 of_p, of_q = J[q, k - m], J[p, k - m]
-            elif o == DIV:
+            elif o == op.DIV:
                 of_p, of_q = (1.0 if at_last else 0.0), -J[s, k - m]
                 of_s = 0.0 if at_last else -J[q, k - m]
-            elif o in (LOG, POWER):
-                of_p = (1.0 if at_last else 0.0) if o == LOG else c[s] * J[s, k - m]
+            elif o in (op.LOG, op.POWER):
+                of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]
                 of_s = 0.0 if at_last else -J[p, k - m]
             else:
                 # d sin u = cos u du, d cos u = -sin u du, d exp u = exp u du, d tanh u = (1 - tanh^2 u) du
-                of_p = J[s, k - m] if o == EXP else -J[q, k - m] if o == PARTNER else J[q, k - m]
+                of_p = J[s, k - m] if o == op.EXP else -J[q, k - m] if o == op.PARTNER else J[q, k - m]
             for i in range(count):
                 here[i] += of_p * T[p, m, i] + of_q * T[q, m, i] + of_s * T[s, m, i]
-        if o in (DIV, LOG, POWER):
-            divisor = J[q, 0] if o == DIV else J[p, 0]
+        if o in (op.DIV, op.LOG, op.POWER):
+            divisor = J[q, 0] if o == op.DIV else J[p, 0]
             for i in range(count):
                 here[i] /= divisor
 

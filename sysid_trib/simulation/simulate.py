@@ -14,7 +14,7 @@ from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_
 from sysid_trib.simulation.forcing import forcing_of
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD, integrate
 from sysid_trib.simulation.model import Model, Vector
-from sysid_trib.simulation.motions import SimulatedMotion, simulated_motion
+from sysid_trib.simulation.motions import SimulatedMotion
 
 
 def simulate(
@@ -151,8 +151,8 @@ def _simulated(
         raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
     w, elapsed = model.reference_frequency, time - float(time[0])
     forcing = forcing_of(model, w * elapsed, *random)
-    path = integrate(model, w * elapsed, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
-    return simulated_motion(model, elapsed, float(time[0]), path, by, forced=forcing.acts)
+    motion = integrate(model, w * elapsed, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
+    return replace(motion, start=float(time[0]))
 
 
 # Le Bot et al. 2019, Sec. 3: PDMS sphere on glass, alpha accounted for in w_inf.

@@ -20,7 +20,7 @@ from sysid_trib.errors import LibraryError, SimulationError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.forces.formulas import Formula, Names, parse
 from sysid_trib.simulation.forcing import UNFORCED, Forcing
-from sysid_trib.simulation.integrate import NormalisedMotion, integrate
+from sysid_trib.simulation.integrate import integrate
 from sysid_trib.simulation.model import Model
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
@@ -96,7 +96,7 @@ def _of(
     force: Force, model: Model, grid: Array, start: tuple[float, float], forcing: Forcing
 ) -> dict[str, Array]:
     try:
-        motion: NormalisedMotion = integrate(model, grid, start, forcing=forcing)
+        motion = integrate(model, grid, start, forcing=forcing)
     except SimulationError:
         raise LibraryError(
             f"Force '{force.symbol}': its states could not be followed along the motion."

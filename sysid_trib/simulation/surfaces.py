@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sysid_trib.simulation import compiled as at
 from sysid_trib.simulation.branches import (
     RESTS,
     branch,
@@ -13,22 +14,7 @@ from sysid_trib.simulation.branches import (
     settle,
     state_at,
 )
-from sysid_trib.simulation.compiled import (
-    DOWN,
-    ROW_ERROR,
-    ROW_GRIP,
-    ROW_MEMORY,
-    ROW_MEMORY_DOWN,
-    ROW_MEMORY_UP,
-    ROW_REPLACED,
-    ROW_SIGNS,
-    ROW_SIGNS_DOWN,
-    ROW_SIGNS_UP,
-    ROW_STATE,
-    ROW_ZEROS,
-    UP,
-    inner,
-)
+from sysid_trib.simulation.compiled import inner
 from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, order
 from sysid_trib.simulation.taylor import (
     STATE_PART,
@@ -51,11 +37,9 @@ UNCHANGED = 1e-14
 @inner
 def free_step(program, c, n, h):
     """Up to where a free motion may go, and the surface that it meets there, or -1."""
-    which, near = -1, AT_ZERO * max(abs(c.v[ROW_STATE, 0]), abs(c.v[ROW_STATE, 1]))
+    which, near = -1, AT_ZERO * max(abs(c.v[at.STATE, 0]), abs(c.v[at.STATE, 1]))
     for m in range(len(program.signs)):
-        r = first_crossing(
-            c.J[program.surfaces[m]], n, h, c.v[ROW_SIGNS, m], (near, c.v[ROW_ZEROS, m]), c.work
-        )
+        r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[at.SIGNS, m], (near, c.v[at.ZEROS, m]), c.work)
         if r <= h:
             h, which = r, m
     return h, which
@@ -67,33 +51,33 @@ def held_step(program, c, n, h, held, ends):
 
     Third is the surface that it meets there, or -1.
     """
-    way, which, near = 0.0, -1, AT_ZERO * abs(c.v[ROW_STATE, 0])
+    way, which, near = 0.0, -1, AT_ZERO * abs(c.v[at.STATE, 0])
     if held == RESTS:
         h = _rest_lasts(program, c, n, h, near)
-        up = branch(program, c, 1.0, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
-        down = branch(program, c, -1.0, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
+        up = branch(program, c, 1.0, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
+        down = branch(program, c, -1.0, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
     else:
         h, which = free_step(program, c, n, h)
-        for at, memory in ((ROW_SIGNS_UP, ROW_MEMORY_UP), (ROW_SIGNS_DOWN, ROW_MEMORY_DOWN)):
-            put(c.v[ROW_SIGNS], c.v[at])
-            put(c.v[ROW_MEMORY], c.v[memory])
-        c.v[ROW_SIGNS_UP, held], c.v[ROW_SIGNS_DOWN, held] = 1.0, -1.0
-    _pulls(program, c, c.aside[UP], n, c.v[ROW_MEMORY_UP], c.v[ROW_SIGNS_UP])
-    _pulls(program, c, c.aside[DOWN], n, c.v[ROW_MEMORY_DOWN], c.v[ROW_SIGNS_DOWN])
+        for signs, memory in ((at.SIGNS_UP, at.MEMORY_UP), (at.SIGNS_DOWN, at.MEMORY_DOWN)):
+            put(c.v[at.SIGNS], c.v[signs])
+            put(c.v[at.MEMORY_NOW], c.v[memory])
+        c.v[at.SIGNS_UP, held], c.v[at.SIGNS_DOWN, held] = 1.0, -1.0
+    _pulls(program, c, c.aside[at.UP], n, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
+    _pulls(program, c, c.aside[at.DOWN], n, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
     pull = program.rates[1]
     if held != RESTS:
         # Upwards is where the surface rises.
         for k in range(n + 1):
-            c.aside[UP][pull, k] *= c.v[ROW_GRIP, 0]
-            c.aside[DOWN][pull, k] *= c.v[ROW_GRIP, 0]
-        up, down = c.aside[UP][pull, 0], c.aside[DOWN][pull, 0]
+            c.aside[at.UP][pull, k] *= c.v[at.GRIP, 0]
+            c.aside[at.DOWN][pull, k] *= c.v[at.GRIP, 0]
+        up, down = c.aside[at.UP][pull, 0], c.aside[at.DOWN][pull, 0]
     if not ends or not _is_still(program, c, n):
-        h = min(h, radius(c.aside[UP], pull, pull, n, STATE_PART))
-        h = min(h, radius(c.aside[DOWN], pull, pull, n, STATE_PART))
-        r = 0.0 if up > 0.0 else first_crossing(c.aside[UP][pull], n, h, -1.0, (near, 0.0), c.work)
+        h = min(h, radius(c.aside[at.UP], pull, pull, n, STATE_PART))
+        h = min(h, radius(c.aside[at.DOWN], pull, pull, n, STATE_PART))
+        r = 0.0 if up > 0.0 else first_crossing(c.aside[at.UP][pull], n, h, -1.0, (near, 0.0), c.work)
         if r < h:
             h, way = r, 1.0
-        r = 0.0 if down < 0.0 else first_crossing(c.aside[DOWN][pull], n, h, 1.0, (near, 0.0), c.work)
+        r = 0.0 if down < 0.0 else first_crossing(c.aside[at.DOWN][pull], n, h, 1.0, (near, 0.0), c.work)
         if r < h:
             h, way = r, -1.0
     return h, way, which if way == 0.0 else -1
@@ -104,8 +88,8 @@ def _rest_lasts(program, c, n, h, near):
     """Up to where the signs at rest are those of now."""
     for m in range(len(program.signs)):
         # Of a surface that is zero at rest nothing is known but at the start.
-        if c.v[ROW_SIGNS_UP, m] != 0.0:
-            r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[ROW_SIGNS_UP, m], (near, 0.0), c.work)
+        if c.v[at.SIGNS_UP, m] != 0.0:
+            r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[at.SIGNS_UP, m], (near, 0.0), c.work)
             if r < h:
                 h = max(r, PASSED)
     return h
@@ -139,7 +123,7 @@ def _is_still(program, c, n):
         if abs(c.J[i, 1]) > UNCHANGED:
             return False
     for k in range(1, n + 1):
-        if c.aside[UP][program.rates[1], k] != 0.0 or c.aside[DOWN][program.rates[1], k] != 0.0:
+        if c.aside[at.UP][program.rates[1], k] != 0.0 or c.aside[at.DOWN][program.rates[1], k] != 0.0:
             return False
     return True
 
@@ -147,15 +131,15 @@ def _is_still(program, c, n):
 @inner
 def released(program, c, held, way):
     """Let a body go from where it is held: from there it begins without speed and without acceleration."""
-    put(c.v[ROW_MEMORY_UP] if way > 0.0 else c.v[ROW_MEMORY_DOWN], c.v[ROW_MEMORY])
-    put(c.v[ROW_SIGNS_UP] if way > 0.0 else c.v[ROW_SIGNS_DOWN], c.v[ROW_SIGNS])
-    c.v[ROW_ZEROS, held] = 2
+    put(c.v[at.MEMORY_UP] if way > 0.0 else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
+    put(c.v[at.SIGNS_UP] if way > 0.0 else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])
+    c.v[at.ZEROS, held] = 2
 
 
 @inner
 def stop(c):
     """What friction holds has no speed, whatever it had."""
-    c.v[ROW_STATE, 1], c.v[ROW_ERROR, 1] = 0.0, 0.0
+    c.v[at.STATE, 1], c.v[at.ROUNDING, 1] = 0.0, 0.0
     for q in range(c.dy.shape[1]):
         c.dy[1, q] = 0.0
 
@@ -164,7 +148,7 @@ def stop(c):
 def switched(program, c, which, n, h):
     """Go on from a surface, with the jump of the derivatives; by what the motion is held there."""
     size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
-    moves, way = np.zeros(count), c.v[ROW_SIGNS, 0]
+    moves, way = np.zeros(count), c.v[at.SIGNS, 0]
     if count > 0:
         rate = slope(c.J[slot], n, h)
         for q in range(count):
@@ -174,15 +158,15 @@ def switched(program, c, which, n, h):
                 c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]
     if slot < size:
         # The surface is a state: exactly zero here.
-        c.v[ROW_STATE, slot], c.v[ROW_ERROR, slot] = 0.0, 0.0
-    c.v[ROW_ZEROS, which] = 1
-    put(c.v[ROW_MEMORY], c.v[ROW_REPLACED])
+        c.v[at.STATE, slot], c.v[at.ROUNDING, slot] = 0.0, 0.0
+    c.v[at.ZEROS, which] = 1
+    put(c.v[at.MEMORY_NOW], c.v[at.MEMORY_BEFORE])
     look_ahead(c, h)
     held = _settled(program, c)
-    turned = way * c.v[ROW_SIGNS, 0] < 0.0
+    turned = way * c.v[at.SIGNS, 0] < 0.0
     if program.memory > 0 and turned and slot >= size:
         # Another memory takes it elsewhere.
-        c.v[ROW_ZEROS, which] = 0
+        c.v[at.ZEROS, which] = 0
     if held == RESTS:
         stop(c)
     if count > 0:
@@ -199,7 +183,7 @@ def _settled(program, c):
         return np.int64(RESTS)
     held = held_by(program, c)
     if held > RESTS:
-        c.v[ROW_SIGNS, held] = 0.0
+        c.v[at.SIGNS, held] = 0.0
     return held
 
 
@@ -207,14 +191,14 @@ def _settled(program, c):
 def _onto(program, c, held):
     """Put v, and its derivatives, on the surface by which a motion is held."""
     J, T, slot, count = c.J, c.T, program.surfaces[held], c.T.shape[2]
-    state_at(program, c, J, c.v[ROW_STATE], 0.0)
-    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
+    state_at(program, c, J, c.v[at.STATE], 0.0)
+    parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])
     at_once(program, J)
     for i in range(program.states + 1):
         J[i, 1] = 0.0
     order(program, J, np.int64(1))
     grip = grip_of(program, J, slot)
-    c.v[ROW_STATE, 1] -= J[slot, 0] / grip
+    c.v[at.STATE, 1] -= J[slot, 0] / grip
     if count > 0:
         for i in range(program.states):
             for q in range(count):
@@ -228,10 +212,10 @@ def _onto(program, c, held):
 def after(program, c, moves, turned, held):
     """Derivatives after a switching, whose instant `moves`; of the memory where it was replaced."""
     J, T, size, kept, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
-    at = program.inputs - kept
-    state_at(program, c, J, c.v[ROW_STATE], 0.0)
+    first = program.inputs - kept
+    state_at(program, c, J, c.v[at.STATE], 0.0)
     if kept > 0 and turned:
-        parameters_at(program, J, c.v[ROW_REPLACED], c.v[ROW_SIGNS])
+        parameters_at(program, J, c.v[at.MEMORY_BEFORE], c.v[at.SIGNS])
         for i in range(size):
             for q in range(count):
                 T[i, 0, q] = c.dy[i, q]
@@ -239,9 +223,9 @@ def after(program, c, moves, turned, held):
         derivatives_at_once(program, J, T, len(program.code))
         for m in range(kept):
             for q in range(count):
-                T[at + m, 0, q] = T[program.replaced[m], 0, q]
-    parameters_at(program, J, c.v[ROW_MEMORY], c.v[ROW_SIGNS])
-    rates_of(program, J, c.v[ROW_SIGNS])
+                T[first + m, 0, q] = T[program.replaced[m], 0, q]
+    parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])
+    rates_of(program, J, c.v[at.SIGNS])
     for i in range(2 if held == RESTS else 0, size):
         for q in range(count):
             c.dy[i, q] -= J[program.rates[i], 0] * moves[q]
@@ -250,10 +234,10 @@ def after(program, c, moves, turned, held):
 @inner
 def begun(program, c):
     """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
-    way = c.v[ROW_SIGNS, 0] if len(program.signs) > 0 else 0.0
+    way = c.v[at.SIGNS, 0] if len(program.signs) > 0 else 0.0
     held = _settled(program, c)
     if held == RESTS:
         stop(c)
     elif held > RESTS:
         _onto(program, c, held)
-    return held, held != RESTS and len(program.signs) > 0 and way * c.v[ROW_SIGNS, 0] < 0.0
+    return held, held != RESTS and len(program.signs) > 0 and way * c.v[at.SIGNS, 0] < 0.0

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from sysid_trib.simulation import compiled as at
 from sysid_trib.simulation.branches import FREE, LOOKAHEAD, NEAR_SURFACE, RESTS, grip_of, state_at
-from sysid_trib.simulation.compiled import ORDER, ROW_GRIP, ROW_LARGEST, ROW_STATE, inner
+from sysid_trib.simulation.compiled import inner
 from sysid_trib.simulation.jets import at_once, derivatives_at_once, derivatives_of_order, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
 
@@ -179,7 +180,7 @@ def series(program, c, h, held):
     """
     J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
     slot = program.surfaces[held] if held > RESTS else 0
-    state_at(program, c, J, c.v[ROW_STATE], 0.0)
+    state_at(program, c, J, c.v[at.STATE], 0.0)
     J[size, 1] = 1.0
     for m in range(program.channels):
         for k in range(FORCING_NUMBERS):
@@ -194,7 +195,7 @@ def series(program, c, h, held):
                 T[i, 0, q] = c.dy[i, q]
         derivatives_at_once(program, J, T, program.main)
     small, power = 0, h
-    for k in range(ORDER):
+    for k in range(at.ORDER):
         # What would move it where it is held, which only the rates tell, needs all orders.
         ends = k > degree and held == FREE
         for i in range(size):
@@ -207,8 +208,8 @@ def series(program, c, h, held):
         order(program, J, k + 1)
         if held > RESTS:
             if k == 0:
-                c.v[ROW_GRIP, 0] = grip_of(program, J, slot)
-            J[1, k + 1] -= J[slot, k + 1] / c.v[ROW_GRIP, 0]
+                c.v[at.GRIP, 0] = grip_of(program, J, slot)
+            J[1, k + 1] -= J[slot, k + 1] / c.v[at.GRIP, 0]
             order(program, J, k + 1)
         for s in program.surfaces:
             ends = ends and abs(J[s, k + 1]) * power <= SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
@@ -216,7 +217,7 @@ def series(program, c, h, held):
             derivatives_of_order(program, J, T, k + 1)
             if held > RESTS:
                 for q in range(count):
-                    T[1, k + 1, q] -= T[slot, k + 1, q] / c.v[ROW_GRIP, 0]
+                    T[1, k + 1, q] -= T[slot, k + 1, q] / c.v[at.GRIP, 0]
                 derivatives_of_order(program, J, T, k + 1)
             ends = ends and (size == 2 or _part_of_derivatives(program, c, k + 1) * power <= SURFACE_PART)
         small = small + 1 if ends else 0
@@ -225,11 +226,11 @@ def series(program, c, h, held):
             return k + 1
     if held != FREE:
         # What friction holds is accelerated as its surface is, whatever the rates with these signs say.
-        for k in range(ORDER + 1):
-            J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < ORDER else 0.0
+        for k in range(at.ORDER + 1):
+            J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < at.ORDER else 0.0
             for q in range(count):
-                T[program.rates[1], k, q] = (k + 1) * T[1, k + 1, q] if k < ORDER else 0.0
-    return ORDER
+                T[program.rates[1], k, q] = (k + 1) * T[1, k + 1, q] if k < at.ORDER else 0.0
+    return at.ORDER
 
 
 @inner
@@ -254,7 +255,7 @@ def _part_of_derivatives(program, c, k):
     """The largest term of an order of the derivatives, over what that parameter has moved so far."""
     largest = 0.0
     for q in range(c.T.shape[2]):
-        scale, term = max(c.v[ROW_LARGEST, q], abs(c.T[1, 1, q])), 0.0
+        scale, term = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.T[1, 1, q])), 0.0
         for i in range(program.states):
             scale = max(scale, abs(c.T[i, 0, q]))
             term = max(term, abs(c.T[i, k, q]))

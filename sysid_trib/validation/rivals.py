@@ -26,8 +26,8 @@ from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.variables import noise_of_run, record_groups
-from sysid_trib.simulation.integrate import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.model_error import error_parts

@@ -1,0 +1,228 @@
+"""Steps of a motion from states that are given, exact or expected.
+
+Each interval starts at a state that is given (multiple shooting, Bock 1981), and is followed by the compiled
+engine.
+
+Where a force switches with the speed, the step about one path holds one branch, though either may be the
+true one; of a body that friction nearly holds it claims that nothing moves it. The best linear step over the
+law of the state has the mean of the ends and, as they are continuous in the state, the mean of their
+derivatives (Stein 1981): statistical linearisation (Gelb 1974; Garcia-Fernandez, Svensson and Sarkka 2017).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.records.inputs import INPUT
+from sysid_trib.simulation.compiled import INTERVAL_ENDS, Given
+from sysid_trib.simulation.forcing import bends_of, polynomials_of
+from sysid_trib.simulation.integrate import DIVERGED, begun, run
+from sysid_trib.simulation.model import Model, Motion
+from sysid_trib.simulation.motions import FREQUENCY
+from sysid_trib.simulation.program import program_of
+
+# In an interval, and in each unit of tau of it.
+SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
+GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
+GAUSS_POINTS = GAUSS_POINTS + 0.5
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Exact motion over intervals, from states that are given at their beginnings.
+
+    The state is x, v (rad), then the internal states of the forces, then their memory (`Motion.variables`,
+    `Motion.memory`).
+
+    Attributes
+    ----------
+    end : (step, state) array of float
+        State at the end of each interval.
+    transition : (step, state, start) array of float
+        Derivative of the end by the beginning.
+    sensitivity : (step, state, parameter) array of float
+        Derivative of the end by the parameters that were asked for, the beginning (x, v, ...) held.
+    diffusion : (step, state, state) array of float
+        Covariance of the end by a white acceleration that makes the variance of v grow by one a unit of tau;
+        zero where it was not asked for.
+    """
+
+    end: Array
+    transition: Array
+    sensitivity: Array
+    diffusion: Array
+
+    def then(self, further: "Steps") -> "Steps":
+        """Both one after the other."""
+        onward = further.transition
+        return Steps(
+            further.end,
+            onward @ self.transition,
+            onward @ self.sensitivity + further.sensitivity,
+            onward @ self.diffusion @ onward.swapaxes(1, 2) + further.diffusion,
+        )
+
+
+def steps_of(
+    model: Model,
+    spans: tuple[Array, Array],
+    states: Array,
+    by: tuple[str, ...] = (),
+    *,
+    diffuses: bool = False,
+    by_start: int | None = None,
+) -> Steps:
+    """Follow a motion over intervals, each from a state that is given.
+
+    Parameters
+    ----------
+    model : Model
+        Forces with coefficient zero are followed too.
+    spans : two (interval,) arrays of float
+        Beginning and length of each in tau.
+    states : (interval, state) array of float
+        At the beginnings.
+    by : tuple of str
+        Parameters by which the ends are derived, as in `integrate`.
+    diffuses : bool
+        Whether the diffusion is asked for: that of impulses within the interval, carried to its end by the
+        same derivatives, at Gauss's points.
+    by_start : int, optional
+        By so many of the first numbers of the beginnings the ends are derived; by all where left out.
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges within an interval, or switches without end.
+    """
+    tau, length = spans
+    places = GAUSS_POINTS if diffuses else np.empty(0)
+    w = model.reference_frequency
+    motion, program = program_of(model.forces, forced=INPUT in model.inputs, paced=FREQUENCY in by)
+    size, count = program.states + program.memory, len(tau)
+    starts = size if by_start is None else by_start
+    first = starts + len(by)
+    columns = first + len(places)
+    knots, marks, points = _knots(tau, length, w * bends_of(model), places)
+    impulses = np.zeros((len(knots), columns))
+    inside = np.flatnonzero(points >= 0)
+    impulses[inside, first + points[inside]] = np.sqrt(GAUSS_WEIGHTS)[points[inside]]
+    polynomials = polynomials_of(model, knots)
+    # Where each interval begins is given, and so are the derivatives there.
+    state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
+    rows = np.empty((count, size + 1))
+    tangents = np.empty((count, size + 1, columns))
+    increments = np.zeros((len(knots), 2))
+    given = Given(tau, knots, polynomials, increments, impulses, marks, states.astype(float), rows, tangents)
+    budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
+    if count:
+        run(program, given, state, (DIVERGED, *budget), w)
+    kept = np.delete(np.arange(size + 1), program.states)
+    by_begin, by_names, by_impulses = np.split(tangents[:, kept], [starts, first], axis=2)
+    random = by_impulses * np.sqrt(length)[:, None, None]
+    diffusion = random @ random.swapaxes(1, 2)
+    return Steps(rows[:, kept], by_begin.copy(), by_names.copy(), diffusion)
+
+
+def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:
+    """For each knot its tau, its mark, and which of the places in an interval it is, or -1.
+
+    A knot begins and ends each interval; between are the places, and where an input bends.
+    """
+    count, many = len(tau), len(places)
+    fractions = np.concatenate([[0.0], places, [1.0]])
+    marks = np.full((count, many + 2), -1)
+    marks[:, 0], marks[:, -1] = np.arange(count), INTERVAL_ENDS
+    points = np.tile([-1, *range(many), -1], (count, 1))
+    at = np.repeat(np.arange(count), many + 2)
+    knots = (tau[:, None] + length[:, None] * fractions).ravel()
+    first, last = np.searchsorted(bends, tau, "right"), np.searchsorted(bends, tau + length, "left")
+    bent = np.maximum(last - first, 0)
+    within = np.arange(bent.sum()) - np.repeat(np.cumsum(bent) - bent, bent)
+    of_bend = np.repeat(np.arange(count), bent)
+    at, none = np.concatenate([at, of_bend]), np.full(len(of_bend), -1)
+    knots = np.concatenate([knots, bends[first[of_bend] + within]])
+    marks, points = np.concatenate([marks.ravel(), none]), np.concatenate([points.ravel(), none])
+    order = np.lexsort((marks == INTERVAL_ENDS, marks < 0, knots, at))
+    return knots[order], marks[order], points[order]
+
+
+def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...] = ()) -> Steps:
+    """Exact motion over intervals of any length, with what a random force adds (see `steps_of`).
+
+    Parameters
+    ----------
+    model : Model
+    tau, length : (interval,) array of float
+        Beginning and length of each.
+    states : (interval, state) array of float
+        At the beginnings.
+    by : tuple of str
+        Parameters by which the ends are derived.
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges within an interval, or switches without end.
+    """
+    # In tau; longer intervals are followed in parts.
+    parts = np.maximum(1, np.ceil(length / 0.5).astype(int))
+    whole = steps_of(model, (tau, length / parts), states, by, diffuses=True)
+    for done in range(1, int(parts.max(initial=1))):
+        at = np.flatnonzero(parts > done)
+        part = length[at] / parts[at]
+        further = steps_of(model, (tau[at] + done * part, part), whole.end[at], by, diffuses=True)
+        before = Steps(*(table[at] for table in vars(whole).values()))
+        for table, longer in zip(vars(whole).values(), vars(before.then(further)).values(), strict=True):
+            table[at] = longer
+    return whole
+
+
+# Speeds of equal probability that stand for the normal law.
+SPEEDS = 8
+_QUANTILES = ndtri((np.arange(SPEEDS) + 0.5) / SPEEDS)
+NORMAL = _QUANTILES / np.sqrt(np.mean(_QUANTILES**2))
+# A speed so many standard errors from zero has one sign.
+ONE_SIGN = 4.0
+
+
+def expected_steps(
+    model: Model, time: Array, states: Array, rate_error: Array | float, by: tuple[str, ...] = ()
+) -> Steps:
+    """The motion over each interval between samples, of which v is known to a standard error alone.
+
+    Parameters
+    ----------
+    model : Model
+        Forces with coefficient zero are followed too.
+    time : (sample,) array of float, s
+        Increasing, with steps of any length.
+    states : (sample, state) array of float
+        x, v (rad), internal states and memory at each sample, from which the motion starts anew.
+    rate_error : float or (sample,) array of float, rad
+        Standard error of v at each sample; 0 where it is known.
+    by : tuple of str
+        Parameters by which the ends are derived.
+
+    Raises
+    ------
+    SimulationError
+        The motion diverges between two samples, or switches without end.
+    """
+    w = model.reference_frequency
+    tau, length = w * (time[:-1] - time[0]), w * np.diff(time)
+    steps = steps_over(model, tau, length, states[:-1], by)
+    if not np.any(rate_error) or not any(switch.key == "v" for switch in Motion(model.forces).switches):
+        return steps
+    v, error = states[:, 1], np.broadcast_to(rate_error, len(states))
+    near = np.minimum(np.abs(v[:-1]), np.abs(v[1:])) < ONE_SIGN * error[:-1]
+    unsure = np.flatnonzero(near | (v[:-1] * v[1:] <= 0.0))
+    begun = np.repeat(states[None, unsure], SPEEDS, axis=0)
+    begun[:, :, 1] += np.multiply.outer(NORMAL, error[unsure])
+    several = np.tile(unsure, SPEEDS)
+    drawn = steps_over(model, tau[several], length[several], begun.reshape(-1, states.shape[1]), by)
+    for certain, tables in zip(vars(steps).values(), vars(drawn).values(), strict=True):
+        certain[unsure] = np.mean(tables.reshape(SPEEDS, len(unsure), *tables.shape[1:]), axis=0)
+    return steps
