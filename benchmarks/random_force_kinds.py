@@ -28,10 +28,9 @@ from scipy.optimize import minimize
 from sysid_trib import methods, simulate
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood.linearisation import deviation_matrix, linearised
-from sysid_trib.likelihood.optimizers import constraint_map
-from sysid_trib.likelihood.problem import begin
-from sysid_trib.likelihood.rows import rows_about, solve, weak_regression
+from sysid_trib.likelihood.least_squares import constraint_map
+from sysid_trib.likelihood.regression import begin
+from sysid_trib.likelihood.rows import deviation_matrix, linearised, rows_about, solve, weak_regression
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.likelihood.variance_ratio import WhiteRows
 from sysid_trib.likelihood.weak_form import coloured
@@ -166,14 +165,14 @@ def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     runs = solve(rows, runs[0], every, constraints).applied_to(runs)
     (run, *_), *_ = regress_stochastic(runs, every, constraints, "estimated")
     matrix = deviation_matrix(run)
-    acting, weak = coloured(matrix, run.noises.filter_), rows_about(run, matrix)
-    form, path = run.problem.form, run.reference
+    acting, weak = coloured(matrix, run.sensor.filter_), rows_about(run, matrix)
+    form = run.form
     half = max(3, round(np.pi / float(np.median(np.diff(form.tau)))))
-    padded = np.pad(np.hypot(path.x, path.v), half, mode="edge")
+    padded = np.pad(np.hypot(run.x, run.v), half, mode="edge")
     amplitude = np.convolve(padded, np.ones(half) / half, "same")[half:-half]
     table = np.column_stack([weak.columns, weak.nuisances, weak.target])
     sensor = (acting @ acting.T).toarray()
-    return DenseRows(table, sensor, form.value.toarray(), form.tau, path.x, path.v, amplitude)
+    return DenseRows(table, sensor, form.value.toarray(), form.tau, run.x, run.v, amplitude)
 
 
 def alike(decay: xr.Dataset, forces: str, seed: int) -> xr.Dataset:

@@ -13,7 +13,6 @@ from scipy.signal import welch
 
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.records.signal import is_uniform
 
 MAX_COLOUR = 3
@@ -44,35 +43,6 @@ PART_OF_GAIN = 0.01
 MOST_CORRELATED = 0.999
 # Trials of a search for each tap: where noise is all but a random walk (an integrated rate's) it would creep.
 MOST_TRIALS = 25
-
-
-@dataclass(frozen=True)
-class NoisePair:
-    """The two noises of a run: the sensor's, with its colour, and a random force.
-
-    Attributes
-    ----------
-    ratio : VarianceRatio
-        Growth of the variance of v a unit of tau, over the variance of the innovations of the sensor's noise.
-    sensor : NoiseModel
-        Colour of the sensor's noise; its level as the lines of the spectrum have it.
-    sensor_alone : NoiseModel
-        The same where there is no random force: of a colour of its own.
-    """
-
-    ratio: VarianceRatio
-    sensor: NoiseModel
-    sensor_alone: NoiseModel
-
-    @property
-    def filter_(self) -> Array:
-        """Whitens the sensor's noise, (tap,)."""
-        return self.sensor.filter_
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of a sample's noise, rad."""
-        return NoiseModel(float(np.sqrt(self.ratio.variance)), self.filter_).standard_deviation
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import scipy.sparse as sp
 
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.problem import RunRegression
 from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
 from sysid_trib.likelihood.weak_form import WeakForm, cholesky_factor, log_determinant, noise_operator
 
@@ -20,75 +19,6 @@ JUMP_WIDTH = 0.8
 # Part of the amplitude within which a force that rises at zero is one that jumps there: test functions, whose
 # knots are half a radian apart, do not see how.
 STEEP = 0.2
-# Part of the swing over which the sensor's slope is taken.
-SLOPE_STEP = 1e-4
-
-
-@dataclass(frozen=True)
-class DeviationOperator:
-    """Operator of small deviations.
-
-    Attributes
-    ----------
-    matrix : (row, sample) sparse array of float
-    acting : (row, sample) sparse array of float
-        The same on the innovations of the sensor's noise; equal where that is white.
-    factor : (band, row) array of float
-        Cholesky factor of the covariance of its rows in the sensor's noise, of unit innovations, and in the
-        random force; lower banded.
-    """
-
-    matrix: sp.csr_matrix
-    acting: sp.csr_matrix
-    factor: Array
-
-
-def linearised(run: RunRegression) -> DeviationOperator:
-    """The operator about a run's reference trajectory, with what whitens its rows in white noise alone."""
-    matrix = deviation_matrix(run)
-    return DeviationOperator(matrix, matrix, cholesky_factor(covariance_of_local_rows(matrix)))
-
-
-def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
-    """`matrix` of `DeviationOperator`, which does not depend on the noise.
-
-    It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made good.
-    """
-    k = (run.frequency / run.problem.nominal_frequency) ** 2
-    stiffness, damping = _partial_derivatives(run)
-    matrix = noise_operator(run.problem.form, k * stiffness, np.sqrt(k) * damping)
-    if not run.problem.of_sensor.any():
-        return matrix
-    return (matrix @ sp.diags_array(1.0 / sensor_slope(run))).tocsr()
-
-
-def sensor_slope(run: RunRegression) -> Array:
-    """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the reference."""
-    problem, path = run.problem, run.reference
-    slope = np.ones_like(path.x)
-    step = SLOPE_STEP * float(np.max(np.abs(path.x)))
-    for force, coefficient in zip(problem.library, run.coefficients, strict=True):
-        if force.kind != "sensor" or "x" not in force.formula.names:
-            continue
-        high, low = (
-            force.value(path.x + side * step, path.v, problem.elapsed, shapes=problem.shapes)
-            for side in (1.0, -1.0)
-        )
-        slope = slope + coefficient * (high - low) / (2.0 * step)
-    return slope
-
-
-def _partial_derivatives(run: RunRegression) -> tuple[Array, Array]:
-    """Stiffness 1 + sum c dh/dx and damping sum c dh/dv along the reference trajectory, (sample,) each."""
-    problem, path = run.problem, run.reference
-    return derivatives_along(
-        zip(problem.library, run.acting.tolist(), strict=True),
-        problem.shapes,
-        problem.elapsed,
-        path.x,
-        path.v,
-        problem.given(run.frequency),
-    )
 
 
 def derivatives_along(
@@ -139,6 +69,29 @@ def derivatives_along(
                 slope = _with_jump(force, names, name, slope, coefficient)
             derivatives[i] = derivatives[i] + coefficient * slope
     return derivatives[0], derivatives[1]
+
+
+def sensor_slopes(
+    terms: Iterable[tuple[Force, float]], shapes: Mapping[str, float], time: Array, x: Array, v: Array
+) -> tuple[Array, Array]:
+    """By which errors of the sensor grow with the angle and with its rate along a motion, (sample,) each.
+
+    Parameters
+    ----------
+    terms : iterable of (Force, float)
+        Each with its coefficient; what is none of the sensor is left out.
+    shapes : mapping of str to float
+    time : (sample,) array of float, s
+        Since the first sample.
+    x, v : (sample,) array of float, rad
+    """
+    slopes = np.zeros((2, len(x)))
+    for term, coefficient in terms:
+        if term.kind == "sensor":
+            names = {"x": x, "v": v, "t": time} | term.shape_values(shapes)
+            for slope, name in zip(slopes, "xv", strict=True):
+                slope += coefficient * term.formula.derivative(names, name)
+    return slopes[0], slopes[1]
 
 
 def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coefficient: float) -> Array:

@@ -23,7 +23,13 @@ from scipy.interpolate import BSpline
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Channel, channels_of
-from sysid_trib.likelihood.linearisation import NO_FINE_MOTION, FineMotion, derivatives_along, fine_motion
+from sysid_trib.likelihood.linearisation import (
+    NO_FINE_MOTION,
+    FineMotion,
+    derivatives_along,
+    fine_motion,
+    sensor_slopes,
+)
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import SurfaceKey, TrialEffect
@@ -186,7 +192,7 @@ class RecordPath:
             *((trial, float(c)) for trial, c in zip(trials, coefficients, strict=True)),
             *((trial, (1.0 + stiffness) * c) for trial, c in self.held),
         ]
-        shapes = {k: value for trial, _ in acting for k, value in trial.shapes.items()}
+        shapes = _shapes_of(trial for trial, _ in acting)
         tau, x, v, _, time, _ = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
         of_x, of_v = derivatives_along([(trial.force, c) for trial, c in acting], shapes, time, x, v, given)
@@ -225,12 +231,8 @@ class RecordPath:
 
     def sensor_slopes(self, trials: Sequence[TrialEffect], coefficients: Array) -> tuple[Array, Array]:
         """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
-        (x, v), slopes = self.at_samples, np.zeros((2, len(self.time)))
-        for trial, c in zip(trials, coefficients, strict=True):
-            if trial.force.kind == "sensor":
-                names = {"x": x, "v": v, "t": self.elapsed} | trial.force.shape_values(trial.shapes)
-                slopes += c * np.array([trial.force.formula.derivative(names, k) for k in "xv"])
-        return slopes[0], slopes[1]
+        pairs = [(trial.force, float(c)) for trial, c in zip(trials, coefficients, strict=True)]
+        return sensor_slopes(pairs, _shapes_of(trials), self.elapsed, *self.at_samples)
 
     def sensor_gain(self, trials: Sequence[TrialEffect], coefficients: Array) -> Array:
         """By how much the record rises with the angle, (sample,)."""
@@ -327,6 +329,11 @@ class RecordPath:
         path = path_of(time, angle, frequency, self.sensor, origin, self.settings)
         earlier = None if before is None else self.of_run(before, frequency, origin)
         return with_inputs(replace(path, held=self.held, before=earlier), run)
+
+
+def _shapes_of(trials: Iterable[TrialEffect]) -> dict[str, float]:
+    """Shape parameters of all trials by their names."""
+    return {name: value for trial in trials for name, value in trial.shapes.items()}
 
 
 def with_inputs(path: RecordPath, run: xr.Dataset) -> RecordPath:

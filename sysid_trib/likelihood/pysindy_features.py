@@ -7,20 +7,16 @@ from typing import Any
 import numpy as np
 from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
-from scipy.constants import golden_ratio
-from scipy.special import ndtri
 from sklearn.utils.validation import check_is_fitted
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
+from sysid_trib.likelihood.force_columns import value_along
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
-from sysid_trib.simulation.internal_states import states_along
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
-# Points of each sample's cell at which forces that jump are averaged.
-POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
 BINDING: dict[type, tuple[int, str]] = {
     ast.Add: (1, " + "),
     ast.Sub: (1, " - "),
@@ -69,12 +65,6 @@ class ForceFeatures(BaseFeatureLibrary):
         self.sampling_time = sampling_time
         self.reference_frequency = reference_frequency
         self.shapes = shapes
-        self._inputs: Mapping[str, KnownInput] = {}
-
-    def driven_by(self, inputs: Mapping[str, KnownInput]) -> "ForceFeatures":
-        """These features with inputs that `evaluate` and `cell_averages` know over time."""
-        self._inputs = inputs
-        return self
 
     @x_sequence_or_item
     def fit(self, x_full: Sequence[Any], y: object = None) -> "ForceFeatures":
@@ -129,7 +119,9 @@ class ForceFeatures(BaseFeatureLibrary):
                     f"Force '{force.symbol}' depends on time: give ForceFeatures a positive {name}."
                 )
 
-    def evaluate(self, time: Array, angle: Array, rate: Array) -> Array:
+    def evaluate(
+        self, time: Array, angle: Array, rate: Array, inputs: Mapping[str, KnownInput] | None = None
+    ) -> Array:
         """Value of every force along a motion at times of its own.
 
         Parameters
@@ -138,141 +130,32 @@ class ForceFeatures(BaseFeatureLibrary):
             From the first sample.
         angle, rate : (sample,) array of float, rad
             theta and theta'.
+        inputs : mapping of str to KnownInput, optional
+            Zero where left out.
 
         Returns
         -------
         (sample, force) array of float, rad
         """
-        columns = np.empty((*angle.shape, len(self._forces)))
-        for i, force in enumerate(self._forces):
-            columns[..., i] = self._value(force, time, angle, rate)
-        return columns
+        frequency = float(self.reference_frequency or 1.0)
 
-    def _value(
-        self,
-        force: Force,
-        time: Array,
-        angle: Array,
-        rate: Array,
-        internal: Mapping[str, Array] | None = None,
-    ) -> Array:
-        """Value of one force along a motion, its states as far as they are known."""
-        known = internal or {}
-        names = {name: f"{force.symbol}.{name}" for name in (*force.state, *force.memory)}
-        if all(name in known for name in names.values()):
-            hidden = {name: known[full] for name, full in names.items()}
-        else:
-            tau = time * float(self.reference_frequency or 0.0)
-            hidden = states_along(force, tau, angle, rate, self.shapes, time=time)
-        return force.value(angle, rate, time, shapes=self.shapes, hidden=hidden | self._given(force, time))
+        def given(force: Force, at: Array) -> dict[str, Array]:
+            return values_of_inputs(inputs or {}, force.channels, at, frequency)
 
-    def _given(self, force: Force, time: Array) -> dict[str, Array]:
-        """What the formulas of a force hold of inputs at these times."""
-        if not force.channels:
-            return {}
-        return values_of_inputs(self._inputs, force.channels, time, float(self.reference_frequency or 1.0))
-
-    def _memoryless(self, force: Force, point: tuple[Array, Array, Array]) -> Array:
-        return force.value(*point, shapes=self.shapes, hidden=self._given(force, point[2]))
-
-    def cell_averages(
-        self,
-        time: Array,
-        angle: Array,
-        rate: Array,
-        acceleration: Array,
-        *,
-        rate_error: float = 0.0,
-        internal: Mapping[str, Array] | None = None,
-    ) -> Array:
-        """`evaluate`, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
-
-        Parameters
-        ----------
-        time : (sample,) array of float, s
-            From the first sample.
-        angle, rate, acceleration : (sample,) array of float, rad
-            theta, theta' and theta''.
-        rate_error : float, rad
-            Standard deviation of a rate that is not known exactly: the average is over its normal law too.
-        internal : mapping of str to (sample,) array of float, optional
-            Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
-            along the motion.
-
-        Returns
-        -------
-        (sample, force) array of float, rad
-
-        Notes
-        -----
-        With an error the points are a Kronecker sequence over cell and probability, symmetric about their
-        middle, so that every point has a time and an error of its own. Cells in which nothing switches are
-        averaged too, by two points (Gauss): values beside averages would be, of few samples a period, a
-        pattern that no motion has, and that seems to tell apart what the record does not.
-        """
-        columns = np.empty((len(time), len(self._forces)))
-        frequency = float(self.reference_frequency or 0.0)
-        timed = any(force.holds_time or force.channels for force in self._forces)
-        number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
-        cell, parts = frequency * np.gradient(time), number / POINTS_OF_CELL
-        errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
-
-        def near(part: Any, error: Any, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
-            cell, at, angle, rate, acceleration = samples
-            ahead = part * cell
-            x, v = ahead * rate, ahead * acceleration
-            x += angle
-            v += rate
-            v += error
-            return x, v, at + ahead / frequency if timed else at
-
-        every, extremes = (cell, time, angle, rate, acceleration), np.unique([errors.min(), errors.max()])
-        corners = [near(part, error, every) for part in parts[[0, -1]] for error in extremes]
-        before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
-        for i, force in enumerate(self._forces):
-            # Internal states are continuous, and costly to compute.
-            if not force.memoryless:
-                columns[:, i] = self._value(force, time, angle, rate, internal)
-                continue
-            low, high = (self._memoryless(force, point) for point in (before, after))
-            columns[:, i] = 0.5 * (low + high)
-            if not force.surfaces:
-                continue
-            around = [(point, self._given(force, point[2])) for point in ((angle, rate, time), *corners)]
-            at = np.flatnonzero(_switches(force, around, self.shapes))
-            # Of these samples alone: few cells switch, and each has many points.
-            for few in np.array_split(at, 1 + len(at) // CELLS_AT_ONCE):
-                points = near(parts[:, None], errors[:, None], [values[few] for values in every])
-                columns[few, i] = self._memoryless(force, points).mean(axis=0)
-        return columns
+        motion = time, angle, rate
+        values = [value_along(force, motion, frequency, self.shapes, given) for force in self._forces]
+        return np.stack(values, axis=1)
 
     def _columns(self, x: Any) -> AxesArray:
         _check_columns(x, self.library.inputs)
         states = np.asarray(x)
         angle, rate, *inputs = states.T.astype(float)
         time = np.arange(len(states), dtype=np.float64) * np.float64(self.sampling_time or 1.0)
-        if inputs:
-            given = zip(self.library.inputs, inputs, strict=True)
-            self.driven_by({name: KnownInput(time, values, "smooth") for name, values in given})
-        columns = self.evaluate(time, angle, rate)
+        pairs = zip(self.library.inputs, inputs, strict=True)
+        known = {name: KnownInput(time, values, "smooth") for name, values in pairs}
+        columns = self.evaluate(time, angle, rate, known)
         dtype = np.result_type(states.dtype, np.float32)
         return AxesArray(columns.astype(dtype, copy=False), {"ax_time": 0, "ax_coord": 1})
-
-
-def _switches(
-    force: Force,
-    points: Sequence[tuple[tuple[Array, Array, Array], dict[str, Array]]],
-    shapes: ShapeValues | None,
-) -> Mask:
-    """Which samples have points (x, v, t), and inputs, on both sides of a switching surface, (sample,)."""
-    switches = np.zeros(len(points[0][0][0]), bool)
-    shape = force.shape_values(shapes)
-    for surface in force.surfaces:
-        names = [dict(zip("xvt", point, strict=True)) | given | shape for point, given in points]
-        first, *others = (surface.evaluate(at) > 0.0 for at in names)
-        for other in others:
-            switches |= first != other
-    return switches
 
 
 def readable(

@@ -8,10 +8,17 @@ import numpy as np
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.selection import is_free_to_move
-from sysid_trib.likelihood.linearisation import DeviationOperator, linearised
-from sysid_trib.likelihood.optimizers import ConstraintMap
-from sysid_trib.likelihood.problem import ReferenceTrajectory, RunRegression, Runs
-from sysid_trib.likelihood.rows import Rows, Solution, solve, weak_regression
+from sysid_trib.likelihood.least_squares import ConstraintMap
+from sysid_trib.likelihood.regression import RunRegression, Runs, common_values, shifted
+from sysid_trib.likelihood.rows import (
+    Operator,
+    Rows,
+    Solution,
+    linearised,
+    rms_forces,
+    solve,
+    weak_regression,
+)
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
@@ -28,7 +35,7 @@ SETTLED_WITHOUT_NOISE = 1e-10
 
 
 def refine_columns(
-    runs: Runs, rows: Rows, operators: Sequence[DeviationOperator], active: Mask, constraints: ConstraintMap
+    runs: Runs, rows: Rows, operators: Sequence[Operator], active: Mask, constraints: ConstraintMap
 ) -> tuple[Runs, Rows, bool]:
     """Take the columns from the motion of the identified model, and solve again, until nothing changes.
 
@@ -38,7 +45,7 @@ def refine_columns(
         With a first estimate.
     rows : Rows
         That it is from.
-    operators : sequence of DeviationOperator
+    operators : sequence of Operator
         Of each run.
     active : (force,) array of bool
         Forces that are in the model.
@@ -60,7 +67,7 @@ def refine_columns(
 
 
 def _refined(
-    runs: Runs, operators: Sequence[DeviationOperator] | None, active: Mask, constraints: ConstraintMap
+    runs: Runs, operators: Sequence[Operator] | None, active: Mask, constraints: ConstraintMap
 ) -> tuple[Runs, Rows] | None:
     """Runs and rows at which nothing changes; without `operators` by those about each motion.
 
@@ -92,7 +99,7 @@ def _refined(
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         change = common_values(after) - common_values(runs)
-        step = step_in_errors(runs, after, rows, solution)
+        step = step_in_errors(runs, after, solution)
         if np.all(np.abs(step) <= 1.0):
             return runs, rows
         missed = max(_missed(run) for run in runs)
@@ -110,34 +117,17 @@ def has_slipped(run: RunRegression) -> bool:
 
 
 def _missed(run: RunRegression) -> float:
-    """RMS of record minus reference motion over that of the record."""
-    residual = run.measured - run.reference.x
-    return float(np.sqrt(np.mean(residual**2) / np.mean(run.problem.angle**2)))
+    """RMS of record minus path over that of the record."""
+    return float(np.sqrt(np.mean((run.measured - run.x) ** 2) / np.mean(run.angle**2)))
 
 
-def common_values(runs: Runs) -> Array:
-    """Coefficients and reference frequency."""
-    return np.append(runs[0].coefficients, runs[0].frequency)
-
-
-def step_in_errors(before: Runs, after: Runs, rows: Rows, solution: Solution) -> Array:
+def step_in_errors(before: Runs, after: Runs, solution: Solution) -> Array:
     """Change of coefficients and frequency, (force + 1,), over the smallest that still counts."""
-    return (common_values(after) - common_values(before)) / _still_counts(after, rows, solution)
-
-
-def _still_counts(runs: Runs, rows: Rows, solution: Solution) -> Array:
-    """Smallest change of coefficients and frequency that still counts."""
     # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
-    swing = root_mean_square([np.sqrt(np.mean(run.reference.x**2)) for run in runs])
-    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rows.scale, runs[0].frequency)
-    return SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest
-
-
-def shifted(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
-    """The runs with other coefficients and another reference frequency, by (force + 1,)."""
-    common = common_values(runs) + by
-    coefficients, frequency = constraints.impose(common[:-1]), float(common[-1])
-    return tuple(replace(run, coefficients=coefficients, frequency=frequency) for run in runs)
+    swing = root_mean_square([np.sqrt(np.mean(run.x**2)) for run in after])
+    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rms_forces(after), after[0].frequency)
+    counts = SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest
+    return (common_values(after) - common_values(before)) / counts
 
 
 def _extrapolation(step: Array, last: Array | None) -> float:
@@ -156,7 +146,7 @@ def _extrapolation(step: Array, last: Array | None) -> float:
 def simulated(
     run: RunRegression, active: Mask, sensitivity: Array | None
 ) -> tuple[RunRegression, Array | None]:
-    """A run with the motion of its present model as reference, the start fitted to the record.
+    """A run with the motion of its present model as path, the start fitted to the record.
 
     Parameters
     ----------
@@ -171,26 +161,21 @@ def simulated(
     sensitivity : (sample, 2) array of float or None
         Of its own motion, if it is known.
     """
-    problem = run.problem
-    values = dict(zip(problem.library.symbols, run.coefficients.tolist(), strict=True))
+    values = dict(zip(run.library.symbols, run.coefficients.tolist(), strict=True))
     # Where nothing pulls a body back, an error of its start grows.
-    near = not is_free_to_move(problem.library, values)
-    motion = motion_of_run(run, active, sensitivity, near=near)
-    columns = problem.averaged_columns(run.frequency, motion.x, motion.v, hidden=motion.hidden)
-    reference = ReferenceTrajectory(motion.x, motion.v, columns, exact=True)
-    start = motion.angle, motion.rate
-    return replace(run, reference=reference, start=start, offset=motion.offset), motion.sensitivity
+    motion = motion_of_run(run, active, sensitivity, near=not is_free_to_move(run.library, values))
+    columns = run.columns_along(motion.x, motion.v, known=motion.hidden)
+    path = replace(run, x=motion.x, v=motion.v, columns=columns, exact=True, near=None)
+    moved = replace(path, start=(motion.angle, motion.rate), offset=motion.offset)
+    return moved, motion.sensitivity
 
 
 def motion_of_run(
     run: RunRegression, active: Mask, sensitivity: Array | None, *, near: bool = False
 ) -> FittedMotion:
     """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
-    problem, acting = run.problem, active & run.problem.acts
-    pairs = zip(problem.library.symbols, run.coefficients.tolist(), acting, strict=True)
+    pairs = zip(run.library.symbols, run.coefficients.tolist(), active & run.acts, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
-    model = Model(problem.library, kept, run.frequency, problem.shapes, problem.inputs)
+    model = Model(run.library, kept, run.frequency, run.shapes, run.inputs)
     angle = run.measured + run.offset
-    return fit_start(
-        model, problem.time, angle, run.start, offset=run.offset, sensitivity=sensitivity, near=near
-    )
+    return fit_start(model, run.time, angle, run.start, offset=run.offset, sensitivity=sensitivity, near=near)

@@ -3,34 +3,63 @@
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.optimize import lsq_linear
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.linearisation import DeviationOperator
-from sysid_trib.likelihood.optimizers import ConstraintMap
-from sysid_trib.likelihood.problem import RunRegression, Runs, update
-from sysid_trib.likelihood.weak_form import whiten
+from sysid_trib.likelihood.least_squares import (
+    ConstraintMap,
+    bounds_reached,
+    white_least_squares,
+    whitened,
+)
+from sysid_trib.likelihood.linearisation import derivatives_along, sensor_slopes
+from sysid_trib.likelihood.regression import RunRegression, Runs, update
+from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
+from sysid_trib.likelihood.weak_form import cholesky_factor, noise_operator
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
+
+# The operator of small deviations, and the Cholesky factor of the covariance of its rows in white noise.
+Operator: TypeAlias = tuple[sp.csr_matrix, Array]
+
+
+def linearised(run: RunRegression) -> Operator:
+    """The operator about a run's path, with what whitens its rows in white noise alone."""
+    matrix = deviation_matrix(run)
+    return matrix, cholesky_factor(covariance_of_local_rows(matrix))
+
+
+def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
+    """The operator of small deviations about a run's path, (row, sample), which does not depend on the noise.
+
+    It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made good.
+    """
+    k, pairs = run.stiffness_scale, zip(run.library, run.acting.tolist(), strict=True)
+    given = {name: values for force in run.library for name, values in run.given(force, run.elapsed).items()}
+    stiffness, damping = derivatives_along(pairs, run.shapes, run.elapsed, run.x, run.v, given)
+    matrix = noise_operator(run.form, k * stiffness, np.sqrt(k) * damping)
+    return (matrix @ sp.diags_array(1.0 / gain_of_sensor(run))).tocsr() if run.of_sensor.any() else matrix
+
+
+def gain_of_sensor(run: RunRegression) -> Array:
+    """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
+    pairs = zip(run.library, run.coefficients.tolist(), strict=True)
+    return 1.0 + sensor_slopes(pairs, run.shapes, run.elapsed, run.x, run.v)[0]
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows ``target = columns @ scaled coefficients + nuisances @ steps + noise``.
+    """Rows ``target = columns @ coefficients + nuisances @ steps + noise``.
 
     Attributes
     ----------
     target : (row,) array of float
     columns : (row, force) array of float
-        Each divided by its `scale`.
     nuisances : (row, run) or (row, run + 1) array of float
         The sensor's zero in each run and, where the frequency is fitted, the stiffness.
-    scale : (force,) array of float, rad
-        RMS of each force.
     factor : (band, row) array of float or None
         Cholesky factor of the covariance of the rows in unit noise of the samples; None if they are white.
     lags : int
@@ -40,19 +69,20 @@ class Rows:
     target: Array
     columns: Array
     nuisances: Array
-    scale: Array
     factor: Array | None = None
     lags: int = 2 * KNOTS_PER_PERIOD
 
 
-def rows_about(run: RunRegression, matrix: sp.csr_matrix) -> Rows:
-    """Weak rows of the regression about a run's reference trajectory, without a factor.
+def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None = None) -> Rows:
+    """Weak rows of the regression about a run's path.
 
     Parameters
     ----------
     run : RunRegression
     matrix : (row, sample) sparse array of float
         Operator of small deviations about a motion nearby.
+    factor : (band, row) array of float, optional
+        See `Rows`.
 
     Notes
     -----
@@ -61,23 +91,18 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix) -> Rows:
     exact solution the first part vanishes, so that errors of quadrature cannot bias the result; of a path
     nearby, what its first part differs is left. A known input is integrated where neither is there.
     """
-    problem, path, form = run.problem, run.reference, run.problem.form
-    k = (run.frequency / problem.nominal_frequency) ** 2
-    target = -(matrix @ (problem.angle - run.offset - path.x))
-    columns, stiffness = k * (form.value @ path.columns), k * (form.value @ path.x)
-    if problem.of_sensor.any():
-        columns[:, problem.of_sensor] = -(matrix @ path.columns[:, problem.of_sensor])
-    if path.exact:
+    form, k = run.form, run.stiffness_scale
+    target = -(matrix @ (run.angle - run.offset - run.x))
+    columns, stiffness = k * (form.value @ run.columns), k * (form.value @ run.x)
+    if run.of_sensor.any():
+        columns[:, run.of_sensor] = -(matrix @ run.columns[:, run.of_sensor])
+    if run.exact:
         target = target + columns @ run.acting
-    elif path.near is not None:
-        target = (
-            target - form.curvature @ (path.x - path.near.x) - form.value @ (k * path.x - path.near.force)
-        )
     else:
-        target = target - form.curvature @ path.x - form.value @ (k * path.x - problem.forcing)
-    nuisances = [-(matrix @ np.ones_like(path.x))] + [stiffness] * problem.frequency_free
-    scale = path.rms_forces
-    return Rows(target, columns / scale, np.column_stack(nuisances), scale)
+        near, force = (0.0, run.forcing) if run.near is None else run.near
+        target = target - form.curvature @ (run.x - near) - form.value @ (k * run.x - force)
+    nuisances = [-(matrix @ np.ones_like(run.x))] + [stiffness] * run.frequency_free
+    return Rows(target, columns, np.column_stack(nuisances), factor)
 
 
 def strong_rows(run: RunRegression) -> Rows:
@@ -86,20 +111,16 @@ def strong_rows(run: RunRegression) -> Rows:
     For comparison: the noise of second derivatives makes them far less precise than the weak form, and
     smoothing biases them.
     """
-    problem, path = run.problem, run.reference
-    x, _, acceleration, _ = smooth(problem.form.tau, problem.angle)
-    k = (run.frequency / problem.nominal_frequency) ** 2
-    scale = path.rms_forces
-    nuisances = [-np.ones_like(x)] + [x] * problem.frequency_free
-    lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(problem.form.tau))))
-    return Rows(-(acceleration / k + x), path.columns / scale, np.column_stack(nuisances), scale, lags=lags)
+    x, _, acceleration, _ = smooth(run.form.tau, run.angle)
+    nuisances = [-np.ones_like(x)] + [x] * run.frequency_free
+    lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(run.form.tau))))
+    target = -(acceleration / run.stiffness_scale + x)
+    return Rows(target, run.columns, np.column_stack(nuisances), lags=lags)
 
 
-def weak_regression(runs: Sequence[RunRegression], operators: Sequence[DeviationOperator]) -> Rows:
-    """The weak rows of all runs about their reference trajectories, with what whitens them."""
-    pairs = zip(runs, operators, strict=True)
-    rows = [replace(rows_about(run, near.matrix), factor=near.factor) for run, near in pairs]
-    return stack_rows(runs, rows)
+def weak_regression(runs: Sequence[RunRegression], operators: Sequence[Operator]) -> Rows:
+    """The weak rows of all runs about their paths, with what whitens them."""
+    return stack_rows(runs, [rows_about(run, *near) for run, near in zip(runs, operators, strict=True)])
 
 
 def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
@@ -109,44 +130,35 @@ def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
     """
     if len(rows) == 1:
         return rows[0]
-    weights = run_weights(runs)
-    samples = np.array([len(run.target) for run in rows])
-    scale = np.sqrt(samples @ np.stack([run.scale**2 for run in rows]) / samples.sum())
-    pairs = list(zip(rows, weights, strict=True))
+    pairs = list(zip(rows, run_weights(runs), strict=True))
     zeros = scipy.linalg.block_diag(*(w * run.nuisances[:, :1] for run, w in pairs))
     stiffness = np.concatenate([w * run.nuisances[:, 1:] for run, w in pairs])
+    # Rows of different runs are independent: the factor of all of them is banded as well.
+    factors = [run.factor for run in rows if run.factor is not None]
+    bands = max(map(len, factors), default=0)
+    padded = [np.pad(factor, ((0, bands - len(factor)), (0, 0))) for factor in factors]
     return Rows(
         np.concatenate([w * run.target for run, w in pairs]),
-        np.concatenate([w * run.columns * (run.scale / scale) for run, w in pairs]),
+        np.concatenate([w * run.columns for run, w in pairs]),
         np.column_stack([zeros, stiffness]),
-        scale,
-        _stacked_factors([run.factor for run in rows if run.factor is not None]),
+        np.concatenate(padded, axis=1) if padded else None,
         rows[0].lags,
     )
 
 
 def run_weights(runs: Sequence[RunRegression]) -> Array:
     """Weight of the rows of each run, (run,): its noise, relative to their RMS."""
+    if len(runs) == 1:
+        return np.ones(1)
     noise = np.array([run.noise for run in runs])
     return np.asarray(np.sqrt(np.mean(np.square(noise))) / noise)
 
 
-def _stacked_factors(factors: Sequence[Array]) -> Array | None:
-    """Factor of the covariance of all rows, banded as well: rows of different runs are independent."""
-    if not factors:
-        return None
-    bands = max(len(factor) for factor in factors)
-    return np.concatenate([np.pad(f, ((0, bands - len(f)), (0, 0))) for f in factors], axis=1)
-
-
-def _white_without_nuisances(rows: Rows, columns: Array) -> tuple[Array, Array]:
-    """White columns, in place of the rows' own, and target, the nuisances projected out of both."""
-    table = np.column_stack([rows.nuisances, columns, rows.target])
-    white = table if rows.factor is None else whiten(rows.factor, table)
-    count = rows.nuisances.shape[1]
-    basis, _ = np.linalg.qr(white[:, :count])
-    outside = white[:, count:] - basis @ (basis.T @ white[:, count:])
-    return outside[:, :-1], outside[:, -1]
+def rms_forces(runs: Sequence[RunRegression]) -> Array:
+    """RMS of each force along the motions (force,), rad: a coefficient in units of it is a force."""
+    of_runs = [np.mean(run.columns**2, axis=0) for run in runs]
+    rms = np.sqrt(np.average(of_runs, axis=0, weights=[run.form.rows for run in runs]))
+    return np.where(rms > 0, rms, 1.0)
 
 
 @dataclass(frozen=True)
@@ -189,34 +201,49 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
 
     Notes
     -----
-    Of white rows the covariance is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its
-    rows are correlated: then it is the sandwich of Newey and West (1987) over two periods. Coefficients that
-    would pass a bound are found by an active set and held there.
-    """
-    # Here, since importing pysindy takes as long as twenty identifications.
-    from sysid_trib.likelihood.optimizers import WhitenedLeastSquares
+    Where the residual is correlated the covariance is the sandwich of `white_least_squares` over two
+    periods. Coefficients that would pass a bound are found by an active set and held there.
 
+    A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
+    that hold it at the present frequency.
+    """
     kept = constraints.keep(active)
-    design, target, shift = _free_rows(rows, run, kept)
-    fit = WhitenedLeastSquares(rows.factor, rows.lags).fit(design, target)
-    count, scale = len(kept.free), rows.scale[kept.free]
-    solved: Array = np.asarray(fit.coef_[0], dtype=float)
-    free, steps = solved[:count] / scale, solved[count:]
+    in_model = kept.matrix.any(axis=1) | (kept.constant != 0.0)
+    rescaling = _rescaling(run, run.coefficients * in_model)
+    shift = rescaling - kept.matrix @ rescaling[kept.free]
+    nuisances = rows.nuisances
+    if run.frequency_free:
+        nuisances = np.column_stack([nuisances[:, :-1], nuisances[:, -1] + rows.columns @ shift])
+    design = np.column_stack([rows.columns @ kept.matrix, nuisances])
+    target = rows.target - rows.columns @ kept.constant
+    white = whitened(rows.factor, np.column_stack([design, target]))
+    solved, free_covariance, noise, lags = white_least_squares(white[:, :-1], white[:, -1], rows.lags)
+    count = len(kept.free)
+    free, steps = solved[:count], solved[count:]
     if np.any((free < kept.low) | (free > kept.high)):
-        side = _bounds_reached(rows, design, target, kept)
+        low, high = (
+            np.pad(limit, (0, len(steps)), constant_values=side * np.inf)
+            for limit, side in ((kept.low, -1.0), (kept.high, 1.0))
+        )
+        side = bounds_reached(white[:, :-1], white[:, -1], low, high)[:count]
         limits = np.where(side < 0, kept.low, kept.high)[side != 0]
         return solve(rows, run, active, kept.hold(side != 0, limits))
     coefficients = kept.matrix @ free + kept.constant
     jacobian = np.zeros((len(coefficients) + 1, len(solved)))
-    jacobian[:-1, :count] = kept.matrix / scale
-    if run.problem.frequency_free:
+    jacobian[:-1, :count] = kept.matrix
+    if run.frequency_free:
         coefficients = coefficients + shift * steps[-1]
         # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
         jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
-    covariance = jacobian @ fit.covariance_[0] @ jacobian.T
-    noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
+    covariance = jacobian @ free_covariance @ jacobian.T
     return Solution(coefficients, steps, covariance, noise, lags, kept, target - design @ solved)
+
+
+def _rescaling(run: RunRegression, coefficients: Array) -> Array:
+    """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
+    degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.library])
+    return np.where(run.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
 
 
 def with_errors_of_dropped(
@@ -231,12 +258,14 @@ def with_errors_of_dropped(
     return replace(solution, covariance=covariance)
 
 
-def select(rows: Rows, optimizers: Sequence[Any], constraints: ConstraintMap) -> Mask:
+def select(rows: Rows, scale: Array, optimizers: Sequence[Any], constraints: ConstraintMap) -> Mask:
     """Forces to which all of the optimisers give a coefficient.
 
     Parameters
     ----------
     rows : Rows
+    scale : (force,) array of float, rad
+        See `rms_forces`.
     optimizers : sequence of pysindy optimisers
         They see the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
         are projected out and never thresholded.
@@ -248,50 +277,14 @@ def select(rows: Rows, optimizers: Sequence[Any], constraints: ConstraintMap) ->
         Fixed coefficients are always in the model, tied ones with those that they are tied to.
     """
     kept = np.ones(len(constraints.free), bool)
-    if not optimizers:
-        return constraints.active(kept)
-    target = replace(rows, target=rows.target - rows.columns @ (rows.scale * constraints.constant))
-    columns, y = _white_without_nuisances(target, rows.columns @ _scaled(rows, constraints))
+    if optimizers:
+        columns = rows.columns @ constraints.matrix / scale[constraints.free]
+        target = rows.target - rows.columns @ constraints.constant
+        white = whitened(rows.factor, np.column_stack([rows.nuisances, columns, target]))
+        count = rows.nuisances.shape[1]
+        basis, _ = np.linalg.qr(white[:, :count])
+        outside = white[:, count:] - basis @ (basis.T @ white[:, count:])
     for optimizer in optimizers:
         # The optimiser may be the user's: it must not come back changed.
-        kept &= deepcopy(optimizer).fit(columns, y[:, None]).coef_[0] != 0.0
+        kept &= deepcopy(optimizer).fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
     return constraints.active(kept)
-
-
-def _free_rows(rows: Rows, run: RunRegression, constraints: ConstraintMap) -> tuple[Array, Array, Array]:
-    """Design by the free coefficients, scaled, and the nuisances; the target; what a stiffness shifts.
-
-    A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
-    that hold it at the present frequency, (force,), by the last.
-    """
-    in_model = constraints.matrix.any(axis=1) | (constraints.constant != 0.0)
-    rescaling = _rescaling(run, run.coefficients * in_model)
-    shift = rescaling - constraints.matrix @ rescaling[constraints.free]
-    target = rows.target - rows.columns @ (rows.scale * constraints.constant)
-    nuisances = rows.nuisances
-    if run.problem.frequency_free:
-        moving = nuisances[:, -1] + rows.columns @ (rows.scale * shift)
-        nuisances = np.column_stack([nuisances[:, :-1], moving])
-    return np.column_stack([rows.columns @ _scaled(rows, constraints), nuisances]), target, shift
-
-
-def _scaled(rows: Rows, constraints: ConstraintMap) -> Array:
-    """The map of scaled free coefficients to scaled coefficients, (force, free)."""
-    return rows.scale[:, None] * constraints.matrix / rows.scale[constraints.free]
-
-
-def _rescaling(run: RunRegression, coefficients: Array) -> Array:
-    """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
-    degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.problem.library])
-    return np.where(run.problem.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
-
-
-def _bounds_reached(rows: Rows, design: Array, target: Array, constraints: ConstraintMap) -> Array:
-    """Bound that each free coefficient has reached in bounded least squares: -1 the low, 1 the high, or 0."""
-    table = np.column_stack([design, target])
-    white = table if rows.factor is None else whiten(rows.factor, table)
-    limits = np.full((2, design.shape[1]), [[-np.inf], [np.inf]])
-    count, scale = len(constraints.free), rows.scale[constraints.free]
-    limits[:, :count] = constraints.low * scale, constraints.high * scale
-    bounded = lsq_linear(white[:, :-1], white[:, -1], limits, method="bvls")
-    return np.asarray(bounded.active_mask[:count])

@@ -8,6 +8,7 @@ that is known to so many rad only goes from -1 to 1 within that, near rest over 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_solve_banded
@@ -15,27 +16,14 @@ from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, SimulationError
-from sysid_trib.likelihood.linearisation import DeviationOperator, sensor_slope
-from sysid_trib.likelihood.optimizers import ConstraintMap
-from sysid_trib.likelihood.problem import (
-    NearbyMotion,
-    ReferenceTrajectory,
-    RunRegression,
-    Runs,
-    along_own_path,
-)
+from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.random_force import RandomForceOption
-from sysid_trib.likelihood.ratio_posterior import RatioAverage, average_by_ratios
-from sysid_trib.likelihood.refined_columns import (
-    SETTLED_STEP,
-    common_values,
-    has_slipped,
-    motion_of_run,
-    step_in_errors,
-)
-from sysid_trib.likelihood.rows import Rows, Solution, run_weights, solve, stack_rows
-from sysid_trib.likelihood.two_noises import with_noises
-from sysid_trib.likelihood.variance_ratio import smoothed_rate_error
+from sysid_trib.likelihood.ratio_posterior import RatioAverage, average_over_ratios
+from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, motion_of_run, step_in_errors
+from sysid_trib.likelihood.regression import RunRegression, Runs, common_values
+from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, run_weights, solve, stack_rows
+from sysid_trib.likelihood.two_noises import WeighedRun, with_noises
+from sysid_trib.likelihood.variance_ratio import VarianceRatio, smoothed_rate_error
 from sysid_trib.records.smoothing import least_squares_spline
 
 MAX_SMOOTHED_PATHS = 12
@@ -64,7 +52,7 @@ def regress_stochastic(
     Returns
     -------
     runs : tuple of RunRegression
-        Along their smoothed motions, with `noises`; along the free ones where no random force is most likely.
+        Along their smoothed motions, with noises; along the free ones where no random force is most likely.
     rows : Rows
         About these motions; of them the last solution is still to be taken.
     settled : bool
@@ -81,30 +69,30 @@ def regress_stochastic(
     sensitivities: list[Array | None] = [None] * len(runs)
     for turn in range(MAX_SMOOTHED_PATHS):
         # A motion that slipped where both noises were known would slip again, or now and then.
-        tried = [turn <= COLOUR_ROUND or run.reference.near is not None for run in runs]
+        tried = [turn <= COLOUR_ROUND or run.near is not None for run in runs]
         anchored = [
-            _about_free_motion(run, active, near) if may_follow else (along_own_path(run), None)
+            _about_free_motion(run, active, near) if may_follow else (run.along_own_path(), None)
             for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
         ]
         runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
         # With a density that is given, as in records that are simulated, the sensor's noise is white.
         # What a driven model lacks is no noise of the sensor, whatever its colour.
-        driven = any(run.problem.inputs for run in runs)
+        driven = any(run.inputs for run in runs)
         colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
         weighed = [with_noises(run, active, constraints, option, colour=colour) for run in runs]
-        runs = tuple(each_run.run for each_run in weighed)
-        rows = stack_rows(runs, [each_run.rows for each_run in weighed])
+        runs = tuple(one.run for one in weighed)
+        rows = stack_rows(runs, [one.rows for one in weighed])
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
-        step = float(np.max(np.abs(step_in_errors(runs, after, rows, solution))))
+        step = float(np.max(np.abs(step_in_errors(runs, after, solution))))
         settled = step <= (1.0 if turn < ROUNDS_TO_SETTLE else STEP_AMONG_ERRORS / SETTLED_STEP)
         if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
-        runs = _smoothed(after, [each_run.operator for each_run in weighed], solution)
+        runs = _smoothed(after, weighed, solution)
     zero = np.zeros_like(solution.covariance)
     further = RatioAverage(zero[0], zero)
     if isinstance(option, str):
-        further = average_by_ratios(weighed, solution, active, constraints)
+        further = _average_by_ratios(weighed, solution, active, constraints)
     if step > 1.0:
         change = common_values(after) - common_values(runs)
         further = further._replace(covariance=further.covariance + np.outer(change, change))
@@ -115,47 +103,65 @@ def _about_free_motion(
     run: RunRegression, active: Mask, sensitivity: Array | None
 ) -> tuple[RunRegression, Array | None]:
     """A run whose path is about a free motion of its present model, where that follows the record."""
-    problem, path = run.problem, run.reference
     try:
         free = motion_of_run(run, active, sensitivity, near=True)
     except SimulationError:
-        return along_own_path(run), None
-    along = problem.averaged_columns(run.frequency, free.x, free.v)
-    force = (run.frequency / problem.nominal_frequency) ** 2 * (free.x + along @ run.acting)
+        return run.along_own_path(), None
+    along = run.columns_along(free.x, free.v)
+    force = run.stiffness_scale * (free.x + along @ run.acting)
     # The first path: the free motion itself.
-    reference = ReferenceTrajectory(free.x, free.v, along, exact=False, near=NearbyMotion(free.x, force))
-    nearby = replace(run, reference=reference, start=(free.angle, free.rate))
+    nearby = replace(run, x=free.x, v=free.v, columns=along, exact=False, near=(free.x, force))
+    nearby = replace(nearby, start=(free.angle, free.rate))
     if has_slipped(nearby):
-        return along_own_path(run), None
-    if run.noises is not None:
+        return run.along_own_path(), None
+    if run.ratio is not None:
         # Friction holds a body that rests with what it takes, no more.
-        near = NearbyMotion(free.x, np.where(free.v == 0.0, problem.forcing, force))
-        error = smoothed_rate_error(run.noises.ratio, float(np.median(np.diff(problem.form.tau))))
-        expected = problem.averaged_columns(run.frequency, path.x, path.v, rate_error=error)
-        nearby = replace(nearby, reference=replace(path, columns=expected, exact=False, near=near))
+        near = free.x, np.where(free.v == 0.0, run.forcing, force)
+        error = smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
+        expected = run.columns_along(run.x, run.v, error)
+        nearby = replace(nearby, x=run.x, v=run.v, columns=expected, near=near)
     # The zero of the sensor is that of the rows, which know the random force.
     return nearby, free.sensitivity
 
 
-def _smoothed(runs: Runs, operators: Sequence[DeviationOperator], solution: Solution) -> Runs:
+def _smoothed(runs: Runs, weighed: Sequence[WeighedRun], solution: Solution) -> Runs:
     """The runs along the next smoothed motions: the record, without the most likely noise of the sensor."""
-    lengths = [operator.matrix.shape[0] for operator in operators]
+    lengths = [len(one.rows.target) for one in weighed]
     residuals = np.split(solution.residual, np.cumsum(lengths)[:-1])
-    weights = run_weights(runs) if len(runs) > 1 else np.ones(1)
-    return tuple(
-        _along_smoothed(run, operator, residual / weight)
-        for run, operator, residual, weight in zip(runs, operators, residuals, weights, strict=True)
-    )
+    of_runs = zip(runs, weighed, residuals, run_weights(runs), strict=True)
+    return tuple(_along_smoothed(run, one, residual / weight) for run, one, residual, weight in of_runs)
 
 
-def _along_smoothed(run: RunRegression, operator: DeviationOperator, residual: Array) -> RunRegression:
-    problem, path, tau = run.problem, run.reference, run.problem.form.tau
-    innovation = -(operator.acting.T @ cho_solve_banded((operator.factor, True), residual))
-    noise = innovation if run.noises is None else lfilter([1.0], run.noises.filter_, innovation)
+def _along_smoothed(run: RunRegression, weighed: WeighedRun, residual: Array) -> RunRegression:
+    innovation = -(weighed.acting.T @ cho_solve_banded((weighed.rows.factor, True), residual))
+    noise = lfilter([1.0], run.sensor.filter_, innovation)
+    tau = run.form.tau
     try:
-        change = (run.measured - path.x - noise) / sensor_slope(run)
+        change = (run.measured - run.x - noise) / gain_of_sensor(run)
         spline, x = least_squares_spline(tau, change)
     except DecayError:
         return run
-    v = path.v + spline(tau, 1) * (problem.nominal_frequency / run.frequency)
-    return replace(run, reference=replace(path, x=path.x + x, v=v))
+    v = run.v + spline(tau, 1) * (run.nominal_frequency / run.frequency)
+    return replace(run, x=run.x + x, v=v)
+
+
+def _average_by_ratios(
+    weighed: Sequence[WeighedRun], solution: Solution, active: Mask, constraints: ConstraintMap
+) -> RatioAverage:
+    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself."""
+
+    def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
+        """With another ratio of one run, and the covariance."""
+        runs, rows = [one.run for one in weighed], [one.rows for one in weighed]
+        runs[at] = replace(runs[at], ratio=ratio)
+        rows[at] = replace(rows[at], factor=weighed[at].by_ratio.factor(ratio.ratio))
+        other = solve(stack_rows(runs, rows), runs[0], active, constraints)
+        return common_values(other.applied_to(tuple(runs))), other.covariance
+
+    zero = np.zeros_like(solution.covariance)
+    shift, added = zero[0], zero
+    for at, (run, _, _, by_ratio) in enumerate(weighed):
+        assert run.ratio is not None
+        average = average_over_ratios(by_ratio.rows, run.ratio, len(run.time), partial(solved, at))
+        shift, added = shift + average.shift, added + average.covariance
+    return RatioAverage(shift, added)

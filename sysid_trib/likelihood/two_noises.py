@@ -8,26 +8,77 @@ that were held while the ratio is sought would lend its own error to the random 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.colour import Lines, NoisePair, lines_above, most_likely_colour, sensor_colour
-from sysid_trib.likelihood.linearisation import DeviationOperator, deviation_matrix
-from sysid_trib.likelihood.optimizers import ConstraintMap
-from sysid_trib.likelihood.problem import RunRegression
+from sysid_trib.likelihood.colour import Lines, lines_above, most_likely_colour, sensor_colour
+from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
-from sysid_trib.likelihood.ratio_posterior import Prior, RatioLikelihood, WeighedRun
-from sysid_trib.likelihood.rows import rows_about
+from sysid_trib.likelihood.regression import RunRegression
+from sysid_trib.likelihood.rows import Rows, deviation_matrix, rows_about
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows
-from sysid_trib.likelihood.variance_ratio import VarianceRatio, held_ratio, ratio_span, variance_ratio
-from sysid_trib.likelihood.weak_form import coloured
+from sysid_trib.likelihood.variance_ratio import (
+    VarianceRatio,
+    WhiteRows,
+    held_ratio,
+    ratio_span,
+    variance_ratio,
+)
+from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, whitened_by_both
 from sysid_trib.records.smoothing import smooth
 
 # Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
 # they count as so many samples.
 DEGREES_OF_PRIOR = 5
+
+
+class RowsByRatio(NamedTuple):
+    """Rows of one run by the ratio of its two variances, with a sensor's noise of one colour.
+
+    Attributes
+    ----------
+    band, gram : (band, row) array of float
+        Covariance of the rows by the sensor's noise and by the random force, of unit variance.
+    table : (row, column) array of float
+        Free columns, nuisances, target.
+    further : (float, float, float)
+        Further samples of the sensor's noise: how many, the sum of the squares of their innovations (rad^2),
+        and the logarithm of the determinant of their covariance.
+    """
+
+    band: Array
+    gram: Array
+    table: Array
+    further: tuple[float, float, float]
+
+    def rows(self, ratio: float) -> WhiteRows:
+        """White with this ratio."""
+        white, log_determinant = whitened_by_both(self.band, self.gram, ratio, self.table)
+        samples, squares, of_further = self.further
+        # One row has the squares of all further samples.
+        design = np.concatenate([white[:, :-1], np.zeros((1, white.shape[1] - 1))])
+        target = np.append(white[:, -1], np.sqrt(squares))
+        return WhiteRows(target, design, log_determinant + of_further, further=samples - 1.0)
+
+    def factor(self, ratio: float) -> Array:
+        """Cholesky factor of the covariance."""
+        return cholesky_factor(self.band, self.gram, ratio)
+
+    def of_no_force(self) -> VarianceRatio:
+        """A ratio of zero: the sensor's noise without a random force."""
+        return held_ratio(self.rows, 0.0, None)
+
+
+class WeighedRun(NamedTuple):
+    """A run with its noises, its rows, their operator on the sensor's innovations, and their likelihood."""
+
+    run: RunRegression
+    rows: Rows
+    acting: sp.csr_matrix
+    by_ratio: RowsByRatio
 
 
 @dataclass(frozen=True)
@@ -51,63 +102,49 @@ class RowsLikelihood:
     table: Array
     shared_level: bool = False
 
+    @property
+    def follows(self) -> bool:
+        """True if a free motion follows the record."""
+        return self.run.near is not None
+
     @cached_property
-    def deviation(self) -> Array | None:
-        """The record minus the free motion, rad; None where no free motion follows the record."""
-        near = self.run.reference.near
-        return None if near is None else self.run.measured - near.x
+    def deviation(self) -> Array:
+        """The record minus the free motion, rad."""
+        assert self.run.near is not None
+        return self.run.measured - self.run.near[0]
 
     @cached_property
     def tau(self) -> Array:
         """Time in units of 1/w."""
-        problem = self.run.problem
-        return problem.form.tau * (self.run.frequency / problem.nominal_frequency)
+        return self.run.form.tau * (self.run.frequency / self.run.nominal_frequency)
 
     @cached_property
     def lines(self) -> Lines:
         """Lines of the spectrum above the band of the rows: splines follow half an oscillation a knot."""
-        assert self.deviation is not None
-        band = np.pi * self.run.problem.form.rows / float(self.tau[-1] - self.tau[0])
+        band = np.pi * self.run.form.rows / float(self.tau[-1] - self.tau[0])
         return lines_above(self.deviation, self.tau, band)
-
-    def acting(self, sensor: NoiseModel) -> sp.csr_matrix:
-        """The operator on the innovations of the sensor's noise."""
-        return coloured(self.matrix, sensor.filter_)
 
     @cached_property
     def band_of_white(self) -> Array:
         """Covariance of the rows in white noise of the sensor, of unit variance: (band, row)."""
         return covariance_of_local_rows(self.matrix)
 
-    def band(self, sensor: NoiseModel) -> Array:
-        """Covariance of the rows by the sensor's noise, of unit innovations: (band, row)."""
-        white = len(sensor.filter_) == 1
-        return self.band_of_white if white else covariance_of_local_rows(self.acting(sensor))
-
-    def with_sensor(self, sensor: NoiseModel) -> RatioLikelihood:
-        """The likelihood by the ratio of the two variances, with a sensor's noise of one colour."""
-        prior = Prior(DEGREES_OF_PRIOR, DEGREES_OF_PRIOR * sensor.innovation**2)
+    def by_ratio(self, sensor: NoiseModel) -> RowsByRatio:
+        """The rows by the ratio of the two variances, with a sensor's noise of one colour."""
+        filter_, further = sensor.filter_, (DEGREES_OF_PRIOR, DEGREES_OF_PRIOR * sensor.innovation**2, 0.0)
         if self.shared_level:
-            lines, filter_ = self.lines, sensor.filter_
-            prior = Prior(lines.independent, lines.squares(filter_), lines.log_determinant(filter_))
-        gram = self.run.problem.form.gram
-        return RatioLikelihood(self.band(sensor), gram, self.table, prior)
+            lines = self.lines
+            further = lines.independent, lines.squares(filter_), lines.log_determinant(filter_)
+        band = self.band_of_white
+        if len(filter_) > 1:
+            band = covariance_of_local_rows(coloured(self.matrix, filter_))
+        return RowsByRatio(band, self.run.form.gram, self.table, further)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
         """Ratio of most likelihood with a sensor's noise; near `start` if that is given."""
-        tau = self.run.problem.form.tau
+        tau = self.run.form.tau
         low, high = ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau))))
-        return variance_ratio(self.with_sensor(sensor).rows, low, high, start)
-
-    def held_ratio(self, sensor: NoiseModel, density: float) -> VarianceRatio:
-        """The ratio with a density of the random force that is given, (rad/s^2)^2/Hz."""
-        last = None if self.run.noises is None else self.run.noises.ratio.variance
-        per_tau = RandomForce(density).per_tau(self.run.problem.nominal_frequency)
-        return held_ratio(self.with_sensor(sensor).rows, per_tau, last)
-
-    def sensor_alone(self, sensor: NoiseModel) -> VarianceRatio:
-        """A ratio of zero: the sensor's noise without a random force."""
-        return held_ratio(self.with_sensor(sensor).rows, 0.0, None)
+        return variance_ratio(self.by_ratio(sensor).rows, low, high, start)
 
 
 def with_noises(
@@ -133,44 +170,42 @@ def with_noises(
     """
     matrix = deviation_matrix(run)
     weak, kept = rows_about(run, matrix), constraints.keep(active)
-    free = weak.columns @ (weak.scale[:, None] * kept.matrix)
-    target = weak.target - weak.columns @ (weak.scale * kept.constant)
+    target = weak.target - weak.columns @ kept.constant
     # By columns, as LAPACK takes them many times.
-    table = np.asfortranarray(np.column_stack([free, weak.nuisances, target]))
+    table = np.asfortranarray(np.column_stack([weak.columns @ kept.matrix, weak.nuisances, target]))
     likelihood = RowsLikelihood(run, matrix, table)
     if not isinstance(option, str):
-        sensor = _white(run)
-        noises = NoisePair(likelihood.held_ratio(sensor, float(option)), sensor, sensor)
+        per_tau = RandomForce(float(option)).per_tau(run.nominal_frequency)
+        last = None if run.ratio is None else run.ratio.variance
+        weighed = replace(run, ratio=held_ratio(likelihood.by_ratio(run.sensor).rows, per_tau, last))
     else:
-        likelihood, noises = _estimated(likelihood, colour)
-    by_ratio = likelihood.with_sensor(noises.sensor)
-    factor = by_ratio.factor(noises.ratio.ratio)
-    operator = DeviationOperator(matrix, likelihood.acting(noises.sensor), factor)
-    return WeighedRun(replace(run, noises=noises), replace(weak, factor=factor), operator, by_ratio)
+        likelihood, weighed = _estimated(likelihood, colour)
+    by_ratio, ratio = likelihood.by_ratio(weighed.sensor), weighed.ratio
+    assert ratio is not None
+    acting = coloured(matrix, weighed.sensor.filter_)
+    return WeighedRun(weighed, replace(weak, factor=by_ratio.factor(ratio.ratio)), acting, by_ratio)
 
 
-def _white(run: RunRegression) -> NoiseModel:
-    return NoiseModel(run.problem.noise, np.ones(1)) if run.noises is None else run.noises.sensor
-
-
-def _estimated(likelihood: RowsLikelihood, colour: bool) -> tuple[RowsLikelihood, NoisePair]:
-    """Both noises of most likelihood, and that; the sensor's where it is as likely without a force."""
-    last = likelihood.run.noises
-    sensor = sensor_alone = _white(likelihood.run)
-    start = None
-    if last is not None:
-        sensor_alone, start = last.sensor_alone, last.ratio.ratio
+def _estimated(likelihood: RowsLikelihood, colour: bool) -> tuple[RowsLikelihood, RunRegression]:
+    """Likelihood and run with its most likely noises; the sensor's alone where a force is no likelier."""
+    run = likelihood.run
+    sensor, sensor_alone = run.sensor, run.sensor_alone
+    start = None if run.ratio is None else run.ratio.ratio
     if colour:
         sensor, sensor_alone, start = _colours(likelihood)
-    if len(sensor.filter_) == len(sensor_alone.filter_) == 1:
-        return likelihood, NoisePair(likelihood.ratio(sensor, start), sensor, sensor_alone)
-    likelihood = replace(likelihood, shared_level=likelihood.deviation is not None)
-    ratio, without = likelihood.ratio(sensor, start), likelihood.sensor_alone(sensor_alone)
-    gain = without.deviance - ratio.deviance
-    if gain > 0.0 and ratio.ratio > 0.0:
-        return likelihood, NoisePair(replace(ratio, gain=gain), sensor, sensor_alone)
-    without = replace(without, upper=likelihood.ratio(sensor_alone, None).upper)
-    return likelihood, NoisePair(without, sensor_alone, sensor_alone)
+    white = len(sensor.filter_) == len(sensor_alone.filter_) == 1
+    if not white:
+        likelihood = replace(likelihood, shared_level=likelihood.follows)
+    ratio = likelihood.ratio(sensor, start)
+    if not white:
+        without = likelihood.by_ratio(sensor_alone).of_no_force()
+        gain = without.deviance - ratio.deviance
+        if gain > 0.0 and ratio.ratio > 0.0:
+            ratio = replace(ratio, gain=gain)
+        else:
+            ratio = replace(without, upper=likelihood.ratio(sensor_alone, None).upper)
+            sensor = sensor_alone
+    return likelihood, replace(run, ratio=ratio, sensor=sensor, sensor_alone=sensor_alone)
 
 
 def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float | None]:
@@ -180,11 +215,10 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
     the lower Bayesian information criterion. A random force is tested beside colours of one order: a higher
     one could resonate as the motion does.
     """
-    if likelihood.deviation is None:
+    if not likelihood.follows:
         # Of a record that no free motion follows, by what the spline leaves.
-        problem = likelihood.run.problem
-        unexplained = problem.angle - smooth(problem.form.tau, problem.angle).x
-        white = NoiseModel(float(np.std(unexplained)), np.ones(1))
+        angle, tau = likelihood.run.angle, likelihood.run.form.tau
+        white = NoiseModel(float(np.std(angle - smooth(tau, angle).x)), np.ones(1))
         return white, white, None
     guesses = [
         sensor_colour(likelihood.deviation, likelihood.tau, random_force=stochastic)
@@ -194,28 +228,27 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
         return guesses[0], guesses[0], None
     likelihood = replace(likelihood, shared_level=True)
     lines = likelihood.lines
-    penalty = np.log(len(likelihood.table) + lines.independent)
+    samples = len(likelihood.table) + lines.independent
+    penalty = np.log(samples)
+    orders = {len(guess.filter_): guess.filter_ for guess in guesses}
+    starts = [(guess, lines.colour(taps - 1)) for taps, guess in orders.items()]
+    ratios = (likelihood.ratio(lines.noise(by_lines), None) for _, by_lines in starts)
+    first = min(ratios, key=lambda ratio: ratio.deviance)
 
-    def with_sensor(filter_: Array) -> float:
+    def with_force(filter_: Array) -> float:
         return likelihood.ratio(lines.noise(filter_), first.ratio).deviance
 
     def sensor_alone(filter_: Array) -> float:
-        return likelihood.sensor_alone(lines.noise(filter_)).deviance
+        return likelihood.by_ratio(lines.noise(filter_)).of_no_force().deviance
 
     def criterion(fit: tuple[Array, float]) -> float:
         return fit[1] + penalty * (len(fit[0]) - 1)
-
-    orders = {len(guess.filter_): guess.filter_ for guess in guesses}
-    starts = [(guess, lines.colour(taps - 1)) for taps, guess in orders.items()]
-    samples = len(likelihood.table) + lines.independent
-    ratios = (likelihood.ratio(lines.noise(by_lines), None) for _, by_lines in starts)
-    first = min(ratios, key=lambda ratio: ratio.deviance)
 
     def searched(deviance: Callable[[Array], float], least: float) -> list[tuple[Array, float]]:
         return [most_likely_colour(deviance, of, samples=samples, least=least) for of in starts]
 
     still = searched(sensor_alone, first.deviance)
-    stochastic = searched(with_sensor, np.inf)
+    stochastic = searched(with_force, np.inf)
     best, without = min(stochastic, key=criterion), min(still, key=criterion)
     taps = len(best[0])
     if len(without[0]) != taps and criterion(without) < criterion(best) + penalty:

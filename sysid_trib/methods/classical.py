@@ -1,11 +1,10 @@
 """What the classical methods share: equations between half periods, the forces they need, their result."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
@@ -13,11 +12,10 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import refuse_sensors
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
-from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel
-from sysid_trib.methods.half_period_equations import Equations, solve
+from sysid_trib.methods.auxiliary import AuxiliaryModel, same_half_periods
+from sysid_trib.methods.half_period_equations import Equations
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
-from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import refuse_inputs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
@@ -69,7 +67,7 @@ class ClassicalMethod:
         asked = self.forces_of(library)
         groups = {"envelope": self.equations(asked), "frequency": same_half_periods}
         # A frequency that is not steady is no random force.
-        auxiliary = replace(half_period_model(groups, self.values, asked), wandering=("envelope",))
+        auxiliary = AuxiliaryModel(groups, self.values, asked)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
         return as_identification(self, decay, asked, estimate, library)
 
@@ -126,61 +124,3 @@ def one_record(method: Method, decay: Any) -> xr.Dataset:
         raise UsageError(f"{scope_of(method).sentence_label} takes one record at a time.")
     refuse_inputs(decay)
     return decay
-
-
-def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Equations of a steady frequency: every half period lasts as long; the parameter is that time (s)."""
-    return np.ones((len(time) - 1, 1)), np.diff(time)
-
-
-def half_period_model(
-    equations: Mapping[str, Equations],
-    values: Callable[[Array], Array],
-    library: ForceLibrary,
-    shapes: Mapping[str, float] | None = None,
-) -> AuxiliaryModel:
-    """Groups of equations between the half periods of one decay as a model for indirect inference.
-
-    Parameters
-    ----------
-    equations : Mapping of str to Equations
-        Groups with parameters of their own, `envelope`, `frequency`.
-    values : callable
-        From all parameters, in the groups' order, to coefficients and, last, the frequency (rad/s).
-    library : ForceLibrary
-        The forces of these coefficients.
-    shapes : Mapping of str to float
-        Shape parameters of these forces.
-    """
-
-    def fit(measured: Sequence[xr.Dataset]) -> AuxiliaryFit:
-        solutions = {group: solve(of_group, measured[0]) for group, of_group in equations.items()}
-        parameters = np.concatenate([part.parameters for part in solutions.values()])
-
-        def covariance(ratios: Mapping[str, float]) -> Array:
-            # Groups share the errors of half periods, each has its own Birge ratio.
-            scaled = [part.influence * ratios[group] for group, part in solutions.items()]
-            return _covariance(values, parameters, np.concatenate(scaled))
-
-        return AuxiliaryFit(
-            values(parameters),
-            {group: [part.equations.residual] for group, part in solutions.items()},
-            {group: part.degrees_of_freedom for group, part in solutions.items()},
-            lambda group, residuals: solutions[group].chi_square(residuals[0]),
-            covariance,
-            {group: [part.equations] for group, part in solutions.items()},
-        )
-
-    return AuxiliaryModel(envelope, fit, library, shapes or {}, tuple(equations))
-
-
-def _covariance(values: Callable[[Array], Array], parameters: Array, influence: Array) -> Array:
-    """Covariance of values of the parameters, from the influence of unit errors on the parameters."""
-    steps = 1e-3 * np.linalg.norm(influence, axis=1) + 1e-300
-    steps = np.clip(steps, 1e-7 * np.abs(parameters), None)
-    slopes = [
-        (values(parameters + step * unit) - values(parameters - step * unit)) / (2.0 * step)
-        for step, unit in zip(steps, np.eye(len(parameters)), strict=True)
-    ]
-    by_sample = np.stack(slopes, axis=1) @ influence
-    return np.asarray(by_sample @ by_sample.T)

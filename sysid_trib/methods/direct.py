@@ -13,9 +13,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constrained, Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood.linearisation import linearised
-from sysid_trib.likelihood.optimizers import ConstraintMap, constraint_map
-from sysid_trib.likelihood.problem import Runs, along_own_path, begin
+from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import (
     RandomForceOption,
     check_random_force,
@@ -24,10 +22,13 @@ from sysid_trib.likelihood.random_force import (
     random_force_variables,
 )
 from sysid_trib.likelihood.ratio_posterior import RatioAverage
-from sysid_trib.likelihood.refined_columns import common_values, refine_columns, shifted
+from sysid_trib.likelihood.refined_columns import refine_columns
+from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
 from sysid_trib.likelihood.rows import (
     Rows,
     Solution,
+    linearised,
+    rms_forces,
     select,
     solve,
     stack_rows,
@@ -35,7 +36,7 @@ from sysid_trib.likelihood.rows import (
     weak_regression,
     with_errors_of_dropped,
 )
-from sysid_trib.likelihood.sensor_noise import colour_variables
+from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
@@ -55,8 +56,8 @@ FEWEST_RADIANS = 120.0
 class Direct(Constrained):
     """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by a pysindy optimiser.
 
-    The columns are those of `ForceFeatures`, a feature library of pysindy, and they are solved by
-    `WhitenedLeastSquares`, one of its optimisers.
+    The columns are those of `ForceFeatures`, a feature library of pysindy, averaged over the samples' cells,
+    and they are solved as by `WhitenedLeastSquares`, one of its optimisers.
 
     Parameters
     ----------
@@ -177,12 +178,12 @@ class Direct(Constrained):
         for _ in range(FIRST_ESTIMATES):
             rows = weak_regression(runs, [linearised(run) for run in runs])
             after = solve(rows, runs[0], every, constraints).applied_to(runs)
-            runs = tuple(along_own_path(run) for run in after)
+            runs = tuple(run.along_own_path() for run in after)
         if is_fitted(self.random_force) and self._takes_random_force:
             runs, rows, active, refined, further = _stochastic(self, runs, constraints)
         elif self.form == "strong":
             rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
-            active = _selected(self, rows, constraints)
+            active = _selected(self, runs, rows, constraints)
         else:
             runs, rows, active, refined = _weak_form(self, runs, constraints)
             if self.refine and not refined and (nearer := _of_first_half(self, decay, library)) is not None:
@@ -211,10 +212,10 @@ class Direct(Constrained):
 
 def _estimate(runs: Runs, solution: Solution) -> Estimate:
     """The estimate of the last regression as results take it; the noise is that with a random force."""
-    noises = [run.problem.noise if run.noises is None else run.noises.noise for run in runs]
-    if any(run.problem.inputs for run in runs):
+    noises = [NoiseModel(run.noise, run.sensor.filter_).standard_deviation for run in runs]
+    if any(run.inputs for run in runs):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
-        rms = [float(np.std(run.measured - run.reference.x)) for run in runs if run.reference.exact]
+        rms = [float(np.std(run.measured - run.x)) for run in runs if run.exact]
         noises = np.minimum(noises, rms or noises).tolist()
     expected = root_mean_square([run.noise for run in runs])
     extra: dict[str, tuple[ArrayLike, str, str]] = {
@@ -226,23 +227,22 @@ def _estimate(runs: Runs, solution: Solution) -> Estimate:
 
 def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
     """The random force of each run as variables of a result; none where the noise is the sensor's alone."""
-    pairs = [run.noises for run in runs if run.noises is not None]
-    if not pairs:
+    nominal = runs[0].nominal_frequency
+    forces = [random_force_of_ratio(run.ratio, nominal, option) for run in runs if run.ratio is not None]
+    if not forces:
         return {}
-    nominal = runs[0].problem.nominal_frequency
-    forces = [random_force_of_ratio(pair.ratio, nominal, option) for pair in pairs]
-    return {**random_force_variables(forces), **colour_variables([pair.filter_ for pair in pairs])}
+    return {**random_force_variables(forces), **colour_variables([run.sensor.filter_ for run in runs])}
 
 
 def _stochastic(
     method: Direct, begun: Runs, constraints: ConstraintMap
 ) -> tuple[Runs, Rows, Mask, bool, RatioAverage]:
     """Choose forces with a random force, until the choice stands (see `regress_stochastic`)."""
-    chosen = np.ones(len(begun[0].problem.library), bool)
+    chosen = np.ones(len(begun[0].library), bool)
     for _ in range(MAX_SELECTIONS):
         active = chosen
         runs, rows, settled, further = regress_stochastic(begun, active, constraints, method.random_force)
-        chosen = _selected(method, rows, constraints)
+        chosen = _selected(method, runs, rows, constraints)
         if np.array_equal(chosen, active):
             break
     return runs, rows, active, settled, further
@@ -252,19 +252,19 @@ def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[
     """Choose forces and refine them in turn, until the choice stands; whether the refinement settled."""
     operators = [linearised(run) for run in runs]
     rows = weak_regression(runs, operators)
-    chosen = _selected(method, rows, constraints)
-    smoothed = [run.reference for run in runs]
+    chosen = _selected(method, runs, rows, constraints)
+    smoothed = runs
     # About the motion of the kept forces alone the choice is better founded than about all of them.
     for _ in range(MAX_SELECTIONS):
         active = chosen
         runs = solve(rows, runs[0], active, constraints).applied_to(runs)
         if not active.all():
             pairs = zip(runs, smoothed, strict=True)
-            operators = [linearised(replace(run, reference=path)) for run, path in pairs]
+            operators = [linearised(replace(run, x=at.x, v=at.v)) for run, at in pairs]
         refined = False
         if method.refine:
             runs, rows, refined = refine_columns(runs, rows, operators, active, constraints)
-        chosen = _selected(method, rows, constraints)
+        chosen = _selected(method, runs, rows, constraints)
         if np.array_equal(chosen, active):
             break
     return runs, rows, active, refined
@@ -287,7 +287,7 @@ def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Arra
     return np.append(result.coefficient.values, result.reference_frequency.item())
 
 
-def _selected(method: Direct, rows: Rows, constraints: ConstraintMap) -> Mask:
+def _selected(method: Direct, runs: Runs, rows: Rows, constraints: ConstraintMap) -> Mask:
     """Forces that are kept, by significance and by the optimiser."""
     optimizers = [] if method.optimizer is None else [method.optimizer]
     if method.significance is not None:
@@ -295,4 +295,4 @@ def _selected(method: Direct, rows: Rows, constraints: ConstraintMap) -> Mask:
 
         removed = rows.nuisances.shape[1]
         optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))
-    return select(rows, optimizers, constraints)
+    return select(rows, rms_forces(runs), optimizers, constraints)

@@ -10,15 +10,15 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.forces.selection import refuse_sensors
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
-from sysid_trib.methods.averaged import AuxiliaryModel
-from sysid_trib.methods.classical import half_period_model, one_record
+from sysid_trib.methods.auxiliary import AuxiliaryModel
+from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.decrements import energy_balance
 from sysid_trib.methods.half_period_equations import Equations
-from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
+from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
@@ -95,13 +95,28 @@ class FrequencyShift:
             raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
         auxiliary = _damped_model(asked, self.shapes)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
-        limit = _limit(estimate)
-        estimate = _without_damping(estimate, len(asked))
-        if self.reference_frequency is not None:
-            asked, estimate = _referred(estimate, asked, stiffness, self.reference_frequency)
-        result = as_identification(self, decay, asked, estimate, library)
-        names = ("asymptotic_frequency", "asymptotic_frequency_standard_error")
-        for name, value in zip(names, limit, strict=True):
+        limit = estimate.mapped(_limit)
+        forces, reference, count = asked.forces, self.reference_frequency, len(asked)
+        if reference is not None and stiffness is not None:
+            forces = (stiffness, *forces)
+
+        def identified(values: Array) -> Array:
+            """Coefficients, with that of the force of formula `x` if it is identified, and frequency."""
+            coefficients, fitted = values[:count], values[-1]
+            if reference is None:
+                return np.append(coefficients, fitted)
+            ratio = (fitted / reference) ** 2
+            elastic = [] if stiffness is None else [ratio - 1.0]
+            return np.concatenate([elastic, coefficients * ratio, [reference]])
+
+        shown = replace(
+            estimate.mapped(identified), birge_ratios={"frequency": estimate.birge_ratios["frequency"]}
+        )
+        shown = replace(shown, birge_ratio=estimate.birge_ratios["frequency"])
+        result = as_identification(self, decay, replace(asked, forces=forces), shown, library)
+        errors = limit.values.item(), float(np.sqrt(limit.covariance.item()))
+        for name, value in zip(("", "_standard_error"), errors, strict=True):
+            name = f"asymptotic_frequency{name}"
             result[name] = result[name].copy(data=value)
         return result
 
@@ -129,47 +144,10 @@ def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> Auxilia
         return np.concatenate([parameters[:count] * parameters[count] / w**2, damping, [w]])
 
     equations = {"frequency": _shifts(library, shapes), "envelope": energy_balance(DAMPING)}
-    return half_period_model(equations, values, whole, shapes)
+    return AuxiliaryModel(equations, values, whole, shapes, wandering=tuple(equations))
 
 
-def _limit(estimate: IndirectEstimate) -> tuple[float, float]:
-    """Frequency at vanishing amplitude and its standard error, rad/s."""
-    at = len(estimate.values) - 1 - len(DAMPING) + VISCOUS
-    w, viscous = estimate.values[-1], estimate.values[at]
-    root = np.sqrt(max(1.0 - viscous**2, SMALLEST))
-    gradient = np.zeros(len(estimate.values))
-    gradient[at], gradient[-1] = -w * viscous / root, root
-    return float(w * root), float(np.sqrt(gradient @ estimate.covariance @ gradient))
-
-
-def _without_damping(estimate: IndirectEstimate, count: int) -> IndirectEstimate:
-    """Estimate of the `count` conservative forces and the frequency, with their Birge ratio."""
-    keep = np.array([*range(count), -1])
-    return replace(
-        estimate,
-        values=estimate.values[keep],
-        bias=estimate.bias[keep],
-        covariance=estimate.covariance[np.ix_(keep, keep)],
-        birge_ratios={"frequency": estimate.birge_ratios["frequency"]},
-        birge_ratio=estimate.birge_ratios["frequency"],
-    )
-
-
-def _referred(
-    estimate: IndirectEstimate, library: ForceLibrary, stiffness: Force | None, reference: float
-) -> tuple[ForceLibrary, IndirectEstimate]:
-    """Coefficients that refer to a frequency given, and the force of formula `x` if there is one."""
-    fitted = estimate.values[-1]
-    ratio, count = (fitted / reference) ** 2, len(library)
-    # Of the force of formula `x`, of the others, and of the frequency.
-    jacobian = np.zeros((count + 2, count + 1))
-    jacobian[1:-1, :-1] = ratio * np.eye(count)
-    jacobian[:-1, -1] = 2.0 * ratio * np.append(1.0, estimate.values[:-1]) / fitted
-    values = np.concatenate([[ratio - 1.0], estimate.values[:-1] * ratio, [reference]])
-    bias = np.concatenate([[jacobian[0, -1] * estimate.bias[-1]], estimate.bias[:-1] * ratio, [0.0]])
-    covariance = jacobian @ estimate.covariance @ jacobian.T
-    known = slice(1, None) if stiffness is None else slice(None)
-    forces = library.forces if stiffness is None else (stiffness, *library.forces)
-    return replace(library, forces=forces), replace(
-        estimate, values=values[known], bias=bias[known], covariance=covariance[known, known]
-    )
+def _limit(values: Array) -> Array:
+    """Frequency at vanishing amplitude, rad/s, of values of the damped model: (1,)."""
+    viscous = values[len(values) - 1 - len(DAMPING) + VISCOUS]
+    return np.array([values[-1] * np.sqrt(max(1.0 - viscous**2, SMALLEST))])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,11 +25,13 @@ from sysid_trib.records.half_sines import EnvelopeCurve, half_period_responses
 
 DENSITY = "random_force_density"
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
-"""From extrema (rad, positive) and their times (s) to design (equation, parameter) and target (equation,).
+"""From extrema (rad, positive) and their times since the first sample (s) to design and target.
 
-Equation i holds nothing but half periods i to i + m, where m is the number of half periods beyond that of the
-equations.
+These are (instant, parameter) and (instant,), or (instant, 2, parameter) and (instant, 2) of two equations at
+each instant. Those of instant i hold nothing but half periods i to i + m, where m is the number of half
+periods beyond that of the instants.
 """
+Rule: TypeAlias = Literal["weighted", "plain", "last"]
 
 # Relative to an extremum and to a half period.
 DIFFERENCE_STEP = 1e-5
@@ -187,42 +189,56 @@ def random_force_ratio(
 
 @dataclass(frozen=True)
 class EquationSolution:
-    """Generalised least squares of equations between half periods.
+    """Least squares of equations between the half periods of all runs, by common parameters.
 
     Attributes
     ----------
     parameters : (parameter,) array of float
     influence : (parameter, error) array of float
         Of unit errors of the extrema, of their times and, if the motion is pushed, of unit impulses.
-    equations : HalfPeriodEquations
-        With their residual.
-    factor : (band, equation) array of float
-        Cholesky factor of the equations' covariance, lower banded.
+    runs : sequence of HalfPeriodEquations
+        With their residual, of each run.
+    factors : sequence of (band, equation) array of float
+        Cholesky factor of the covariance of each run's equations, lower banded.
     """
 
     parameters: Array
     influence: Array
-    equations: HalfPeriodEquations
-    factor: Array
+    runs: Sequence[HalfPeriodEquations]
+    factors: Sequence[Array]
 
     @property
     def degrees_of_freedom(self) -> int:
         """Degrees of freedom of the residual."""
-        return max(1, len(self.equations.residual) - len(self.parameters))
+        return max(1, sum(len(run.residual) for run in self.runs) - len(self.parameters))
 
-    def chi_square(self, residual: Array) -> float:
-        """Squares of a residual over its covariance, summed."""
-        return float(residual @ cho_solve_banded((self.factor, True), residual))
+    @property
+    def chi_square(self) -> float:
+        """Squares of the residual over its covariance, summed."""
+        pairs = zip(self.runs, self.factors, strict=True)
+        whites = [whiten(factor, run.residual) for run, factor in pairs]
+        return float(sum(white @ white for white in whites))
+
+    def without_bias(self, simulated: "EquationSolution") -> "EquationSolution":
+        """The solution of a simulated motion, with what this residual is beyond that motion's."""
+        pairs = zip(self.runs, simulated.runs, strict=True)
+        return replace(simulated, runs=[run.without_bias(other) for run, other in pairs])
 
 
-def solve(equations: Equations, measured: xr.Dataset) -> EquationSolution:
-    """Solve equations between the half periods of an envelope.
+def solve(
+    equations: Equations, measured: Sequence[xr.Dataset], rule: Rule = "weighted", names: Sequence[str] = ()
+) -> EquationSolution:
+    """Solve equations between the half periods of envelopes.
 
     Parameters
     ----------
     equations : Equations
-    measured : Dataset
-        The envelope (see `envelope`).
+    measured : sequence of Dataset
+        The envelope of each run (see `measure`).
+    rule : {"weighted", "plain", "last"}
+        Generalised least squares, or plain ones; with `last` the last parameter is the last target.
+    names : sequence of str
+        Of the first parameters.
 
     Returns
     -------
@@ -233,53 +249,93 @@ def solve(equations: Equations, measured: xr.Dataset) -> EquationSolution:
     DecayError
         Too few half periods for the parameters, or parameters that they cannot separate.
     """
-    b, t = measured.extremum.values, measured.extremum_time.values
-    design, target = equations(b, t)
-    count = design.shape[1]
-    if len(target) < count + 2:
-        raise DecayError(f"{len(b)} half periods cannot decide {count} unknowns; give a longer record.")
+    tables = [_rows(equations, run) for run in measured]
+    design, target = (np.concatenate(parts) for parts in zip(*(table[:2] for table in tables), strict=True))
+    free = design[:, :-1] if rule == "last" else design
+    _check_rank(free, names, sum(table[2][-1] + 1 for table in tables))
     size = np.linalg.norm(design, axis=0)
-    if np.any(size == 0.0) or np.linalg.cond(design / np.where(size, size, 1.0)) > 1e8:
-        raise DecayError("The half periods cannot tell these forces apart; offer fewer.")
     parameters = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
-    rounded = _with_rounding(measured)
+    rounded = [_with_rounding(run) for run in measured]
+    ends = np.cumsum([len(table[1]) for table in tables])[:-1]
     # The covariance depends on the parameters, weakly.
     for _ in range(2):
-        linear = _linear(equations, measured, parameters)
-        noise = linear.noise(rounded)
-        factor = whitener(noise)
-        white = whiten(factor, design / size)
-        inverse = np.linalg.inv(white.T @ white) / size[:, None]
-        weights = inverse @ cho_solve_banded((factor, True), design / size).T
+        runs = [_linear(equations, run, parameters) for run in measured]
+        noises = [run.noise(errors) for run, errors in zip(runs, rounded, strict=True)]
+        factors = [whitener(noise) for noise in noises]
+        pairs = list(zip(factors, np.split(design / size, ends), strict=True))
+        if rule == "weighted":
+            white = np.concatenate([whiten(factor, part) for factor, part in pairs])
+            inverse = np.linalg.inv(white.T @ white) / size[:, None]
+            weights = inverse @ np.concatenate([cho_solve_banded((f, True), part) for f, part in pairs]).T
+        else:
+            weights = _plain_weights(design, last=rule == "last")
         parameters = weights @ target
-    solved = replace(linear, residual=target - design @ parameters)
-    return EquationSolution(parameters, weights @ noise, solved, factor)
+    influence = [part @ noise for part, noise in zip(np.split(weights, ends, axis=1), noises, strict=True)]
+    solved = [replace(run, residual=y - a @ parameters) for run, (a, y, _) in zip(runs, tables, strict=True)]
+    return EquationSolution(parameters, np.hstack(influence), solved, factors)
+
+
+def _plain_weights(design: Array, *, last: bool) -> Array:
+    """What plain least squares make of each target, (parameter, equation)."""
+    if not last:
+        return np.linalg.pinv(design)
+    inverse, of_last = np.linalg.pinv(design[:, :-1]), np.eye(1, len(design), len(design) - 1)
+    # The error of the last target is in all others from which it is taken.
+    return np.vstack([inverse - (inverse @ design[:, -1:]) @ of_last, of_last])
+
+
+def _check_rank(design: Array, names: Sequence[str], instants: int) -> None:
+    """Refuse what the equations cannot decide, by name where there are names."""
+    of_what = f"{len(names)} forces" if names else f"{design.shape[1]} unknowns"
+    if len(design) < design.shape[1] + 2:
+        raise DecayError(f"{instants} amplitudes cannot decide {of_what}; give a longer record or fewer.")
+    size = np.linalg.norm(design, axis=0)
+    silent = [s for s, n in zip(names, size, strict=False) if n < 1e-12 * size.max()]
+    if silent:
+        raise DecayError(
+            f"Force {silent[0]} has no signature in envelope or frequency: averaging cannot see it; "
+            "leave it out (--forces) or use the direct method alone."
+        )
+    _, singular, axes = np.linalg.svd(design / np.where(size, size, 1.0), full_matrices=False)
+    if singular[-1] < 1e-8 * singular[0]:
+        if not names:
+            raise DecayError("The half periods cannot tell these forces apart; offer fewer.")
+        tied = [s for s, part in zip((*names, "the frequency"), axes[-1], strict=False) if abs(part) > 1e-3]
+        raise DecayError(
+            f"Averaging cannot tell apart {' and '.join(tied)}: their signatures are the same; leave one out."
+        )
+
+
+def _rows(
+    equations: Equations, measured: xr.Dataset, change: Array | float = 0.0
+) -> tuple[Array, Array, Index]:
+    """Design, target and instant of all equations, at half periods that differ by a change, (2, half)."""
+    t = measured.extremum_time.values - measured.attrs["first_time"]
+    extrema, times = np.stack([measured.extremum.values, t]) + change
+    design, target = equations(extrema, times)
+    instant = np.repeat(np.arange(len(target)), target.size // len(target))
+    return design.reshape(target.size, -1), target.ravel(), instant
 
 
 def _linear(equations: Equations, measured: xr.Dataset, parameters: Array) -> HalfPeriodEquations:
     """The equations with their slopes by the extrema and their times."""
-    b, t = measured.extremum.values, measured.extremum_time.values
-
-    def residual(extremum: Array, time: Array) -> Array:
-        design, target = equations(extremum, time)
-        return target - design @ parameters
-
-    design, target = equations(b, t)
-    rows = np.arange(len(target))
-    count = len(b) - len(rows) + 1
+    design, target, instant = _rows(equations, measured)
     steps = _steps(measured)
+    half_periods = steps.shape[1]
+    count = half_periods - instant[-1]
     entries, columns = [], []
     for kind, first in np.ndindex(2, count):
         # Half periods so far apart that no equation holds two of them are moved at once.
         shift = np.zeros_like(steps)
         shift[kind, first::count] = steps[kind, first::count]
-        change = residual(b + shift[0], t + shift[1]) - residual(b - shift[0], t - shift[1])
-        half = rows + (first - rows) % count
+        moved = [_rows(equations, measured, side * shift) for side in (1.0, -1.0)]
+        change = np.subtract(*(y - a @ parameters for a, y, _ in moved))
+        half = instant + (first - instant) % count
         entries.append(change / (2.0 * steps[kind, half]))
-        columns.append(kind * len(b) + half)
-    places = np.tile(rows, len(columns)), np.concatenate(columns)
-    slopes = sp.csr_matrix((np.concatenate(entries), places), (len(rows), 2 * len(b)))
-    return HalfPeriodEquations(design, target - design @ parameters, slopes, rows)
+        columns.append(kind * half_periods + half)
+    places = np.tile(np.arange(len(target)), len(columns)), np.concatenate(columns)
+    slopes = sp.csr_matrix((np.concatenate(entries), places), (len(target), 2 * half_periods))
+    return HalfPeriodEquations(design, target - design @ parameters, slopes, instant)
 
 
 def _steps(measured: xr.Dataset) -> Array:

@@ -1,6 +1,6 @@
 """Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +17,7 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.variance_ratio import VarianceRatio
-from sysid_trib.methods.averaged import AuxiliaryFit, AuxiliaryModel
+from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel, jacobian
 from sysid_trib.methods.half_period_equations import (
     DENSITY,
     random_force_ratio,
@@ -72,6 +71,12 @@ class IndirectEstimate:
     bias_removed: str
     random_forces: Sequence[RandomForce] = ()
 
+    def mapped(self, function: Callable[[Array], Array]) -> "IndirectEstimate":
+        """The estimate of functions of these values, to first order."""
+        slopes = jacobian(function, self.values, np.sqrt(np.diag(self.covariance)))
+        values, covariance = function(self.values), slopes @ self.covariance @ slopes.T
+        return replace(self, values=values, bias=slopes @ self.bias, covariance=covariance)
+
 
 def indirect_estimate(
     auxiliary: AuxiliaryModel,
@@ -108,8 +113,10 @@ def indirect_estimate(
     plain = estimate
     forces: list[RandomForce] = []
     for _ in range(1 if held else DENSITY_ROUNDS):
+        groups = [last.groups[name] for name in auxiliary.wandering]
         ratios = [
-            _ratio(auxiliary, last, run, envelope, random_force) for run, envelope in enumerate(measured)
+            random_force_ratio([group.runs[run] for group in groups], of_run, auxiliary.curve, random_force)
+            for run, of_run in enumerate(measured)
         ]
         if not any(ratio.ratio for ratio in ratios):
             return plain
@@ -128,14 +135,6 @@ def _settled(before: RandomForce, after: RandomForce) -> bool:
     return abs(after.density - before.density) <= SETTLED_DENSITY * np.nan_to_num(after.standard_error)
 
 
-def _ratio(
-    auxiliary: AuxiliaryModel, fit: AuxiliaryFit, run: int, measured: xr.Dataset, option: RandomForceOption
-) -> VarianceRatio:
-    """Ratio of a random force to the sensor's noise in one run, by the residuals of a fit."""
-    equations = [fit.equations[group][run] for group in auxiliary.wandering]
-    return random_force_ratio(equations, measured, auxiliary.curve, option)
-
-
 def _estimate(
     auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], measured: Sequence[xr.Dataset], *, correct: bool
 ) -> tuple[IndirectEstimate, AuxiliaryFit]:
@@ -151,10 +150,10 @@ def _estimate(
     estimate = IndirectEstimate(
         values,
         first.values - values,
-        first.covariance(last.error_factors()),
+        first.covariance(last),
         [sensor_noise(decay) for decay in decays],
-        {group: last.birge_ratio(group) for group in last.residuals},
-        last.birge_ratio(*last.residuals),
+        {group: last.birge_ratio(group) for group in last.groups},
+        last.birge_ratio(*last.groups),
         bias_removed,
     )
     return estimate, last
@@ -178,7 +177,7 @@ def _corrected(
     frequency = float(first.values[-1])
     beginnings = [_first_swings(decay, frequency) for decay in decays]
     begun: Sequence[FittedMotion | None] = [None] * len(decays)
-    errors = np.sqrt(np.diag(first.covariance(first.error_factors())))
+    errors = np.sqrt(np.diag(first.covariance(first)))
     settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(first.values)
     values = first.values
     tried: list[Array] = []
@@ -199,21 +198,8 @@ def _corrected(
         values = _accelerated(tried, steps, np.where(settled > 0.0, settled, 1.0))
         if np.all(np.abs(steps[-1]) <= settled):
             # What the auxiliary model leaves of a motion of its own is no sign of another force.
-            residuals = {
-                group: [
-                    old[: len(new)] - new[: len(old)]
-                    for old, new in zip(first.residuals[group], fit.residuals[group], strict=True)
-                ]
-                for group in first.residuals
-            }
-            equations = {
-                group: [
-                    old.without_bias(new)
-                    for old, new in zip(first.equations[group], fit.equations[group], strict=True)
-                ]
-                for group in first.equations
-            }
-            return values, replace(fit, residuals=residuals, equations=equations)
+            beyond_motion = {name: old.without_bias(fit.groups[name]) for name, old in first.groups.items()}
+            return values, replace(fit, groups=beyond_motion)
     raise SysidTribError("the correction did not settle")
 
 

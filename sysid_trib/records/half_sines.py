@@ -189,31 +189,6 @@ def _instants(b: Array, t: Array, errors: Sequence[Array], unit: str) -> dict[st
     return variables
 
 
-def instant_derivatives(result: xr.Dataset) -> dict[str, Array]:
-    """Derivatives of an envelope's instants by its extrema and their times, before and after each.
-
-    Neighbouring instants share extrema, so that their errors are correlated.
-
-    Returns
-    -------
-    Arrays (instant, 2): ``amplitude_by_extremum``, ``amplitude_rate_by_extremum``,
-    ``amplitude_rate_by_time``, ``frequency_by_time``.
-    """
-    t = result["extremum_time"].to_numpy()
-    span = t[2:] - t[:-2]
-    rate, frequency = result["amplitude_rate"].to_numpy(), result["frequency"].to_numpy()
-
-    def difference(by: Array) -> Array:
-        return (by / span)[:, None] * np.array([-1.0, 1.0])
-
-    return {
-        "amplitude_by_extremum": np.full((span.size, 2), 0.5),
-        "amplitude_rate_by_extremum": difference(np.ones_like(span)),
-        "amplitude_rate_by_time": difference(-rate),
-        "frequency_by_time": difference(-frequency),
-    }
-
-
 @lru_cache(maxsize=2)
 def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
     """The response of extrema of half-sines or of the analytic signal.

@@ -1,0 +1,224 @@
+"""Least squares of rows of correlated noise, their errors, and constraints as a map of free coefficients."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.stats import chi2
+
+from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.sensor_noise import autocorrelation, ljung_box_p_value
+from sysid_trib.likelihood.weak_form import whiten
+
+# Level and lags of Ljung and Box's test (1978) of rows that should be white.
+CORRELATION_LEVEL = 1e-4
+CORRELATION_TEST_LAGS = 12
+
+
+@dataclass(frozen=True)
+class ConstraintMap:
+    """Coefficients as ``matrix @ free coefficients + constant``.
+
+    Attributes
+    ----------
+    free : (free,) array of int
+        Places of the free coefficients among all.
+    matrix : (force, free) array of float
+    constant : (force,) array of float
+    low, high : (free,) array of float
+        Bounds of the free coefficients.
+    """
+
+    free: NDArray[np.intp]
+    matrix: Array
+    constant: Array
+    low: Array
+    high: Array
+
+    def impose(self, coefficients: Array) -> Array:
+        """The coefficients (force,) with the free ones within their bounds and the others by them."""
+        return self.matrix @ np.clip(coefficients[self.free], self.low, self.high) + self.constant
+
+    def hold(self, held: Mask, values: Array) -> "ConstraintMap":
+        """The map with some free coefficients (mask over `free`) held at values, (held,)."""
+        kept, constant = ~held, self.constant + self.matrix[:, held] @ values
+        return ConstraintMap(self.free[kept], self.matrix[:, kept], constant, self.low[kept], self.high[kept])
+
+    def keep(self, active: Mask) -> "ConstraintMap":
+        """The map in which the free coefficients that are not active (force,) are zero."""
+        dropped = ~active[self.free]
+        return self.hold(dropped, np.zeros(int(np.sum(dropped))))
+
+    def active(self, kept: Mask) -> Mask:
+        """Coefficients (force,) that are in the model if some free ones (mask over `free`) are kept."""
+        constrained = np.ones(len(self.constant), bool)
+        constrained[self.free] = False
+        fixed = constrained & ~self.matrix.any(axis=1)
+        return fixed | (self.constant != 0.0) | self.matrix[:, kept].any(axis=1)
+
+
+def constraint_map(
+    constraints: Constraints, library: ForceLibrary, shapes: Mapping[str, float]
+) -> ConstraintMap:
+    """The map of a regression, in which all shape parameters are held.
+
+    Parameters
+    ----------
+    constraints : Constraints
+    library : ForceLibrary
+        The forces to identify.
+    shapes : mapping of str to float
+        Values of shape parameters.
+
+    Returns
+    -------
+    ConstraintMap
+
+    Raises
+    ------
+    UsageError
+        A name is no parameter, a tie is not linear in the coefficients, a bound is on a shape parameter, or
+        no coefficient is free.
+    """
+    constraints.check(library)
+    for name in constraints.bounds:
+        if name not in library.symbols:
+            raise UsageError(f"Shape parameter {name} is bounded, which only a trajectory fit can do.")
+    names, matrix, constant = constraints.linear_map(library, shapes)
+    if not names:
+        raise UsageError("Every coefficient is fixed or tied; leave at least one free.")
+    free = np.array([library.symbols.index(name) for name in names], dtype=np.intp)
+    limits = np.array([constraints.bounds.get(name, (-np.inf, np.inf)) for name in names])
+    return ConstraintMap(free, matrix, constant, limits[:, 0], limits[:, 1])
+
+
+class WhiteSolution(NamedTuple):
+    """Least squares of white rows.
+
+    Attributes
+    ----------
+    coefficients : (column,) array of float
+    covariance : (column, column) array of float
+    noise : float
+        RMS residual.
+    lags : int
+        Over which the covariance allows for correlation.
+    """
+
+    coefficients: Array
+    covariance: Array
+    noise: float
+    lags: int
+
+
+def white_least_squares(columns: Array, target: Array, lags: int = 0) -> WhiteSolution:
+    """Solve white rows.
+
+    Parameters
+    ----------
+    columns : (row, column) array of float
+    target : (row,) array of float
+    lags : int
+        Over which the covariance is to allow for correlation where the residual has one; 0 takes it for
+        white.
+
+    Notes
+    -----
+    Of white rows the covariance is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its
+    rows are correlated: then it is the sandwich of Newey and West (1987).
+    """
+    # Columns in units of a power of two near their own size, which rounds nothing: those of a start in
+    # the record's unit and those of forces would else be far apart.
+    unit = np.exp2(-np.frexp(np.linalg.norm(columns, axis=0))[1].astype(float))
+    scaled = columns * unit
+    solved = np.linalg.lstsq(scaled, target, rcond=None)[0]
+    residual = target - scaled @ solved
+    noise = float(np.sqrt(np.sum(residual**2) / max(1, len(scaled) - len(unit))))
+    inverse: Array = np.asarray(np.linalg.pinv(scaled.T @ scaled), dtype=float)
+    lags = lags if _correlated(residual) else 0
+    covariance = noise**2 * inverse
+    if lags:
+        # Here, since it takes 0.2 s to import.
+        from statsmodels.stats.sandwich_covariance import S_hac_simple
+
+        covariance = inverse @ S_hac_simple(scaled * residual[:, None], nlags=lags) @ inverse
+    return WhiteSolution(solved * unit, covariance * np.outer(unit, unit), noise, lags)
+
+
+def _correlated(residual: Array) -> bool:
+    """True if the residuals of neighbouring rows are correlated (Ljung and Box 1978)."""
+    count = len(residual)
+    lags: Index = np.arange(1, min(CORRELATION_TEST_LAGS, count // 2 - 1) + 1)
+    if not lags.size or not residual.any():
+        return False
+    return ljung_box_p_value(autocorrelation(residual, lags), lags, count) < CORRELATION_LEVEL
+
+
+def bounds_reached(columns: Array, target: Array, low: Array, high: Array) -> Array:
+    """Bound that each coefficient has reached in bounded least squares: -1 the low, 1 the high, or 0."""
+    return np.asarray(lsq_linear(columns, target, (low, high), method="bvls").active_mask)
+
+
+def whitened(factor: Array | None, table: Array) -> Array:
+    """Rows by the Cholesky factor of their noise's covariance; as they are where that is None."""
+    return table if factor is None else whiten(factor, table)
+
+
+def significant(columns: Array, target: Array, level: float, removed_columns: int) -> Mask:
+    """The columns that white rows demand, (column,), by a family-wise level of significance.
+
+    Parameters
+    ----------
+    columns : (row, column) array of float
+    target : (row,) array of float
+    level : float
+        Probability of keeping any column that is not there (Bonferroni over those offered).
+    removed_columns : int
+        Columns that have been projected out of the rows before: the residual has as many fewer degrees of
+        freedom.
+
+    Notes
+    -----
+    The kept set minimises ``RSS/sigma^2 + t^2 * size``, t^2 the chi-square of one column at the level: none
+    can be dropped, added or exchanged. Correlated columns make one-way elimination drop true ones for
+    combinations of others; exchanges, from the empty and from the full set, do not stop there (Miller, Subset
+    Selection in Regression, 2002, Sec. 3.4).
+    """
+    count = columns.shape[1]
+    triangle: Array = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
+    table, projected = triangle[:, :count], triangle[:, count]
+
+    def residual_sum(kept: Mask) -> float:
+        solution = np.linalg.lstsq(table[:, kept], projected, rcond=1e-12)[0] if kept.any() else np.zeros(0)
+        return float(np.sum((projected - table[:, kept] @ solution) ** 2))
+
+    # Columns may be dependent: the residual of all of them is the noise, by as many as are independent.
+    degrees = max(1, len(target) - removed_columns - int(np.linalg.matrix_rank(table)))
+    noise = max(residual_sum(np.ones(count, bool)) / degrees, 1e-300)
+    penalty = noise * float(chi2.isf(level / max(1, count), 1))
+
+    def deviance(kept: Mask) -> float:
+        return residual_sum(kept) / penalty + float(np.sum(kept))
+
+    return min((_exchange(deviance, np.full(count, full)) for full in (False, True)), key=deviance)
+
+
+def _exchange(deviance: Callable[[Mask], float], kept: Mask) -> Mask:
+    """Take the best of all drops, additions and exchanges until none helps."""
+    flips = np.eye(len(kept), dtype=bool)
+    pairs = [first | second for first, second in combinations(flips, 2)]
+    lowest = deviance(kept)
+    while True:
+        trials = [kept ^ flip for flip in [*flips, *(pair for pair in pairs if np.sum(pair & kept) == 1)]]
+        deviances = [deviance(trial) for trial in trials]
+        best = int(np.argmin(deviances))
+        if deviances[best] >= lowest - 1e-9:
+            return kept
+        kept, lowest = trials[best], deviances[best]
