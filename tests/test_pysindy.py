@@ -23,8 +23,7 @@ from scipy.linalg import cholesky_banded, toeplitz
 from sysid_trib import load_library
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.optimizers import WhitenedLeastSquares
-from sysid_trib.likelihood.pysindy_features import ForceFeatures
+from sysid_trib.likelihood.pysindy_features import ForceFeatures, WhitenedLeastSquares
 from sysid_trib.methods import Direct
 from sysid_trib.results.schema import model_of
 

@@ -190,7 +190,7 @@ def predicted(
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
     """Mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
     ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
-    guess = np.append(model.coefficients, model.stiffness)
+    guess = model.estimate
     sensors = [at for at, trial in enumerate(model.trials) if trial.force.kind == "sensor"]
     # Rounds of the path of a part that is predicted.
     for _ in range(3):

@@ -1,6 +1,8 @@
 from sysid_trib.cycles.identifiability import indistinguishable as indistinguishable
 from sysid_trib.cycles.signatures import signature as signature
-from sysid_trib.likelihood.optimizers import WhitenedLeastSquares as WhitenedLeastSquares
-from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
+from sysid_trib.likelihood.pysindy_features import (
+    ForceFeatures as ForceFeatures,
+    WhitenedLeastSquares as WhitenedLeastSquares,
+)
 
 from .force import Force as Force, ForceLibrary as ForceLibrary

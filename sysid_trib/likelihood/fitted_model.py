@@ -34,9 +34,6 @@ class FittedModel:
     ----------
     trials : tuple of TrialEffect
         Forces and errors of the sensor, with their shapes.
-    coefficients : (trial,) array of float
-    stiffness : float
-        By which the square of the frequency differs from the paths', as a part of it.
     rows : tuple of RunRows
         Of each run.
     tables : tuple of (row, column) array of float
@@ -55,8 +52,6 @@ class FittedModel:
     """
 
     trials: tuple[TrialEffect, ...]
-    coefficients: Array
-    stiffness: float
     rows: tuple[RunRows, ...]
     tables: tuple[Array, ...]
     frequency_free: bool
@@ -64,6 +59,21 @@ class FittedModel:
     stepped: Likelihood
     at_ends: dict[int, tuple[float, float]]
     settled: bool = True
+
+    @property
+    def coefficients(self) -> Array:
+        """Coefficients of the trials, (trial,)."""
+        return self.likelihood.coefficients[: len(self.trials)]
+
+    @property
+    def stiffness(self) -> float:
+        """By which the square of the frequency differs from the paths', as a part of it."""
+        return float(self.likelihood.coefficients[len(self.trials)]) if self.frequency_free else 0.0
+
+    @property
+    def estimate(self) -> Array:
+        """Coefficients and, last, the stiffness, (trial + 1,)."""
+        return np.append(self.coefficients, self.stiffness)
 
     @property
     def settings(self) -> Settings:
@@ -133,7 +143,7 @@ class FittedModel:
             np.max(np.abs(run.path.at_samples[0] - run.path.angle)) < np.max(np.abs(run.path.angle))
             for run in self.rows
         ]
-        return bool(np.isfinite(self.likelihood.deviance) and all(near))
+        return bool(self.is_finite and all(near))
 
     @property
     def without_values(self) -> list[str]:
@@ -195,10 +205,10 @@ class FittedModel:
 
     def white_residuals(self) -> list[Array]:
         """Residuals, white and of unit variance."""
-        pairs = zip(self.rows, self.residuals(), strict=True)
+        b = self.likelihood.coefficients
         return [
-            rows.whitened(residual[:, None], self.likelihood, at)[:, 0]
-            for at, (rows, residual) in enumerate(pairs)
+            rows.whitened((rows.target - table @ b)[:, None], self.likelihood, at)[:, 0]
+            for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
 
     def white_tables(self) -> list[Array]:

@@ -14,7 +14,7 @@ from sysid_trib.simulation.internal_states import states_along
 # Points of each sample's cell at which forces that jump are averaged.
 POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
 # What the formulas of a force hold of inputs at times (s), by name.
-Given = Callable[[Force, Array], Mapping[str, Array]]
+InputsAt = Callable[[Force, Array], Mapping[str, Array]]
 
 
 def value_along(
@@ -22,7 +22,7 @@ def value_along(
     motion: Sequence[Array],
     frequency: float,
     shapes: ShapeValues | None,
-    given: Given,
+    given: InputsAt,
     known: Mapping[str, Array] | None = None,
 ) -> Array:
     """One force along a motion, (sample,), rad.
@@ -34,7 +34,7 @@ def value_along(
         Time from the first sample (s), theta and theta'/frequency (rad).
     frequency : float, rad/s
     shapes : mapping of str to float, optional
-    given : Given
+    given : InputsAt
     known : mapping of str to (sample,) array of float, optional
         Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
         along the motion.
@@ -53,7 +53,7 @@ def cell_averages(
     motion: Sequence[Array],
     frequency: float,
     shapes: ShapeValues,
-    given: Given,
+    given: InputsAt,
     rate_error: float = 0.0,
 ) -> Array:
     """Forces without states, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
@@ -65,7 +65,7 @@ def cell_averages(
         Time from the first sample (s), theta, theta' and theta'' (rad).
     frequency : float, rad/s
     shapes : mapping of str to float
-    given : Given
+    given : InputsAt
     rate_error : float, rad
         Standard deviation of a rate that is not known exactly: the average is over its normal law too.
 
@@ -115,7 +115,7 @@ def cell_averages(
 
 
 def _switches(
-    force: Force, points: Sequence[tuple[Array, Array, Array]], shapes: ShapeValues, given: Given
+    force: Force, points: Sequence[tuple[Array, Array, Array]], shapes: ShapeValues, given: InputsAt
 ) -> Mask:
     """Which samples have points (x, v, t) on both sides of a switching surface, (sample,)."""
     switches = np.zeros(len(points[0][0]), bool)

@@ -100,22 +100,15 @@ def fit_model(
     guess = np.zeros(len(trials) + 1) if first is None else first
     model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
     longest = part * settings.shape_step
-    rounds, round_step, before, unphysical = list[FittedModel](), RoundStep(longest, longest, part), 0.0, 0
+    rounds, step, before, unphysical = list[FittedModel](), RoundStep(longest, longest, part), 0.0, 0
     if _has_new_sensor(trials, guess):
-        model = _continued(model, round_step, limits)
+        model = _continued(model, step, limits)
         if not model.settled:
             return model
     for turn in range(settings.rounds):
-        latest = np.append(model.coefficients, model.stiffness)
-        guess = guess + round_step.part * (latest - guess) if turn else latest
-        nearer, steps = model.next_paths(guess[:-1], round_step.part), model.next_steps(round_step.reach)
-        if turn + 1 < WHOLE_STEPS:
-            nearer = _of_any_ratio(nearer)
-        try:
-            after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps), frequency_free)
-        except NOT_FITTED:
-            return _best([*rounds, model])
-        if not after.is_finite:
+        guess = guess + step.part * (model.estimate - guess) if turn else model.estimate
+        after = _next_round(model, guess, step, of_any_ratio=turn + 1 < WHOLE_STEPS)
+        if after is None:
             return _best([*rounds, model])
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small
@@ -123,16 +116,30 @@ def fit_model(
         next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
         on_its_way = model.predicted_fall > ROUNDS_AGREE
-        if next_fall < min(1.0, 2.0 * round_step.part) * settings.least_gain and not on_its_way:
+        if next_fall < min(1.0, 2.0 * step.part) * settings.least_gain and not on_its_way:
             return model
         unphysical = 0 if limits.possible(model) else unphysical + 1
-        if unphysical > 1 and turn > 1:
+        reachable = on_its_way or not limits.cannot_reach(model, fall)
+        if turn > 1 and (unphysical > 1 or not reachable):
             return replace(model, settled=False)
-        if turn > 1 and not on_its_way and limits.cannot_reach(model, fall):
-            return replace(model, settled=False)
-        round_step, before = round_step.after(turn, fall, before), fall
+        step, before = step.after(turn, fall, before), fall
         rounds.append(model.without_caches())
     return _ended(rounds, on_its_way)
+
+
+def _next_round(
+    model: FittedModel, guess: Array, step: RoundStep, *, of_any_ratio: bool, random_force: float = 1.0
+) -> FittedModel | None:
+    """The model along its next paths, with the next shapes; None where there is no fit."""
+    paths, steps = model.next_paths(guess[:-1], step.part, random_force), model.next_steps(step.reach)
+    nearer = _of_any_ratio(paths) if of_any_ratio else paths
+    try:
+        after = fitted_along(
+            nearer, model.next_trials(steps), guess + model.ahead(steps), model.frequency_free
+        )
+    except NOT_FITTED:
+        return None
+    return after if after.is_finite else None
 
 
 def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
@@ -152,15 +159,8 @@ def _continued(model: FittedModel, round_step: RoundStep, limits: Limits) -> Fit
     (graduated non-convexity: Blake, Zisserman 1987).
     """
     for turn, random_force in enumerate(CONTINUATION):
-        latest = np.append(model.coefficients, model.stiffness)
-        nearer = _of_any_ratio(model.next_paths(latest[:-1], round_step.part, random_force))
-        steps = model.next_steps(round_step.reach)
-        ahead = latest + model.ahead(steps)
-        try:
-            after = fitted_along(nearer, model.next_trials(steps), ahead, model.frequency_free)
-        except NOT_FITTED:
-            return model
-        if not after.is_finite:
+        after = _next_round(model, model.estimate, round_step, of_any_ratio=True, random_force=random_force)
+        if after is None:
             return model
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         if turn and limits.cannot_reach(model, fall):
@@ -212,17 +212,12 @@ def fitted_along(
     products, most_likely = likeliest_near(runs, ratios, [1 + column for column in kept])
     at_shapes = most_likely.among(kept, columns)
     stepped, at_ends = at_shapes, dict[int, tuple[float, float]]()
-    b, count = at_shapes.coefficients, len(trials)
     if of_shapes:
-        factors = np.concatenate([np.ones(len(kept)), b[of_shapes]])
+        factors = np.concatenate([np.ones(len(kept)), at_shapes.coefficients[of_shapes]])
         tables = [table * factors for table in tables]
         stepped, at_ends = _within_ranges([run.scaled(factors) for run in products], columns, trials)
-    stiffness = float(b[count]) if frequency_free else 0.0
-    most_likely = replace(at_shapes, covariance=stepped.covariance)
-    forces, held = tuple(trials), tuple(tables)
-    return FittedModel(
-        forces, b[:count], stiffness, rows, held, frequency_free, most_likely, stepped, at_ends
-    )
+    likeliest = replace(at_shapes, covariance=stepped.covariance)
+    return FittedModel(tuple(trials), rows, tuple(tables), frequency_free, likeliest, stepped, at_ends)
 
 
 def _within_ranges(

@@ -166,8 +166,8 @@ def simulated(
     motion = motion_of_run(run, active, sensitivity, near=not is_free_to_move(run.library, values))
     columns = run.columns_along(motion.x, motion.v, known=motion.hidden)
     path = replace(run, x=motion.x, v=motion.v, columns=columns, exact=True, near=None)
-    moved = replace(path, start=(motion.angle, motion.rate), offset=motion.offset)
-    return moved, motion.sensitivity
+    after = replace(path, start=(motion.angle, motion.rate), offset=motion.offset)
+    return after, motion.sensitivity
 
 
 def motion_of_run(

@@ -263,11 +263,11 @@ def update(runs: Runs, coefficients: Array, steps: Array, constraints: Constrain
         # A force without a degree in v keeps its size at least: w^2 c stays. A term of the sensor has no w^2.
         factors = np.where(np.isnan(factors), (former / frequency) ** 2, factors)
         coefficients = coefficients * np.where(first.of_sensor, 1.0, factors)
-    moved = [
+    changed = [
         replace(run, offset=run.offset + float(step), v=run.v * (former / frequency))
         for run, step in zip(runs, steps, strict=False)
     ]
-    return with_common_values(moved, constraints.impose(coefficients), frequency)
+    return with_common_values(changed, constraints.impose(coefficients), frequency)
 
 
 def with_common_values(runs: Sequence[RunRegression], coefficients: Array, frequency: float) -> Runs:

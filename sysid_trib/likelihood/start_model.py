@@ -131,8 +131,8 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
 def with_sensor_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
     """The model fitted with other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
-    first = np.append(model.coefficients, model.stiffness)
-    return refitted(fit_model(paths, model.trials, frequency_free=model.frequency_free, first=first))
+    free, first = model.frequency_free, model.estimate
+    return refitted(fit_model(paths, model.trials, frequency_free=free, first=first))
 
 
 def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> NoiseModel:

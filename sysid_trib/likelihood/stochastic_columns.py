@@ -80,8 +80,8 @@ def regress_stochastic(
         driven = any(run.inputs for run in runs)
         colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
         weighed = [with_noises(run, active, constraints, option, colour=colour) for run in runs]
-        runs = tuple(one.run for one in weighed)
-        rows = stack_rows(runs, [one.rows for one in weighed])
+        runs = tuple(of_run.run for of_run in weighed)
+        rows = stack_rows(runs, [of_run.rows for of_run in weighed])
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         step = float(np.max(np.abs(step_in_errors(runs, after, solution))))
@@ -126,10 +126,10 @@ def _about_free_motion(
 
 def _smoothed(runs: Runs, weighed: Sequence[WeighedRun], solution: Solution) -> Runs:
     """The runs along the next smoothed motions: the record, without the most likely noise of the sensor."""
-    lengths = [len(one.rows.target) for one in weighed]
+    lengths = [len(of_run.rows.target) for of_run in weighed]
     residuals = np.split(solution.residual, np.cumsum(lengths)[:-1])
     of_runs = zip(runs, weighed, residuals, run_weights(runs), strict=True)
-    return tuple(_along_smoothed(run, one, residual / weight) for run, one, residual, weight in of_runs)
+    return tuple(_along_smoothed(run, of_run, residual / weight) for run, of_run, residual, weight in of_runs)
 
 
 def _along_smoothed(run: RunRegression, weighed: WeighedRun, residual: Array) -> RunRegression:
@@ -151,8 +151,8 @@ def _average_by_ratios(
     """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself."""
 
     def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
-        """With another ratio of one run, and the covariance."""
-        runs, rows = [one.run for one in weighed], [one.rows for one in weighed]
+        """With another ratio of a run, and the covariance."""
+        runs, rows = [of_run.run for of_run in weighed], [of_run.rows for of_run in weighed]
         runs[at] = replace(runs[at], ratio=ratio)
         rows[at] = replace(rows[at], factor=weighed[at].by_ratio.factor(ratio.ratio))
         other = solve(stack_rows(runs, rows), runs[0], active, constraints)

@@ -12,6 +12,7 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.methods.averaging import Averaging
+from sysid_trib.methods.classical import FrequencyShift
 from sysid_trib.methods.decrements import (
     EnergyDecay,
     FeenyLiang,
@@ -22,7 +23,6 @@ from sysid_trib.methods.decrements import (
     feeny_liang_decrement,
 )
 from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.frequency_shift import FrequencyShift
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.methods.windowed_era import WindowedERA, windowed_modes

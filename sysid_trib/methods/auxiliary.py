@@ -1,52 +1,35 @@
-"""Simplified models of the envelope of a decay, for indirect inference, and the averaged equations of one."""
+"""Simplified models of the envelope of a decay, for indirect inference, and a random force beside them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
-from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages
-from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
-from sysid_trib.methods.half_period_equations import Equations, EquationSolution, Rule, solve
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
+from sysid_trib.likelihood.sensor_noise import covariance_band
+from sysid_trib.likelihood.variance_ratio import (
+    VarianceRatio,
+    WhiteRows,
+    held_ratio,
+    ratio_span,
+    variance_ratio,
+)
+from sysid_trib.likelihood.weak_form import whitened_by_both
+from sysid_trib.methods.half_period_equations import (
+    DENSITY,
+    Equations,
+    EquationSolution,
+    HalfPeriodEquations,
+    Rule,
+    solve,
+)
 from sysid_trib.records.half_sines import EnvelopeCurve, envelope
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
-
-
-def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> Equations:
-    """Rate of the amplitude and frequency of each instant, against w c of each force, and w.
-
-    Of the columns L = <h sin phi> and M = <h cos phi>/a.
-    """
-
-    def equations(extremum: Array, time: Array) -> tuple[Array, Array]:
-        a, span = 0.5 * (extremum[2:] + extremum[:-2]), time[2:] - time[:-2]
-        design = np.zeros((len(a), 2, len(library) + 1))
-        low, high = float(np.floor(np.log2(a.min()))), float(np.ceil(np.log2(a.max())))
-        for j, force in enumerate(library):
-            if force.degree is not None or force.holds_time:
-                sine, cosine = averages(force, a, shapes, time[1:-1])
-            else:
-                held = tuple(force.shape_values(shapes).items())
-                sine, cosine = _table(force, held, low, high)(np.log2(a)).T
-            design[:, 0, j], design[:, 1, j] = sine, cosine / a
-        design[:, 1, -1] = 1.0
-        return design, np.stack([(extremum[2:] - extremum[:-2]) / span, 2.0 * np.pi / span], axis=1)
-
-    return equations
-
-
-@lru_cache(maxsize=64)
-def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: float) -> CubicSpline:
-    """Signature against log2 of the amplitude: a history-dependent force takes a millisecond an amplitude."""
-    # A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
-    nodes = np.linspace(low, high, max(2, round(64 * (high - low))) + 1)
-    shapes = {f"{force.symbol}.{name}": value for name, value in held}
-    return CubicSpline(nodes, np.stack(averages(force, 2.0**nodes, shapes), axis=1))
 
 
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
@@ -154,3 +137,80 @@ class AuxiliaryModel:
         """The model of coefficients and, last, the frequency (rad/s)."""
         coefficients = dict(zip(self.library.symbols, values[:-1].tolist(), strict=True))
         return Model(self.library, coefficients, float(values[-1]), self.shapes)
+
+
+def with_random_force(measured: xr.Dataset, ratio: VarianceRatio, curve: EnvelopeCurve) -> xr.Dataset:
+    """An envelope whose errors are those of the sensor's noise and of a random force.
+
+    Parameters
+    ----------
+    measured : Dataset
+        The envelope (see `envelope`).
+    ratio : VarianceRatio
+        As `random_force_ratio` gives it.
+    curve : {"half-sines", "analytic-signal"}
+        What gave the extrema.
+    """
+    sensor = _at_noise(measured, float(np.sqrt(ratio.variance)))
+    density = RandomForce.density_of(ratio.ratio * ratio.variance, swing_frequency(measured))
+    return sensor.assign({DENSITY: density}).assign_attrs(curve=curve)
+
+
+def swing_frequency(measured: xr.Dataset) -> float:
+    """Median of the frequency of an envelope, rad/s: what the unit of the ratio refers to."""
+    return float(np.median(measured.frequency.values))
+
+
+def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
+    """The envelope with the errors of white noise of the sensor; the scatter of a random force is not its."""
+    white = max(measured.white_noise.item(), float(np.finfo(float).tiny))
+    names = {"extremum": "scatter_of_extrema", "extremum_time": "scatter_of_times"}
+    errors = {f"{name}_standard_error": measured.attrs[scatter] for name, scatter in names.items()}
+    return measured.assign({name: measured[name] * (noise / white / by) for name, by in errors.items()})
+
+
+def random_force_ratio(
+    groups: Sequence[HalfPeriodEquations],
+    measured: xr.Dataset,
+    curve: EnvelopeCurve,
+    option: RandomForceOption,
+) -> VarianceRatio:
+    """Ratio of a random force to the sensor's noise in one run, by restricted likelihood of its equations.
+
+    Parameters
+    ----------
+    groups : sequence of HalfPeriodEquations
+        Each with parameters of its own, of the same half periods.
+    measured : Dataset
+        Their envelope.
+    curve : {"half-sines", "analytic-signal"}
+        What gave the extrema.
+    option : "auto" or float, (rad/s^2)^2/Hz
+        A number is the one-sided density, held.
+
+    Returns
+    -------
+    VarianceRatio
+        Of the growth of the variance of v a unit of tau to the variance of the sensor's noise (rad^2).
+    """
+    w, white = swing_frequency(measured), _at_noise(measured, 1.0).assign_attrs(curve=curve)
+    order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
+    sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
+    impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
+    noise, gram = (covariance_band(part @ part.T) for part in (sensor, impulses))
+    gram = RandomForce.density_of(1.0, w) * gram
+    design = sp.block_diag([group.design for group in groups]).toarray()
+    table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
+
+    def rows(ratio: float) -> WhiteRows:
+        columns, determinant = whitened_by_both(noise, gram, ratio, table)
+        # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
+        # half periods may look less noisy by chance: a random force would take what they lack.
+        least = measured.white_noise.item() ** 2
+        return WhiteRows(columns[:, -1], columns[:, :-1], determinant, least_variance=least)
+
+    if not isinstance(option, str):
+        return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
+    times = measured.extremum_time.values
+    # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
+    return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), 0.1))

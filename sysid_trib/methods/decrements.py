@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.methods.classical import ClassicalMethod, decrement_scope, needed_forces
+from sysid_trib.methods.classical import ClassicalMethod, decrement_scope, energy_balance, needed_forces
 from sysid_trib.methods.half_period_equations import Equations
 
 
@@ -231,17 +230,6 @@ class WuDecrement(ClassicalMethod):
         is left to the correction, for the part of viscous friction alone is not.
         """
         return np.append(parameters[:-1], np.pi / parameters[-1])
-
-
-def energy_balance(library: ForceLibrary) -> Equations:
-    """Equations of the decrement for powers of the speed."""
-    unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
-
-    def decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
-        mean = 0.5 * (extremum[1:] + extremum[:-1])
-        return np.stack([b * mean**p for b, p in unit], axis=1), -np.diff(extremum)
-
-    return decrements
 
 
 def _is_power(force: Force) -> bool:

@@ -291,7 +291,7 @@ def _selected(method: Direct, runs: Runs, rows: Rows, constraints: ConstraintMap
     """Forces that are kept, by significance and by the optimiser."""
     optimizers = [] if method.optimizer is None else [method.optimizer]
     if method.significance is not None:
-        from sysid_trib.likelihood.optimizers import SignificanceSelection
+        from sysid_trib.likelihood.pysindy_features import SignificanceSelection
 
         removed = rows.nuisances.shape[1]
         optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))

@@ -11,17 +11,8 @@ from scipy.linalg import cho_solve_banded
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
-from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.variance_ratio import (
-    VarianceRatio,
-    WhiteRows,
-    held_ratio,
-    ratio_span,
-    variance_ratio,
-)
-from sysid_trib.likelihood.weak_form import whiten, whitened_by_both, whitener
-from sysid_trib.records.half_sines import EnvelopeCurve, half_period_responses
+from sysid_trib.likelihood.weak_form import whiten, whitener
+from sysid_trib.records.half_sines import half_period_responses
 
 DENSITY = "random_force_density"
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
@@ -108,83 +99,6 @@ class HalfPeriodEquations:
             parts.append((entries.data[held], entries.row[held], column))
         data, row, column = (np.concatenate(part) for part in zip(*parts, strict=True))
         return sp.csr_matrix((data, (row, column)), entries.shape)
-
-
-def with_random_force(measured: xr.Dataset, ratio: VarianceRatio, curve: EnvelopeCurve) -> xr.Dataset:
-    """An envelope whose errors are those of the sensor's noise and of a random force.
-
-    Parameters
-    ----------
-    measured : Dataset
-        The envelope (see `envelope`).
-    ratio : VarianceRatio
-        As `random_force_ratio` gives it.
-    curve : {"half-sines", "analytic-signal"}
-        What gave the extrema.
-    """
-    sensor = _at_noise(measured, float(np.sqrt(ratio.variance)))
-    density = RandomForce.density_of(ratio.ratio * ratio.variance, swing_frequency(measured))
-    return sensor.assign({DENSITY: density}).assign_attrs(curve=curve)
-
-
-def swing_frequency(measured: xr.Dataset) -> float:
-    """Median of the frequency of an envelope, rad/s: what the unit of the ratio refers to."""
-    return float(np.median(measured.frequency.values))
-
-
-def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
-    """The envelope with the errors of white noise of the sensor; the scatter of a random force is not its."""
-    white = max(measured.white_noise.item(), float(np.finfo(float).tiny))
-    names = {"extremum": "scatter_of_extrema", "extremum_time": "scatter_of_times"}
-    errors = {f"{name}_standard_error": measured.attrs[scatter] for name, scatter in names.items()}
-    return measured.assign({name: measured[name] * (noise / white / by) for name, by in errors.items()})
-
-
-def random_force_ratio(
-    groups: Sequence[HalfPeriodEquations],
-    measured: xr.Dataset,
-    curve: EnvelopeCurve,
-    option: RandomForceOption,
-) -> VarianceRatio:
-    """Ratio of a random force to the sensor's noise in one run, by restricted likelihood of its equations.
-
-    Parameters
-    ----------
-    groups : sequence of HalfPeriodEquations
-        Each with parameters of its own, of the same half periods.
-    measured : Dataset
-        Their envelope.
-    curve : {"half-sines", "analytic-signal"}
-        What gave the extrema.
-    option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, held.
-
-    Returns
-    -------
-    VarianceRatio
-        Of the growth of the variance of v a unit of tau to the variance of the sensor's noise (rad^2).
-    """
-    w, white = swing_frequency(measured), _at_noise(measured, 1.0).assign_attrs(curve=curve)
-    order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
-    sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
-    impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
-    noise, gram = (covariance_band(part @ part.T) for part in (sensor, impulses))
-    gram = RandomForce.density_of(1.0, w) * gram
-    design = sp.block_diag([group.design for group in groups]).toarray()
-    table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
-
-    def rows(ratio: float) -> WhiteRows:
-        columns, determinant = whitened_by_both(noise, gram, ratio, table)
-        # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
-        # half periods may look less noisy by chance: a random force would take what they lack.
-        least = measured.white_noise.item() ** 2
-        return WhiteRows(columns[:, -1], columns[:, :-1], determinant, least_variance=least)
-
-    if not isinstance(option, str):
-        return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
-    times = measured.extremum_time.values
-    # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
-    return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), 0.1))
 
 
 @dataclass(frozen=True)
@@ -278,7 +192,7 @@ def solve(
 def _plain_weights(design: Array, *, last: bool) -> Array:
     """What plain least squares make of each target, (parameter, equation)."""
     if not last:
-        return np.linalg.pinv(design)
+        return np.asarray(np.linalg.pinv(design), dtype=float)
     inverse, of_last = np.linalg.pinv(design[:, :-1]), np.eye(1, len(design), len(design) - 1)
     # The error of the last target is in all others from which it is taken.
     return np.vstack([inverse - (inverse @ design[:, -1:]) @ of_last, of_last])
@@ -325,11 +239,11 @@ def _linear(equations: Equations, measured: xr.Dataset, parameters: Array) -> Ha
     count = half_periods - instant[-1]
     entries, columns = [], []
     for kind, first in np.ndindex(2, count):
-        # Half periods so far apart that no equation holds two of them are moved at once.
+        # Half periods so far apart that no equation holds two of them are changed at once.
         shift = np.zeros_like(steps)
         shift[kind, first::count] = steps[kind, first::count]
-        moved = [_rows(equations, measured, side * shift) for side in (1.0, -1.0)]
-        change = np.subtract(*(y - a @ parameters for a, y, _ in moved))
+        changed = [_rows(equations, measured, side * shift) for side in (1.0, -1.0)]
+        change = np.subtract(*(y - a @ parameters for a, y, _ in changed))
         half = instant + (first - instant) % count
         entries.append(change / (2.0 * steps[kind, half]))
         columns.append(kind * half_periods + half)

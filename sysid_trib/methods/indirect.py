@@ -17,15 +17,17 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.methods.auxiliary import AuxiliaryFit, AuxiliaryModel, jacobian
-from sysid_trib.methods.half_period_equations import (
-    DENSITY,
+from sysid_trib.methods.auxiliary import (
+    AuxiliaryFit,
+    AuxiliaryModel,
+    jacobian,
     random_force_ratio,
     swing_frequency,
     with_random_force,
 )
+from sysid_trib.methods.half_period_equations import DENSITY
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.decay import Decays
+from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import variable
@@ -50,12 +52,8 @@ class IndirectEstimate:
         Coefficients and, last, the frequency (rad/s); what was taken off them.
     covariance : (value, value) array of float
         Scaled by the Birge ratios.
-    noises : list of float, rad
-        The sensor's, of each run.
     birge_ratios : Mapping of str to float
-        Of each group of equations.
-    birge_ratio : float
-        Of all.
+        Of each group of equations, and of all by an empty name.
     bias_removed : str
         `yes`, or `no` and why.
     random_forces : list of RandomForce
@@ -65,9 +63,7 @@ class IndirectEstimate:
     values: Array
     bias: Array
     covariance: Array
-    noises: Sequence[float]
     birge_ratios: Mapping[str, float]
-    birge_ratio: float
     bias_removed: str
     random_forces: Sequence[RandomForce] = ()
 
@@ -151,9 +147,7 @@ def _estimate(
         values,
         first.values - values,
         first.covariance(last),
-        [sensor_noise(decay) for decay in decays],
-        {group: last.birge_ratio(group) for group in last.groups},
-        last.birge_ratio(*last.groups),
+        {"": last.birge_ratio(*last.groups)} | {name: last.birge_ratio(name) for name in last.groups},
         bias_removed,
     )
     return estimate, last
@@ -257,14 +251,14 @@ def as_identification(
 ) -> xr.Dataset:
     """An indirect estimate as an identification, with its bias and what the method assumes."""
     extra: dict[str, tuple[ArrayLike, str, str]] = {
-        "birge_ratio": (indirect.birge_ratio, "1", "Birge ratio of the equations")
+        f"{name}_birge_ratio": (value, "1", f"Birge ratio of the {name}'s equations alone")
+        for name, value in indirect.birge_ratios.items()
+        if name
     }
-    for group, value in indirect.birge_ratios.items():
-        if group:
-            extra[f"{group}_birge_ratio"] = (value, "1", f"Birge ratio of the {group}'s equations alone")
-    estimate = Estimate(
-        indirect.values[:-1], indirect.covariance, float(indirect.values[-1]), indirect.noises, extra
-    )
+    extra["birge_ratio"] = indirect.birge_ratios[""], "1", "Birge ratio of the equations"
+    noises = [sensor_noise(run) for run in as_runs(decay)]
+    *coefficients, frequency = indirect.values
+    estimate = Estimate(np.array(coefficients), indirect.covariance, float(frequency), noises, extra)
     result = identification(method, decay, asked, estimate, offered=offered)
     result["first_order_bias"] = variable("force", indirect.bias[:-1], "first-order bias removed", "1")
     if indirect.random_forces:
