@@ -87,12 +87,12 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     Of one run the coefficients are solved for each ratio. Of several this is done for one run after the
     other, the ratios of the others held, until the deviance settles.
     """
-    parts = [run.of(np.asarray(columns, dtype=int)) for run in runs]
-    size = np.sqrt(np.maximum(sum(np.einsum("gii->i", part) for part in parts), 0.0))
+    places = np.asarray(columns, dtype=int)
+    squares = sum(np.einsum("gii->i", run.of(places)) for run in runs)
     # A column without effect keeps its size; the ridge holds it.
-    size = np.where(size > 0.0, size, 1.0)
+    size = np.where(squares > 0.0, np.sqrt(np.maximum(squares, 0.0)), 1.0)
     size[0] = 1.0
-    parts = [part / np.outer(size, size) for part in parts]
+    parts = [run.of(places) / np.outer(size, size) for run in runs]
     at = [len(run.ratios) // 2 for run in runs]
     variances = [run.level**2 for run in runs]
     best = np.inf
@@ -105,34 +105,25 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         if len(runs) == 1 or before - best < DEVIANCE_SETTLED:
             break
     ratios, errors, gains = np.zeros((3, len(runs)))
-    least = best
     for r, run in enumerate(runs):
         deviances, _ = _over_ratios(runs, parts, at, variances, r)
-        ratios[r], least, errors[r] = _between(run.ratios, deviances, at[r])
-        gains[r] = deviances[0] - least
-    there = [
-        run.at(float(ratio), np.asarray(columns, dtype=int)) / np.outer(size, size)
-        for run, ratio in zip(runs, ratios, strict=True)
-    ]
+        ratios[r], deviance, errors[r] = _between(run.ratios, deviances, at[r])
+        gains[r] = deviances[0] - deviance
+    there = [run.at(ratio, places) for run, ratio in zip(runs, ratios.tolist(), strict=True)]
+    parts = [run.products / np.outer(size, size) for run in there]
     # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.
-    deviance, before = least if len(runs) == 1 else np.inf, np.inf
-    determinants = [run.log_determinant_at(float(q)) for run, q in zip(runs, ratios, strict=True)]
+    settled = np.inf
     for _ in range(RATIO_ROUNDS):
-        coefficients, covariance = _solution(there, variances)
-        variances = [_variance(run, part, coefficients) for run, part in zip(runs, there, strict=True)]
-        if len(runs) == 1 or before - deviance < DEVIANCE_SETTLED:
+        before = settled
+        deviances, of_each = _over_ratios(there, parts, [0] * len(runs), variances, 0)
+        settled, variances = float(deviances[0]), list(of_each[:, 0])
+        if len(runs) == 1 or before - settled < DEVIANCE_SETTLED:
             break
-        before = deviance
-        deviance = sum(
-            run.degrees_of_freedom * np.log(variance) + determinant
-            for run, variance, determinant in zip(runs, variances, determinants, strict=True)
-        )
-    coefficients, covariance = _solution(there, variances)
-    scale = size[1:]
+    coefficients, covariance = _solution([part[0] for part in parts], variances)
     return Likelihood(
-        deviance,
-        coefficients / scale,
-        covariance / np.outer(scale, scale),
+        deviance if len(runs) == 1 else settled,
+        coefficients / size[1:],
+        covariance / np.outer(size[1:], size[1:]),
         np.array(variances),
         ratios,
         errors,
@@ -156,12 +147,6 @@ def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike
     """
     least = np.finfo(float).eps * np.asarray(target)
     return np.asarray((np.maximum(squares, least) + run.level_rows * run.level**2) / run.degrees_of_freedom)
-
-
-def _variance(run: RunProducts, products: Array, b: Array) -> float:
-    """The most likely variance of a run with coefficients."""
-    squares = products[0, 0] - 2.0 * b @ products[1:, 0] + b @ products[1:, 1:] @ b
-    return float(most_likely_variance(run, squares, products[0, 0]))
 
 
 def _over_ratios(

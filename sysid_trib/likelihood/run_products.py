@@ -53,14 +53,16 @@ class RunProducts:
         """Rows, with those that the level counts."""
         return self.rows + self.level_rows
 
-    def at(self, ratio: float, columns: Array) -> Array:
-        """Products of the target and some columns in the covariance of any ratio, (column + 1, column + 1).
+    def at(self, ratio: float, columns: Array) -> "RunProducts":
+        """Products of the target and some columns in the covariance of any ratio alone.
 
         A spline over those tried: each is the same sum, so that a target which the columns explain stays
         explained.
         """
-        at = np.concatenate([[0], columns])
-        return self.block(ratio, at, at)
+        kept, (at, weights) = np.concatenate([[0], columns]), self._weighed(ratio)
+        determinant = np.array([weights @ self.log_determinant[at]])
+        products = self.block(ratio, kept, kept)[None]
+        return replace(self, products=products, log_determinant=determinant, ratios=np.array([ratio]))
 
     def block(self, ratio: float, rows: Array, columns: Array) -> Array:
         """Products of any columns, the target among them, with others, (row, column)."""
@@ -82,11 +84,6 @@ class RunProducts:
         """The products of columns times factors, (column,)."""
         with_target = np.concatenate([[1.0], factors])
         return replace(self, products=self.products * np.outer(with_target, with_target))
-
-    def log_determinant_at(self, ratio: float) -> float:
-        """Log determinant of the covariance, over that of white noise of the sensor alone."""
-        at, weights = self._weighed(ratio)
-        return float(weights @ self.log_determinant[at])
 
     def _weighed(self, ratio: float) -> tuple[Index, Array]:
         """Numbers of ratios, and weights by which what is known at these is summed up to that at any one."""
