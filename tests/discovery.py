@@ -8,7 +8,7 @@ import xarray as xr
 from helpers import FIVE, NOISE, Array, W, decay
 
 from sysid_trib import Model, load_library
-from sysid_trib.discovery.fits import credible, probabilities
+from sysid_trib.discovery.fits import Fits, credible, probabilities
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.fitted_model import FittedModel
@@ -73,7 +73,7 @@ def start_model(
 
 
 def searched(runs, candidates: ForceLibrary = EFFECTS, forces: ForceLibrary = BASE) -> Search:
-    return with_steps(search(start_model(runs, forces), candidates.forces), candidates.forces)
+    return with_steps(search(Fits(start_model(runs, forces), candidates.forces)))
 
 
 def credible_set(found: Search, symbol: str) -> set[str]:

@@ -52,7 +52,7 @@ def test_the_omnibus_test_keeps_its_level_on_short_records():
     before, p_values = exact(model_of({"zeta": 0.01}), time), []
     for seed in range(40):
         model = start_model([decay(time, before, seed)], library("zeta"))
-        p_values.append(screen(model, [EVERY["quintic"]]).omnibus.p_value)
+        p_values.append(screen(model, [EVERY["quintic"]]).omnibus_p_value)
     assert np.mean(np.array(p_values) < 0.05) <= share_range(40, 0.05)[1]
 
 
@@ -69,7 +69,7 @@ def test_gains_of_noise_are_noise():
         trials = zip(screening.trials, screening.reasons, screening.z, strict=True)
         z.append({(t.force.symbol, *t.shapes.values()): value for t, reason, value in trials if not reason})
         least.append(screening.p_values.min())
-        generic.append(screening.omnibus.p_value)
+        generic.append(screening.omnibus_p_value)
     low, high = rms_range(seeds)
     # Grids of shapes are finer where a record tells more values apart.
     common = set.intersection(*map(set, z))
@@ -256,7 +256,7 @@ def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
     library, inside = BASE.select(KNOWN), []
     for seed, (symbol, coefficient) in enumerate(MISSING.items()):
         model = start_model([with_effect({symbol: coefficient}, seed=seed, base=KNOWN)], library)
-        factor = screen(model, [EVERY["bias"]]).omnibus.widening(LEVEL)
+        factor = screen(model, [EVERY["bias"]]).widening
         errors = np.sqrt(np.diag(model.covariance_with_frequency()))[:-1]
         off = np.abs(model.coefficients - list(KNOWN.values())) / errors
         inside.append([off < 1.96, off < 1.96 * factor])

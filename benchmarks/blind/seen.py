@@ -124,7 +124,7 @@ def left_by_two(full: FittedModel, truth: str, others: Sequence[Force]) -> list[
     kept = [1 + column for column in range(full.columns) if 1 + column not in gone]
     columns = [screening.first_trial + at for at in screening.replacing]
     bare = likelihood(screening.products, kept)
-    deviance = each_column(screening.products, kept, columns, bare).deviance
+    deviance = each_column(screening.products, kept, columns, bare)[0]
     best: dict[str, int] = {}
     for i in np.argsort(deviance).tolist():
         best.setdefault(screening.trials[screening.replacing[i]].force.symbol, i)

@@ -1,16 +1,15 @@
 """Where model and record differ: when, at which amplitude, in phase or amplitude; and how that grows."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-import xarray as xr
 from scipy.signal import freqz
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.free_motion import FreeMotion
 from sysid_trib.discovery.missing_force import mean_missing_force
-from sysid_trib.results.variables import Variables, variable, with_error
 from sysid_trib.validation.residuals import departure_time, half_period
 
 # Errors of a rate in proportion to a power of the amplitude, or to time.
@@ -75,20 +74,20 @@ def _integral(rate: Array, tau: Array, run: Array) -> Array:
     return np.asarray(total)
 
 
-# Terms of the residual: what they are, the harmonic of the motion whose noise they take, and their part.
+# Terms of the residual: the harmonic of the motion whose noise they take, and their part.
 DEMODULATED = {
-    "offset": ("mean of the residual", 0, "offset"),
-    "amplitude_error": ("record's amplitude minus the model's", 1, "amplitude"),
-    "phase_error": ("record's phase minus the model's", 1, "phase"),
-    "second_cosine": ("part of the residual with cos 2 phi", 2, "second harmonic"),
-    "second_sine": ("part of the residual with sin 2 phi", 2, "second harmonic"),
-    "third_cosine": ("part of the residual with cos 3 phi", 3, "third harmonic"),
-    "third_sine": ("part of the residual with sin 3 phi", 3, "third harmonic"),
+    "offset": (0, "offset"),
+    "amplitude_error": (1, "amplitude"),
+    "phase_error": (1, "phase"),
+    "second_cosine": (2, "second harmonic"),
+    "second_sine": (2, "second harmonic"),
+    "third_cosine": (3, "third harmonic"),
+    "third_sine": (3, "third harmonic"),
 }
 SLIP = list(DEMODULATED).index("phase_error")
 
 
-def demodulate(runs: Sequence[FreeMotion]) -> xr.Dataset:
+def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, Any]]:
     """The residual of a model, demodulated against the phase of its own motion while it moves.
 
     Parameters
@@ -98,31 +97,38 @@ def demodulate(runs: Sequence[FreeMotion]) -> xr.Dataset:
 
     Returns
     -------
-    xr.Dataset
+    values : dict of str to array, or pair of arrays with standard errors
         Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
         `residual_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`,
         `second_cosine`, ... (rad). As trends through these `frequency_error` and `decay_error`, of the record
-        minus the model's, over w. Over `x` and `v` (rad): `force`, the mean force that the residual asks for,
-        as a part of I w^2, its `standard_error` by the noise alone, and the number of `samples`. Scalars
-        `departure_time` (s, of the run `departure_run`). attrs: `parts` of which the residual is made beyond
-        the noise, largest first, and `where` it acts.
+        minus the model's, over w. Over `x` and `v` (rad) the mean missing force (see `mean_missing_force`).
+        Scalars `departure_time` (s, of the run `departure_run`).
+    attrs : dict
+        `parts` of which the residual is made beyond the noise, largest first, and `where` it acts.
     """
     departures = [
         (departure_time(run.time, run.residual, run.noise.standard_deviation, half_period(run.x)), at)
         for at, run in enumerate(runs)
     ]
     first = min((pair for pair in departures if np.isfinite(pair[0])), default=(np.nan, 0))
-    spans = xr.concat([_demodulated(at, run) for at, run in enumerate(runs)], "span")
-    spans, where = _with_rates(spans.merge(mean_missing_force(runs)), runs[0].model.reference_frequency)
-    spans["departure_time"] = variable((), first[0], "time from which on the residual exceeds the noise", "s")
-    spans["departure_run"] = variable((), first[1], "the run of that time, from 0")
-    parts = _parts(spans)
-    place = where.get(parts[0], _place_of_rms(spans)) if parts else ""
-    return spans.assign_attrs(parts=parts, where=place)
+    spans = [_demodulated(at, run) for at, run in enumerate(runs)]
+    values: dict[str, Any] = {name: np.concatenate([of_run[name] for of_run in spans]) for name in spans[0]}
+    terms = {name: (values[name], values.pop(f"{name} error")) for name in DEMODULATED}
+    a, run, tau = values["amplitude"], values["run"], runs[0].model.reference_frequency * values["time"]
+    # Errors of frequency and decay as trends through those of phase and amplitude, and where they act.
+    slip, loss = terms["phase_error"], [of / a for of in terms["amplitude_error"]]
+    slipping, where_phase = trend(*slip, run, tau, a)
+    decaying, where_amplitude = trend(-loss[0], loss[1], run, tau, a)
+    parts = _parts(terms, a)
+    where = {"phase": where_phase, "amplitude": where_amplitude}
+    values |= terms | {"frequency_error": slipping, "decay_error": decaying} | mean_missing_force(runs)
+    values |= {"departure_time": first[0], "departure_run": first[1]}
+    place = where.get(parts[0], _place_of_rms(a, values["rms"])) if parts else ""
+    return values, {"parts": parts, "where": place}
 
 
-def _demodulated(number: int, run: FreeMotion) -> xr.Dataset:
-    """The residual of a run span by span."""
+def _demodulated(number: int, run: FreeMotion) -> dict[str, Array]:
+    """The residual of a run span by span: its terms, and the errors of these by `... error`."""
     # After its stop a motion has no phase.
     moving, residual, noise = run.moving, run.residual, run.noise
     x, v = run.x[:moving], run.v[:moving]
@@ -131,27 +137,23 @@ def _demodulated(number: int, run: FreeMotion) -> xr.Dataset:
     # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
     spans = np.array_split(np.arange(moving), int(max(1, min(24, periods))))
     step = float(np.median(np.diff(run.time)))
-    harmonics = np.array([harmonic for _, harmonic, _ in DEMODULATED.values()])
+    harmonics = np.array([harmonic for harmonic, _ in DEMODULATED.values()])
     per_sample = min(1.0, run.model.reference_frequency * step)
     _, response = freqz([1.0], noise.filter_, harmonics * per_sample)
     coloured = noise.innovation * np.abs(response)
     fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
     values, errors = np.array(fitted).transpose(1, 2, 0)
     values[SLIP] = np.unwrap(values[SLIP])
-    time = [np.mean(run.time[span]) for span in spans]
-    mean = [np.mean(amplitude[span]) for span in spans]
     rms = np.array([np.sqrt(np.mean(residual[span] ** 2)) for span in spans])
-    ratio = rms / noise.standard_deviation
-    data: Variables = {
-        "run": variable("span", np.full(len(spans), number), "run, from 0"),
-        "time": variable("span", time, "time", "s"),
-        "amplitude": variable("span", mean, "amplitude of the model", "rad"),
-        "rms": variable("span", rms, "RMS residual", "rad"),
-        "residual_over_noise": variable("span", ratio, "RMS residual over the noise", "1"),
+    return {
+        "run": np.full(len(spans), number),
+        "time": np.array([np.mean(run.time[span]) for span in spans]),
+        "amplitude": np.array([np.mean(amplitude[span]) for span in spans]),
+        "rms": rms,
+        "residual_over_noise": rms / noise.standard_deviation,
+        **dict(zip(DEMODULATED, values, strict=True)),
+        **{f"{name} error": error for name, error in zip(DEMODULATED, errors, strict=True)},
     }
-    for (name, (what, *_)), value, error in zip(DEMODULATED.items(), values, errors, strict=True):
-        data |= with_error(name, "span", (value, error), what, "rad")
-    return xr.Dataset(data)
 
 
 def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tuple[Array, Array]:
@@ -168,38 +170,22 @@ def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tu
     return values, errors
 
 
-def _with_rates(spans: xr.Dataset, frequency: float) -> tuple[xr.Dataset, dict[str, str]]:
-    """Errors of frequency and decay as trends through those of phase and amplitude, and where they act."""
-    a, tau, run = spans.amplitude.values, frequency * spans.time.values, spans.run.values
-    slip, slip_error = spans.phase_error.values, spans.phase_error_standard_error.values
-    slipping, where_phase = trend(slip, slip_error, run, tau, a)
-    relative, error = (spans[f"amplitude_error{of}"].values / a for of in ("", "_standard_error"))
-    decaying, where_amplitude = trend(-relative, error, run, tau, a)
-    rates = {
-        "frequency_error": variable("span", slipping, "frequency of record minus model, over w", "1"),
-        "decay_error": variable("span", decaying, "decay of record minus model, over w", "1"),
-    }
-    return spans.assign(rates), {"phase": where_phase, "amplitude": where_amplitude}
-
-
-def _parts(spans: xr.Dataset) -> list[str]:
+def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[str]:
     """Parts of the residual that noise would not make, and that are not small compared with the largest."""
     size = {}
-    for part in dict.fromkeys(part for *_, part in DEMODULATED.values()):
-        names = [name for name, (*_, other) in DEMODULATED.items() if other == part]
-        values = np.stack([spans[name].values for name in names])
-        z = values / np.stack([spans[f"{name}_standard_error"].values for name in names])
+    for part in dict.fromkeys(part for _, part in DEMODULATED.values()):
+        of_part = [terms[name] for name, (_, other) in DEMODULATED.items() if other == part]
+        values, errors = (np.stack(pair) for pair in zip(*of_part, strict=True))
         # A part of the residual counts if it is significant at this level.
-        if float(np.sum(z**2)) > chi2.isf(1e-3, z.size):
-            scaled = values * spans.amplitude.values if part == "phase" else values
+        if float(np.sum((values / errors) ** 2)) > chi2.isf(1e-3, values.size):
+            scaled = values * amplitude if part == "phase" else values
             size[part] = float(np.sqrt(np.mean(np.sum(scaled**2, axis=0))))
     ordered = sorted(size, key=lambda part: -size[part])
     return [part for part in ordered if size[part] > 0.5 * size[ordered[0]]]
 
 
-def _place_of_rms(spans: xr.Dataset) -> str:
+def _place_of_rms(a: Array, rms: Array) -> str:
     """Where the residual itself is largest."""
-    a, rms = spans.amplitude.values, spans.rms.values
     large, small = rms[a > np.median(a)], rms[a <= np.median(a)]
     ratio = float(np.mean(large) / max(float(np.mean(small)), 1e-300)) if len(large) and len(small) else 1.0
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"

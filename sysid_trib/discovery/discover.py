@@ -4,17 +4,14 @@ import json
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.discovery.final_models import Growth
-from sysid_trib.discovery.fits import evidence
-from sysid_trib.discovery.parts import Stability, stability_of
-from sysid_trib.discovery.screen import screen
-from sysid_trib.discovery.search import Begin, Search, may_gain, search, with_steps
+from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.search import Search, may_gain, search, with_steps
 from sysid_trib.discovery.to_xarray import groups_of
 from sysid_trib.discovery.unseen import Prediction, SearchParts, improvements, predicted, search_parts
 from sysid_trib.errors import Tell, UsageError, silent
@@ -179,16 +176,15 @@ def _discovery(
     pasts = [(part.origin, part.before) for part in parts.learnt]
     start = fit_start_model(seen, free, reference_frequency, settings, held, pasts)
     growth = Growth(seen, _foresight(start, parts))
-    look = partial(search, candidates=offered.forces, deadline=deadline, tell=tell)
-    done, predictions = _best_by_holdout(_or_coloured_noise(start, look, growth, tell), look, growth, tell)
-    stability = stability_of(done, predictions, _noise_p_value(done, growth))
-    closing = _closing_effect(done, offered.forces, growth)
+    done = _or_coloured_noise(Fits(start, offered.forces, deadline), growth, tell)
+    done = _best_by_holdout(done, growth, tell)
+    closing = _closing_effect(done, growth)
     if how.refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, parts) for model in done.models])
         seen = parts.runs
     tell("where model and record differ")
-    groups = groups_of(seen, done, stability, offered, reference_frequency)
+    groups = groups_of(seen, done, offered, reference_frequency)
     of_seen = range(len(whole)) if seen is parts.runs else [part.run for part in parts.learnt]
     for name, at in zip(group_names("record", len(seen)), of_seen, strict=True):
         groups[name].attrs["kept_window"] = whole[at].time.values[[0, -1]]
@@ -200,15 +196,15 @@ def _discovery(
         "options": how.options(settings, constraints),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
-        "verdict": verdict_of(done, predictions, stability, closing),
+        "verdict": verdict_of(done, closing),
         "closing_effect": closing,
         "not_improving": _not_improving(done),
-        "noise_p_value": stability.noise_p_value,
+        "noise_p_value": done.noise_p_value,
         "converged": str(done.converged),
         "out_of_time": f"{how.time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
         "left_out": left_out,
-        "failed_fits": list(done.failed),
+        "failed_fits": done.failed,
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
         "stretches": "" if seen is parts.runs else parts.sentence,
         "decimated": [run.attrs["decimated"] for run in parts.runs if "decimated" in run.attrs],
@@ -218,54 +214,52 @@ def _discovery(
     return tree
 
 
-def _best_by_holdout(
-    done: Search, look: "partial[Search]", growth: Growth, tell: Tell
-) -> tuple[Search, list[Prediction]]:
+def _best_by_holdout(done: Search, growth: Growth, tell: Tell) -> Search:
     """The search with its steps and their predictions; without what does not improve what was held out."""
     while True:
-        steps = with_steps(done, look.keywords["candidates"], tell)
+        steps = with_steps(done, tell)
         tell("hold-out")
         predictions = [growth.foretold(model) for model in steps.models]
         fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
         if fewer == len(done.effects) or growth.is_complete(steps.models[-1]):
-            return steps, predictions
-        done = look(done.fits.start, begin=Begin(steps.models[fewer], fewer, done))
+            noise_p_value = np.nan if done.out_of_time else growth.noise_p_value(steps.models[-1])
+            return replace(steps, predictions=predictions, noise_p_value=noise_p_value)
+        done = search(done.fits, begin=steps.models[fewer], most=fewer, tell=tell)
 
 
-def _or_coloured_noise(start: FittedModel, look: Callable[..., Search], growth: Growth, tell: Tell) -> Search:
+def _or_coloured_noise(fits: Fits, growth: Growth, tell: Tell) -> Search:
     """The search, or that with noise of the likeliest colour, if that explains the record better.
 
     What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
     all of them; else the colour with what was named is tried, of which that of the search is outside.
     """
-    done = look(start, growth=growth)
+    done = search(fits, growth=growth, tell=tell)
     if verdict_of(done) == "nothing missing":
         return done
     tell("colour of the sensor's noise")
-    last, settings = done.models[-1], start.settings
+    start, last, outside = fits.start, done.models[-1], fits.start.settings.outside_of_set
+
+    def with_colour(model: FittedModel) -> float:
+        """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
+        return fits.evidence(model) + colour_penalty(model)
+
     # Else what is left of the record is no noise yet.
     settled = done.converged or not done.effects
     with_names = recoloured(last) if done.effects and settled else last
     without_names = recoloured(start, with_names)
-    known, named = _with_colour(last, done.effects), _with_colour(with_names, done.effects)
-    nameless = _with_colour(without_names, ())
-    if without_names is not start and nameless < min(known, named) + settings.outside_of_set:
+    known, named, nameless = map(with_colour, (last, with_names, without_names))
+    if without_names is not start and nameless < min(known, named) + outside:
         coloured, begin = without_names, None
-    elif named < known - settings.outside_of_set:
+    elif named < known - outside:
         coloured = with_sensor_noises(start, [rows.path.sensor for rows in with_names.rows])
         begin = with_names
     else:
         return done
-    again = look(coloured, begin=None if begin is None else Begin(begin), growth=growth.anew())
-    fewer = settings.outside_of_set * (len(again.effects) < len(done.effects))
-    ends = [_with_colour(ended.models[-1], ended.effects) for ended in (done, again)]
-    return again if ends[1] < ends[0] + fewer else done
-
-
-def _with_colour(model: FittedModel, effects: Sequence[str]) -> float:
-    """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
-    return evidence(model, effects) + colour_penalty(model)
+    other_fits = Fits(coloured, fits.candidates, fits.deadline)
+    again = search(other_fits, begin=begin, growth=Growth(growth.runs, growth.predict), tell=tell)
+    fewer = outside * (len(again.effects) < len(done.effects))
+    return again if with_colour(again.models[-1]) < with_colour(last) + fewer else done
 
 
 def _for_inputs(settings: Settings, runs: Sequence[xr.Dataset], library: ForceLibrary) -> Settings:
@@ -293,56 +287,37 @@ def _refitted(model: FittedModel, parts: SearchParts) -> FittedModel:
     )
 
 
-def _closing_effect(done: Search, candidates: Sequence[Force], growth: Growth) -> str:
+def _closing_effect(done: Search, growth: Growth) -> str:
     """The effect that no more were asked for left out, if nothing is missing with it; else empty."""
-    settings, move = done.models[-1].settings, done.next_best
-    if move is None or not len(done.effects) == settings.max_effects > 0:
+    settings, model = done.models[-1].settings, done.next_best
+    if model is None or not len(done.effects) == settings.max_effects > 0:
         return ""
-    rest = [force for force in candidates if force.symbol not in move.effects]
-    last = screen(move.model, rest, move.effects)
-    missing = last.omnibus.p_value < settings.level or may_gain(last)
-    return "" if missing or not growth.is_complete(refitted(move.model)) else move.effects[-1]
-
-
-def _noise_p_value(done: Search, growth: Growth) -> float:
-    """P-value of what the final model leaves; nan where the time ran out."""
-    return float("nan") if done.out_of_time else growth.noise_p_value(done.models[-1])
+    last = done.fits.screened(model)
+    missing = last.omnibus_p_value < settings.level or may_gain(last)
+    return "" if missing or not growth.is_complete(refitted(model)) else done.fits.effects_of(model)[-1]
 
 
 def _not_improving(done: Search) -> str:
     """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
-    move = done.next_best
-    asked = move is not None and done.converged and len(done.effects) < move.model.settings.max_effects
-    return move.effects[-1] if move is not None and asked else ""
+    model = done.next_best
+    asked = model is not None and done.converged and len(done.effects) < model.settings.max_effects
+    return done.fits.effects_of(model)[-1] if model is not None and asked else ""
 
 
-def verdict_of(
-    done: Search,
-    predictions: Sequence[Prediction] = (),
-    stability: Stability | None = None,
-    closing: str = "",
-) -> str:
+def verdict_of(done: Search, closing: str = "") -> str:
     """`explained`, `unknown effect` or `nothing missing`.
 
-    Parameters
-    ----------
-    done : Search
-    predictions : sequence of Prediction
-        Of what was held out, by each of its models.
-    stability : Stability, optional
-        Whether it leaves but noise.
-    closing : str
-        The effect that is missing because no more were asked for, and nothing besides.
+    `closing` : the effect that is missing because no more were asked for, and nothing besides.
     """
     # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
     # a model that does not move as the record does explains nothing; what was not compared is not known.
     last, settings = done.screenings[-1], done.models[0].settings
-    refuted = np.any(improvements(predictions) < -settings.refuted)
+    refuted = np.any(improvements(done.predictions) < -settings.refuted)
     unphysical = bool(done.effects) and not done.followed
     if done.collinear or refuted or unphysical or not done.converged:
         return "unknown effect"
-    noisy = stability is None or stability.noise_p_value >= settings.level
-    if closing or (noisy and not done.outstanding and last.omnibus.p_value >= settings.level):
+    noisy = done.noise_p_value >= settings.level and last.omnibus_p_value >= settings.level
+    if closing or (noisy and not done.outstanding):
         return "explained" if done.effects else "nothing missing"
     return "unknown effect"
 

@@ -1,39 +1,45 @@
-"""Exchange: what may stand in the place of effects, and whether it is likelier."""
+"""Moves of a search: what may stand in the place of effects, or beside them, and whether it is likelier."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.fits import Fits, evidence, least_penalty
+from sysid_trib.discovery.fits import Fits, least_penalty
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import correlation_of, each_column, projected
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import Likelihood, likelihood
+from sysid_trib.likelihood.likelihood import likelihood
+
+# A score, relative to the present model's evidence along its path, and the trials that have it.
+Scored = tuple[float, list[int]]
 
 
-def replacing(
-    current: Screening, gone: Sequence[str], *, by_chance: bool = False
-) -> list[tuple[float, list[int]]]:
-    """Scores along the present path of nothing, and of each candidate, in the place of effects.
+def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = False) -> list[Scored]:
+    """Nothing, and the best trial of each candidate, in the place of effects, the best first.
 
-    Relative to the present model; the best trial of each candidate, the best first, without what is far.
-    `by_chance` : with those that gain there no more than chance may.
+    Without what is far. `by_chance` : with those that gain there no more than chance may.
     """
     model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
-    here = current.whole.deviance
-    without = bare.deviance - here
-    scores = [(without - len(gone) * _of_effect(model), list[int]())]
-    trials = _testable_replacing(current, gone, kept, bare)
-    single = each_column(current.products, kept, [current.first_trial + at for at in trials], bare)
-    gains, coefficients, rows = bare.deviance - single.deviance, single.coefficients, single.effective_rows
-    for at, gain, coefficient, of_error in zip(trials, gains, coefficients, rows, strict=True):
-        p_value = current.p_value_of(float(gain), current.trials[at].force, float(of_error))
-        if (by_chance or p_value < model.settings.level) and current.allows(at, coefficient):
-            scores.append((without - float(gain) + (1 - len(gone)) * _of_effect(model), [at]))
+    without, cost = bare.deviance - current.whole.deviance, _of_effect(model)
+    # Of a magnet with a cubic force there is hardly more than a quintic one: a part that is too small to be
+    # tested, but no error of the path, which would not be like an effect that is seen.
+    effects = [1 + model.columns_of(symbol)[0] for symbol in gone]
+    columns = [current.first_trial + at for at in current.replacing]
+    part, rest = projected(current.products, bare, kept, [*effects, *columns])
+    alike = np.max(np.abs(correlation_of(rest)[: len(gone), len(gone) :]), axis=0)
+    part = np.where(alike >= np.sqrt(1.0 - model.settings.tolerance), np.inf, part[len(gone) :])
+    trials = _testable(current, part)
+    columns = [current.first_trial + at for at in trials]
+    deviance, coefficients, _, rows = each_column(current.products, kept, columns, bare)
+    gains = (bare.deviance - deviance).tolist()
+    scores = [(without - len(gone) * cost, list[int]())]
+    for i, at in enumerate(trials):
+        p_value = current.p_value_of(gains[i], current.trials[at].force, rows[i])
+        if (by_chance or p_value < model.settings.level) and current.allows(at, coefficients[i]):
+            scores.append((without - gains[i] + (1 - len(gone)) * cost, [at]))
     in_model = [model.trials[model.columns_of(symbol)[0]].force for symbol in gone]
 
     def is_near(score: float, at: Sequence[int]) -> bool:
@@ -45,13 +51,14 @@ def replacing(
     return [scored for scored in near if not scored[1] or scored[1][0] in best]
 
 
-def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[tuple[float, list[int]]]:
+def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[Scored]:
     """Pairs of candidates in the place of effects; which, by the noise of the present model.
 
     Of any two shapes of theirs: with another one a candidate may have a shape that gains nothing alone.
     """
     model, kept = current.model, current.model.columns_without(gone)
-    part, rest = projected(current.products, model.likelihood, kept, [0, *_columns(current)])
+    columns = [current.first_trial + at for at in current.replacing]
+    part, rest = projected(current.products, model.likelihood, kept, [0, *columns])
     trials = _testable(current, part[1:])
     # Of the target, and of these among all that may stand in the place of effects.
     place = {at: 1 + number for number, at in enumerate(current.replacing)}
@@ -69,8 +76,7 @@ def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[tuple[float
     scores = []
     for pair in (pair for pair in likeliest.values() if known.issuperset(pair)):
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
-        coefficients = likelier.coefficients[-2:]
-        able = all(current.allows(at, c) for at, c in zip(pair, coefficients, strict=True))
+        able = all(current.allows(at, c) for at, c in zip(pair, likelier.coefficients[-2:], strict=True))
         score = likelier.deviance - current.whole.deviance + (2 - len(gone)) * _of_effect(model)
         if able and score < model.settings.far:
             scores.append((score, pair))
@@ -82,30 +88,10 @@ def _of_effect(model: FittedModel) -> float:
     return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
 
 
-def _columns(current: Screening) -> list[int]:
-    """Columns of the trials that may stand in the place of effects."""
-    return [current.first_trial + at for at in current.replacing]
-
-
 def _testable(current: Screening, part: Array) -> list[int]:
     """Trials of whose columns such parts are outside of the columns that stay."""
     least = current.model.settings.testable
     return [at for at, outside in zip(current.replacing, part, strict=True) if outside >= least]
-
-
-def _testable_replacing(
-    current: Screening, gone: Sequence[str], kept: Sequence[int], bare: Likelihood
-) -> list[int]:
-    """Trials that can be tested in the place of effects, or whose column is that of one of these.
-
-    Of a magnet with a cubic force there is hardly more than a quintic one: a part that is too small to be
-    tested, but no error of the path, which would not be like an effect that is seen.
-    """
-    effects = [1 + current.model.columns_of(symbol)[0] for symbol in gone]
-    part, rest = projected(current.products, bare, kept, [*effects, *_columns(current)])
-    alike = np.max(np.abs(correlation_of(rest)[: len(gone), len(gone) :]), axis=0)
-    part = np.where(alike >= np.sqrt(1.0 - current.model.settings.tolerance), np.inf, part[len(gone) :])
-    return _testable(current, part)
 
 
 def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) -> Array:
@@ -128,134 +114,91 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
     return np.where(possible, gains, 0.0)
 
 
-class Move(NamedTuple):
-    """A step of a search: a model, its effects besides the start model's, and its evidence."""
-
-    evidence: float
-    effects: tuple[str, ...]
-    model: FittedModel
-
-
-def exchange_effects(current: Screening, effects: tuple[str, ...], fits: Fits) -> Move | None:
-    """The most likely model without an effect or two, or with as many others or fewer in their place.
-
-    Parameters
-    ----------
-    current : Screening
-        Of the present model.
-    effects : tuple of str
-        Its effects besides the start model's.
-    fits : Fits
-
-    Returns
-    -------
-    Move or None
-        None if no such model is more likely than the present one.
-    """
-    model, settings = current.model, current.model.settings
-    here = evidence(model, effects) if effects else 0.0
-    aim = here - settings.least_gain
-    proposed = list[tuple[float, list[int], tuple[str, ...]]]()
-    for gone in (*((symbol,) for symbol in effects), *combinations(effects, 2)):
-        pairs = replacing_pairs(current, gone) if len(gone) == 2 else []
-        proposed += [(*place, gone) for place in replacing(current, gone) + pairs]
-    best: Move | None = None
-    for score, at, gone in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
-        if score > aim - here + settings.far:
-            break
-        move = move_of(current, effects, gone, at, fits, aim)
-        if move is not None and move.evidence < aim:
-            best, aim = move, move.evidence
-    return best
-
-
 def move_of(
-    current: Screening, effects: Sequence[str], gone: Sequence[str], at: Sequence[int], fits: Fits, aim: float
-) -> Move | None:
+    current: Screening, fits: Fits, gone: Sequence[str], at: Sequence[int], aim: float
+) -> FittedModel | None:
     """The model with trials in the place of effects; None where it is not fitted.
 
     A fit whose evidence cannot come below `aim` is given up.
     """
     model, trials = current.model, [current.trials[i] for i in at]
-    after = tuple(s for s in effects if s not in gone) + tuple(t.force.symbol for t in trials)
+    after = {*current.effects} - {*gone} | {trial.force.symbol for trial in trials}
     forces = [trial.force for trial in (*model.trials, *trials) if trial.force.symbol in after]
-    fitted = fits.of(model, gone, trials, worst=aim - least_penalty(model, forces))
-    return None if fitted is None else Move(evidence(fitted, after), after, fitted)
+    return fits.of(model, gone, trials, worst=aim - least_penalty(model, forces))
 
 
-def not_beyond_chance(
-    current: Screening, effects: tuple[str, ...], fits: Fits
-) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model without the effect that chance would do as well as most likely; None if there is none."""
-    model = current.model
-    chances = _p_values(current, effects)
-    if max(chances, default=0.0) < model.settings.level:
-        return None
-    worst = effects[int(np.argmax(chances))]
-    # Along the present path it is as likely: a fit that is less so came to a worse optimum.
-    along = _without(current, worst).deviance - current.whole.deviance
-    fitted = fits.of(model, (worst,), (), model.deviance + along)
-    if fitted is None or _p_value(current, worst, fitted.deviance - model.deviance) < model.settings.level:
-        return None
-    fits.by_chance.add(frozenset(effects))
-    return fitted, tuple(symbol for symbol in effects if symbol != worst)
+def exchanged(current: Screening, fits: Fits) -> FittedModel | None:
+    """The most likely model without an effect or two, or with as many others or fewer in their place.
 
-
-def chance_in_set(
-    effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
-) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model without the effect whose credible set chance is in; None if there is none."""
-    single = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
-    symbol = min(single, key=single.__getitem__, default="")
-    if not symbol or single[symbol] >= fits.start.settings.outside_of_set:
-        return None
-    after = tuple(other for other in effects if other != symbol)
-    fitted = fits.kept.get(frozenset(after))
-    if fitted is None:
-        return None
-    fits.by_chance.add(frozenset(effects))
-    return fitted, after
-
-
-def decisive_p_values(current: Screening, effects: Sequence[str], fits: Fits) -> list[float]:
-    """P-value of each effect with the others, by the deviance without it: those that keep it in the model.
-
-    Along the model's path; where chance would do as well along that, by the fit without the effect, if any.
+    None if no such model is more likely than the present one.
     """
-    chances = _p_values(current, effects)
-    for at, symbol in enumerate(effects):
-        fitted = fits.kept.get(frozenset(effects) - {symbol})
-        if chances[at] >= current.model.settings.level and fitted is not None:
-            chances[at] = _p_value(current, symbol, fitted.deviance - current.model.deviance)
-    return chances
+    settings, here = current.model.settings, fits.evidence(current.model)
+    aim, best = here - settings.least_gain, None
+    proposed = list[tuple[float, list[int], tuple[str, ...]]]()
+    for gone in (*((symbol,) for symbol in current.effects), *combinations(current.effects, 2)):
+        pairs = replacing_pairs(current, gone) if len(gone) == 2 else []
+        proposed += [(*place, gone) for place in replacing(current, gone) + pairs]
+    for score, at, gone in sorted(proposed, key=lambda scored: scored[0])[: settings.fitted]:
+        if score > aim - here + settings.far:
+            break
+        move = move_of(current, fits, gone, at, aim)
+        if move is not None and fits.evidence(move) < aim:
+            best, aim = move, fits.evidence(move)
+    return best
 
 
-def _p_values(current: Screening, effects: Sequence[str]) -> list[float]:
-    """Probability that chance explains as much as each effect with the others, along the model's path."""
-    return [_p_value(current, symbol) for symbol in effects]
+def extended(current: Screening, fits: Fits) -> list[FittedModel]:
+    """Models with one candidate more, of those that may be the most likely.
 
-
-def _p_value(current: Screening, symbol: str, gain: float | None = None) -> float:
-    """Probability that chance lowers the deviance as much as an effect of the model does.
-
-    By default as it does in the rows along the model's path.
+    What it gains is beyond chance, and leaves that no place in its credible set. What columns gain is taken
+    to be as far off as it was in the fits that were done: much where effects are strong.
     """
-    model = current.model
-    column, kept = model.columns_of(symbol)[0], model.columns_without((symbol,))
-    bare = _without(current, symbol)
-    single = each_column(current.products, kept, [1 + column], bare)
-    gain = bare.deviance - current.whole.deviance if gain is None else gain
-    return current.p_value_of(gain, model.trials[column].force, float(single.effective_rows[0]))
+    model, settings = current.model, current.model.settings
+    likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
+    limit, gain_of_column, off = fits.evidence(model) - settings.outside_of_set, 0.0, 0.0
+    models = list[FittedModel]()
+    # As many again as are fitted, since those that gain most may be what no sample can be; and those of
+    # which a column says little.
+    few = 2 * settings.fitted
+    for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.tolerance(at, ()) >= 1.0)):
+        force, of_column = current.trials[at].force, float(current.gains[at])
+        tolerance = max(off, current.tolerance(at, [added.trials[-1].force for added in models]))
+        if of_column <= (1.0 - tolerance) * gain_of_column:
+            continue
+        if frozenset((*current.effects, force.symbol)) in fits.by_chance:
+            continue
+        added = move_of(current, fits, (), [at], min([limit, *map(fits.evidence, models)]))
+        if added is None:
+            continue
+        gain = model.deviance - added.deviance
+        p_value = current.p_value_of(gain, force, current.effective_rows[at])
+        if p_value < settings.level and fits.evidence(added) < limit:
+            gain_of_column = gain_of_column if models else of_column
+            off = max(off, abs(gain / of_column - 1.0))
+            models.append(added)
+    return models
 
 
-def _without(current: Screening, symbol: str) -> Likelihood:
-    """The likelihood of the rows along the model's path without an effect."""
-    return likelihood(current.products, current.model.columns_without((symbol,)))
+def rivals_of(current: Screening, fits: Fits, symbol: str) -> dict[str, float]:
+    """Evidence with each candidate in an effect's place, over its own; of nothing in its place under "".
+
+    Fitted are as many as the settings say, and all that would be in the set along the present path.
+    """
+    settings, here = current.model.settings, fits.evidence(current.model)
+    likelier = {symbol: 0.0}
+    for place, (score, at) in enumerate(replacing(current, (symbol,), by_chance=True)):
+        if place >= settings.fitted and score > settings.outside_of_set:
+            break
+        move = move_of(current, fits, (symbol,), at, here + settings.far)
+        # None: outside of every credible set, or it failed, or there was no time.
+        if move is not None:
+            likelier["".join(current.trials[i].force.symbol for i in at)] = fits.evidence(move) - here
+    return likelier
 
 
 def better_rival(
-    current: Screening, effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
-) -> tuple[FittedModel, tuple[str, ...]] | None:
+    current: Screening, fits: Fits, rivals: Mapping[str, Mapping[str, float]]
+) -> FittedModel | None:
     """The model with a rival in an effect's place that is more likely and beyond chance, or with nothing.
 
     Of two that are as likely the one of fewer shapes is taken.
@@ -272,25 +215,59 @@ def better_rival(
             return None
         likely = {current.trials[at[0]].force.symbol if at else "" for _, at in replacing(current, (symbol,))}
         if name in likely:
-            after = tuple(s for s in effects if s != symbol) + ((name,) if name else ())
-            return fits.kept[frozenset(after)], after
+            return fits.kept[frozenset(current.effects) - {symbol} | {name} - {""}]
     return None
 
 
-def rivals_of(current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits) -> dict[str, float]:
-    """Evidence with each candidate in an effect's place, over its own; of nothing in its place under "".
+def pairs_of(current: Screening, fits: Fits, symbol: str) -> dict[tuple[str, str], float]:
+    """Pairs in an effect's credible set, or likelier: their evidence over its own, the likeliest first.
 
-    Fitted are as many as the settings say, and all that would be in the set along the present path.
+    Notes
+    -----
+    A force whose shape is fitted may follow the sum of two that have none: a damping of the power 2.25 with
+    a viscous one that of dry and quadratic friction. Pairs have no more parameters than the effect, and what
+    either adds to the other is beyond chance. An effect of no shape has no pairs.
     """
     model, settings = current.model, current.model.settings
-    here = evidence(model, effects)
-    likelier = {symbol: 0.0}
-    for place, (score, at) in enumerate(replacing(current, (symbol,), by_chance=True)):
-        if place >= settings.fitted and score > settings.outside_of_set:
-            break
-        move = move_of(current, effects, (symbol,), at, fits, here + settings.far)
-        if move is None:
-            # Outside of every credible set, or it failed, or there was no time.
+    shapes = len(model.columns_of(symbol)) - 1
+    if not shapes:
+        return {}
+    here, likelier = fits.evidence(model), dict[tuple[str, str], float]()
+    scored = [
+        (score, pair)
+        for score, pair in sorted(replacing_pairs(current, (symbol,)))
+        if sum(1 + len(current.trials[at].force.shape) for at in pair) <= 1 + shapes
+    ]
+    for _, pair in scored[: settings.fitted]:
+        if not _both_add(current, symbol, pair):
             continue
-        likelier["".join(current.trials[i].force.symbol for i in at)] = move.evidence - here
-    return likelier
+        move = move_of(current, fits, (symbol,), pair, here + settings.outside_of_set)
+        if move is not None and (excess := fits.evidence(move) - here) < settings.outside_of_set:
+            first, second = (current.trials[at].force.symbol for at in pair)
+            likelier[first, second] = excess
+    return dict(sorted(likelier.items(), key=lambda scored: scored[1]))
+
+
+def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:
+    """True if each of two trials in the place of an effect explains more with the other than chance."""
+    kept = current.model.columns_without((symbol,))
+    p_values = [
+        current.p_value_with([*kept, current.first_trial + other], current.first_trial + at)
+        for at, other in (pair, reversed(pair))
+    ]
+    return max(p_values) < current.model.settings.level
+
+
+def likelier_pair(current: Screening, fits: Fits, most: int) -> FittedModel | None:
+    """The model with a pair in an effect's place of whose credible set the effect is outside, if any.
+
+    `most` : effects that a model may have.
+    """
+    if len(current.effects) >= most:
+        return None
+    for symbol in current.effects:
+        for pair, excess in pairs_of(current, fits, symbol).items():
+            after = frozenset(current.effects) - {symbol} | {*pair}
+            if excess < -current.model.settings.outside_of_set and after not in fits.by_chance:
+                return fits.kept[after]
+    return None

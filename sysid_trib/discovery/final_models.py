@@ -1,23 +1,18 @@
-"""How a search ends: how far a model grows, pairs in the place of one effect, the models that remain."""
+"""How a search ends: how far a model grows, and the models that remain."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discovery.exchange import move_of, replacing_pairs
-from sysid_trib.discovery.fits import Fits, evidence
+from sysid_trib.discovery.fits import Fits
 from sysid_trib.discovery.free_motion import free_motions, model_identification
 from sysid_trib.discovery.omnibus_test import FAMILIES
-from sysid_trib.discovery.screen import Screening
-from sysid_trib.discovery.single_columns import each_column
 from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.start_model import refitted
@@ -26,81 +21,6 @@ from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.validation.random_force_test import dependence_on_motion
-
-
-def pairs_of(
-    current: Screening, effects: tuple[str, ...], symbol: str, fits: Fits
-) -> dict[tuple[str, str], float]:
-    """Pairs in an effect's credible set, or likelier: their evidence over its own, the likeliest first.
-
-    Parameters
-    ----------
-    current : Screening
-        Of the final model.
-    effects : tuple of str
-        Its effects besides the start model's.
-    symbol : str
-        One of these: of no shape it has no pairs.
-    fits : Fits
-
-    Notes
-    -----
-    A force whose shape is fitted may follow the sum of two that have none: a damping of the power 2.25 with
-    a viscous one that of dry and quadratic friction. Pairs have no more parameters than the effect, and what
-    either adds to the other is beyond chance.
-    """
-    model, settings = current.model, current.model.settings
-    shapes = len(model.trials[model.columns_of(symbol)[0]].force.shape)
-    here, likelier = evidence(model, effects), dict[tuple[str, str], float]()
-    if not shapes:
-        return {}
-    scored = [
-        (score, pair)
-        for score, pair in sorted(replacing_pairs(current, (symbol,)))
-        if sum(1 + len(current.trials[at].force.shape) for at in pair) <= 1 + shapes
-    ]
-    for _, pair in scored[: settings.fitted]:
-        if not _both_add(current, symbol, pair):
-            continue
-        move = move_of(current, effects, (symbol,), pair, fits, here + settings.outside_of_set)
-        if move is not None and (excess := move.evidence - here) < settings.outside_of_set:
-            first, second = (current.trials[at].force.symbol for at in pair)
-            likelier[first, second] = excess
-    return dict(sorted(likelier.items(), key=lambda scored: scored[1]))
-
-
-def likelier_pair(
-    current: Screening, effects: tuple[str, ...], fits: Fits, most: int
-) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The model with a pair in an effect's place of whose credible set the effect is outside, if any.
-
-    `most` : effects that a model may have.
-    """
-    settings = current.model.settings
-    if len(effects) >= most:
-        return None
-    for symbol in effects:
-        for pair, excess in pairs_of(current, effects, symbol, fits).items():
-            after = (*(s for s in effects if s != symbol), *pair)
-            if excess < -settings.outside_of_set and frozenset(after) not in fits.by_chance:
-                return fits.kept[frozenset(after)], after
-    return None
-
-
-def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:
-    """True if each of two trials in the place of an effect explains more with the other than chance."""
-    kept = current.model.columns_without((symbol,))
-    columns = [current.first_trial + at for at in pair]
-    for at, other in zip(pair, reversed(columns), strict=True):
-        base = [*kept, other]
-        bare = likelihood(current.products, base)
-        single = each_column(current.products, base, [current.first_trial + at], bare)
-        gain = float(bare.deviance - single.deviance[0])
-        force = current.trials[at].force
-        if current.p_value_of(gain, force, float(single.effective_rows[0])) >= current.model.settings.level:
-            return False
-    return True
-
 
 # A right effect may predict worse while another is missing: so many in a row do not end a search.
 MOST_REFUSED = 1
@@ -132,13 +52,9 @@ class Growth:
     tested: dict[bytes, float] = field(default_factory=dict)
     refused: int = 0
 
-    def anew(self) -> "Growth":
-        """For another search."""
-        return Growth(self.runs, self.predict)
-
     def foretold(self, model: FittedModel) -> Prediction:
         """How a model predicts what was held out."""
-        key = _key(model)
+        key = model.coefficients.tobytes()
         if key not in self.predictions:
             self.predictions[key] = self.predict(model)
         return self.predictions[key]
@@ -170,7 +86,7 @@ class Growth:
         that goes with angle, speed or time (`dependence_on_motion`; Bonferroni). A driven motion may have
         what no spline follows, so that no noise is known without a model: what is left is white then.
         """
-        key = _key(model)
+        key = model.coefficients.tobytes()
         if key not in self.tested:
             self.tested[key] = self._noise_p_value(model)
         return self.tested[key]
@@ -196,60 +112,38 @@ class Growth:
         return float(min(1.0, FAMILIES * len(tested) * min(tested)))
 
 
-def _key(model: FittedModel) -> bytes:
-    return model.coefficients.tobytes()
+Rivals = dict[str, dict[str, float]]
 
 
-class Final(NamedTuple):
-    """A model that a search ends with.
-
-    `model` as the search has it, and `referred`, the same with its frequency as the reference; its effects
-    and their rivals, as `Search` has them; whether it is followed.
-    """
-
-    model: FittedModel
-    referred: FittedModel
-    effects: tuple[str, ...]
-    rivals: dict[str, dict[str, float]]
-    followed: bool
-
-
-def final_of_set(
-    model: FittedModel, effects: tuple[str, ...], rivals: dict[str, dict[str, float]], fits: Fits
-) -> Final:
+def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedModel, FittedModel, Rivals, bool]:
     """The plainest of the models that are as likely; where that is not followed, the likeliest that is.
 
     Of those in a credible set with the model. A force of the user's own is plainer than one of the usual
     candidates, and then one of fewer shapes.
+
+    Returns
+    -------
+    The model as the search has it; with its frequency as the reference; the rivals of its effects; and
+    whether it is followed.
     """
-    referred, settings = refitted(model), model.settings
+    referred, settings, effects = refitted(model), model.settings, fits.effects_of(model)
     followed = not effects or _is_followed(referred)
-    others = [
-        (excess, symbol, name, fitted)
-        for symbol, costs in rivals.items()
-        for name, excess in costs.items()
-        if name not in ("", symbol) and excess < settings.outside_of_set
-        if (fitted := fits.kept.get(frozenset(effects) - {symbol} | {name})) is not None
-    ]
-    if followed:
-        others = [
-            other
-            for other in others
-            if other[0] < settings.tie and _plainness(other[3], other[2]) < _plainness(model, other[1])
-        ]
-
-    def order(other: tuple[float, str, str, FittedModel]) -> tuple[bool, int, float]:
-        return (*(_plainness(other[3], other[2]) if followed else (False, 0)), other[0])
-
-    for excess, symbol, name, fitted in sorted(others, key=order):
+    others = list[tuple[tuple[bool, int], float, str, str, FittedModel]]()
+    for symbol, costs in rivals.items():
+        for name, excess in costs.items():
+            fitted = fits.kept.get(frozenset(effects) - {symbol} | {name})
+            if name in ("", symbol) or excess >= settings.outside_of_set or fitted is None:
+                continue
+            plain = _plainness(fitted, name) if followed else (False, 0)
+            if not followed or (excess < settings.tie and plain < _plainness(model, symbol)):
+                others.append((plain, excess, symbol, name, fitted))
+    for _, excess, symbol, name, fitted in sorted(others, key=lambda other: other[:2]):
         other = refitted(fitted)
         if _is_followed(other):
-            after = tuple(name if named == symbol else named for named in effects)
             costs = {tied: its_excess - excess for tied, its_excess in rivals[symbol].items()}
-            kept = {s: of_effect for s, of_effect in rivals.items() if s != symbol}
-            named = Final(fitted, other, after, kept | {name: costs}, followed=True)
-            return final_of_set(named.model, named.effects, named.rivals, fits) if followed else named
-    return Final(model, referred, effects, rivals, followed)
+            kept = {s: of_effect for s, of_effect in rivals.items() if s != symbol} | {name: costs}
+            return plainest(fitted, kept, fits) if followed else (fitted, other, kept, True)
+    return model, referred, rivals, followed
 
 
 def _plainness(model: FittedModel, symbol: str) -> tuple[bool, int]:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.screen import Screening, screen
 from sysid_trib.discovery.single_columns import are_physical, strengths
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
@@ -104,19 +105,52 @@ def credible(probability: Array, part: float) -> Mask:
 
 @dataclass
 class Fits:
-    """Exact fits of a search: by the symbols of the effects the likeliest; and what could not be fitted.
+    """Exact fits of a search, and candidates held against them.
 
-    After the deadline, by `time.monotonic`, none is done. `by_chance` has the effects of models where chance
-    does as well as one: a search does not come back to them. `tried` has from where each fit started, and the
-    deviance that it was asked to reach if it was given up above that: for a higher one it is tried again.
+    Attributes
+    ----------
+    start : FittedModel
+        The model that effects are added to.
+    candidates : sequence of Force
+    deadline : float
+        By `time.monotonic`: after it no model is fitted.
+    kept : dict of frozenset of str to FittedModel
+        The likeliest of each set of effects.
+    screenings : dict of frozenset of str to Screening
+        Of the candidates with a model of each set of effects.
+    failed : list of str
+        What could not be fitted.
+    by_chance : set of frozenset of str
+        Effects of models where chance does as well as one: a search does not come back to them.
+    tried : dict
+        From where each fit started, and the deviance that it was asked to reach if it was given up above
+        that: for a higher one it is tried again.
     """
 
     start: FittedModel
+    candidates: Sequence[Force] = ()
     deadline: float = np.inf
     kept: dict[frozenset[str], FittedModel] = field(default_factory=dict)
+    screenings: dict[frozenset[str], Screening] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
     by_chance: set[frozenset[str]] = field(default_factory=set)
     tried: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
+
+    def effects_of(self, model: FittedModel) -> tuple[str, ...]:
+        """Symbols of what a model has besides the start model's forces."""
+        return tuple(self._symbols(model.trials))
+
+    def evidence(self, model: FittedModel) -> float:
+        """Minus twice the logarithm of the evidence of a model."""
+        return evidence(model, self.effects_of(model))
+
+    def screened(self, model: FittedModel) -> Screening:
+        """The candidates that are not in a model, held against one of the same effects, once."""
+        key = frozenset(effects := self.effects_of(model))
+        if key not in self.screenings:
+            rest = [force for force in self.candidates if force.symbol not in key]
+            self.screenings[key] = screen(model, rest, effects)
+        return self.screenings[key]
 
     @property
     def out_of_time(self) -> bool:
@@ -137,15 +171,10 @@ class Fits:
         forces are dropped alone from the shapes of the near model too: its optimum may be a better one.
         """
         stay = [t for t in near.trials if t.force.symbol not in drop]
-        key = self._key([*stay, *add])
-        fitted = self.kept.get(key)
-        if (
-            fitted is not None
-            and not any(trial.starts for trial in add)
-            and (add or fitted.deviance <= worst)
-        ):
+        key = frozenset(self._symbols([*stay, *add]))
+        fitted, failed_before = self.kept.get(key), len(self.failed)
+        if fitted is not None and add and not any(trial.starts for trial in add):
             return fitted
-        failed_before = len(self.failed)
         for added in _from_each_start(add):
             if fitted is not None and fitted.deviance <= worst:
                 break
@@ -161,7 +190,6 @@ class Fits:
     ) -> FittedModel | None:
         """A fit from these shapes, once; None if it does not settle."""
         trials = [*stay, *added]
-        key = self._key(trials)
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
         if self.ended or self.tried.get(place, -np.inf) >= worst:
             return None
@@ -170,11 +198,11 @@ class Fits:
             return _is_physical(fitted, len(self.start.trials))
 
         limits = Limits(worst, possible)
-        model = self._fitted(near, trials, limits)
-        if self._is_local_optimum(model, key):
+        model = _fitted(near, trials, limits)
+        if self._is_local_optimum(model):
             # Whole steps may lead there, where the first ones are far.
-            model = self._fitted(near, trials, limits, part=0.5)
-            model = None if self._is_local_optimum(model, key) else model
+            model = _fitted(near, trials, limits, part=0.5)
+            model = None if self._is_local_optimum(model) else model
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
         settled = model is not None and model.settled and physical
@@ -184,29 +212,35 @@ class Fits:
             self.failed += [trial.force.symbol for trial in added]
         return model.without_caches() if model is not None and settled else None
 
-    def _key(self, trials: Sequence[TrialEffect]) -> frozenset[str]:
-        """Symbols of the effects of a model, those besides the start model's."""
-        return frozenset(t.force.symbol for t in trials) - {t.force.symbol for t in self.start.trials}
+    def _symbols(self, trials: Sequence[TrialEffect]) -> list[str]:
+        """Symbols of the trials besides the start model's."""
+        of_start = {trial.force.symbol for trial in self.start.trials}
+        return [trial.force.symbol for trial in trials if trial.force.symbol not in of_start]
 
-    def _is_local_optimum(self, model: FittedModel | None, key: frozenset[str]) -> bool:
+    def _is_local_optimum(self, model: FittedModel | None) -> bool:
         """True if a fit has settled where it is less likely than a model that it contains."""
-        deviances = [kept.deviance for symbols, kept in self.kept.items() if symbols <= key]
-        contained = min(deviances, default=np.inf)
-        return model is not None and model.settled and model.deviance > contained + ROUNDS_AGREE
+        if model is None or not model.settled:
+            return False
+        key = frozenset(self._symbols(model.trials))
+        contained = min(
+            (kept.deviance for symbols, kept in self.kept.items() if symbols <= key), default=np.inf
+        )
+        return model.deviance > contained + ROUNDS_AGREE
 
-    def _fitted(
-        self, near: FittedModel, trials: Sequence[TrialEffect], limits: Limits, part: float = 1.0
-    ) -> FittedModel | None:
-        known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
-        first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
-        paths = [rows.path for rows in near.rows]
-        try:
-            model = fit_model(
-                paths, trials, frequency_free=near.frequency_free, first=first, limits=limits, part=part
-            )
-        except NOT_FITTED:
-            return None
-        return model if model.is_finite else None
+
+def _fitted(
+    near: FittedModel, trials: Sequence[TrialEffect], limits: Limits, part: float = 1.0
+) -> FittedModel | None:
+    """A fit from the coefficients and paths of another model; None where it has no finite likelihood."""
+    known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
+    first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
+    paths = [rows.path for rows in near.rows]
+    free = near.frequency_free
+    try:
+        model = fit_model(paths, trials, frequency_free=free, first=first, limits=limits, part=part)
+    except NOT_FITTED:
+        return None
+    return model if model.is_finite else None
 
 
 def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:

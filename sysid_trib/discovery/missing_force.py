@@ -1,10 +1,9 @@
 """Forces that may be missing: what a residual asks for, and what a record could show or tell apart."""
 
-from collections.abc import Iterable, Sequence
-from operator import attrgetter
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-import xarray as xr
 from scipy.stats import binned_statistic_2d
 
 from sysid_trib.arrays import Array
@@ -16,24 +15,19 @@ from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.run_products import RunProducts
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.results.effects import NAMED
-from sysid_trib.results.variables import PER_FORCE_UNIT, text_variable, variable
 
 # Cells of the map, each way.
 CELLS = 11
 
 
-def mean_missing_force(runs: Sequence[FreeMotion]) -> xr.Dataset:
+def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
     """Mean force that residuals ask for, in cells of angle and rate.
-
-    Parameters
-    ----------
-    runs : sequence of FreeMotion
 
     Returns
     -------
-    xr.Dataset
-        Over `x` and `v` (rad): `force` as a part of I w^2 (nan without samples), its `standard_error` by the
-        noise alone, and the number of `samples`.
+    dict
+        `x` and `v` (rad); over both `force` as a part of I w^2 (nan without samples), its `standard_error` by
+        the noise alone, and the number of `samples`.
     """
     cells = [(run.x, run.v, _force(run), _force_of_noise(run)) for run in runs]
     x, v, force, drawn = (np.concatenate(part, axis=-1) for part in zip(*cells, strict=True))
@@ -49,18 +43,7 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> xr.Dataset:
     mean, *scatter = np.where(samples > 0, binned[1:] / np.maximum(samples, 1.0), np.nan)
     error = np.sqrt(np.mean(np.square(scatter), axis=0))
     middle = 0.5 * (edges[1:] + edges[:-1])
-    both = ("x", "v")
-    return xr.Dataset(
-        {
-            "force": variable(both, mean, "force that the residual asks for, over I w^2", "rad"),
-            "standard_error": variable(both, error, "standard error of that force by the noise", "rad"),
-            "samples": variable(both, samples, "number of samples", "1"),
-        },
-        {
-            "x": variable("x", middle, "angle", "rad"),
-            "v": variable("v", middle, "angular rate over w", "rad"),
-        },
-    )
+    return {"x": middle, "v": middle, "force": mean, "standard_error": error, "samples": samples}
 
 
 def _force(run: FreeMotion) -> Array:
@@ -129,7 +112,7 @@ def collinear_effects(
     return collinear
 
 
-def detectability(screening: Screening) -> xr.Dataset:
+def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
     """Detectable coefficient of each candidate, and which are alike, from what the model cannot explain.
 
     Parameters
@@ -139,48 +122,33 @@ def detectability(screening: Screening) -> xr.Dataset:
 
     Returns
     -------
-    xr.Dataset
+    values : dict of str to array
         Over `candidate`: `detectable`, the coefficient that would stand out by five standard errors (at the
         best value of its shape parameters, of those tried; nan if not testable), `independent_fraction` of
         its column that those of the model cannot make, `testable` and the `reason` why not; and
         `cosine(candidate, other)` between what is outside of the model's columns, `alike` where two differ by
         less than a credible set spans if one of them has 20 standard errors.
+    forces : list of Force
+        The candidates.
     """
-    trials = screening.trials
-    symbols = list(dict.fromkeys(trial.force.symbol for trial in trials))
-    at = [_best(screening, symbol) for symbol in symbols]
-    places = np.array(at, dtype=int)
-    forces = [trials[i].force for i in at]
+    symbols = dict.fromkeys(trial.force.symbol for trial in screening.trials)
+    at = np.array([_best(screening, symbol) for symbol in symbols], dtype=int)
+    reasons = [screening.reasons[i] for i in at]
     # Where every candidate was added there is none.
-    testable = np.array([not screening.reasons[i] for i in at], dtype=bool)
-    cosine = np.abs(screening.correlation[np.ix_(places, places)])
+    testable = np.array([not reason for reason in reasons], dtype=bool)
+    cosine = np.abs(screening.correlation[np.ix_(at, at)])
     np.fill_diagonal(cosine, 1.0)
     nearest = np.sqrt(1.0 - screening.model.settings.outside_of_set / NAMED**2)
-    alike = (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(symbols), dtype=bool)
-    # An effect of this many standard errors is detected.
-    detectable = np.where(testable, 5.0 * screening.errors[places], np.nan)
-    single, both = "candidate", ("candidate", "other")
-    reasons = [screening.reasons[i] for i in at]
-    fraction = "part of its column that the model's cannot make"
-    texts = texts_of(forces, ("name", "family", "formula", "unit"))
-    labels = {name: ("candidate", values) for name, values in texts.items()}
-    return xr.Dataset(
-        {
-            "detectable": variable(single, detectable, "coefficient of five standard errors", PER_FORCE_UNIT),
-            "independent_fraction": variable(single, screening.outside[places], fraction, "1"),
-            "testable": variable(single, testable, "whether the record can test it"),
-            "reason": text_variable(single, reasons, "why it cannot be tested"),
-            "alike": variable(both, alike, "whether the record could not tell the two apart"),
-            "cosine": variable(both, cosine, "cosine between the columns", "1"),
-        },
-        {"candidate": symbols, "other": symbols, **labels},
-    )
-
-
-def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, list[str]]:
-    """Texts of forces by the names that results give them."""
-    paths = {"unit": "units", "formula": "formula.text"}
-    return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
+    values = {
+        # An effect of this many standard errors is detected.
+        "detectable": np.where(testable, 5.0 * screening.errors[at], np.nan),
+        "independent_fraction": screening.outside[at],
+        "testable": testable,
+        "reason": reasons,
+        "alike": (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(at), dtype=bool),
+        "cosine": cosine,
+    }
+    return values, [screening.trials[i].force for i in at]
 
 
 def _best(screening: Screening, symbol: str) -> int:

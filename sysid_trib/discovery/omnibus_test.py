@@ -1,7 +1,7 @@
 """Omnibus test: forces of any form, and lines in the spectrum, whatever their name or cause."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
@@ -9,14 +9,13 @@ import scipy.sparse as sp
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discovery.single_columns import each_column, strengths
+from sysid_trib.discovery.single_columns import each_column, known_directions, known_finely, strengths
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_products import RunProducts
 from sysid_trib.likelihood.run_rows import RunRows
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
 # Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
@@ -30,45 +29,15 @@ TRIAL_HARMONICS = range(1, 5)
 ROWS_OF_NOISE = 60
 
 
-@dataclass(frozen=True)
-class OmnibusTest:
-    """A test that knows no candidate.
-
-    Attributes
-    ----------
-    names : tuple of str
-        TrialEffect forces, such as `r^2 sin 3 phi`.
-    z : (trial_force,) array of float
-        Score of each: the root of what it gains alone, with the sign of its coefficient.
-    p_value : float
-        The smallest of those of the highest score, of the strongest line in the spectrum, of the part of the
-        record in which most is left and, where these do not reject, of all together; `corrected`.
-    """
-
-    names: tuple[str, ...]
-    z: Array
-    p_value: float
-
-    def widening(self, level: float) -> float:
-        """By how much errors by the noise are too small where the test rejects at a level; 1 at least.
-
-        What is missing moves coefficients as it moves the scores of forces of any form: by as much as these
-        are larger than scores of noise, whose mean square is 1 (Birge 1932).
-        """
-        tested = self.z[self.z != 0.0]
-        rejects = self.p_value < level and len(tested)
-        return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
-
-
 def corrected(p_value: float) -> float:
     """The p-value of the smallest of the omnibus tests, with that of the candidates (Bonferroni)."""
     return min(1.0, FAMILIES * OMNIBUS_TESTS * p_value)
 
 
-def trial_names() -> tuple[str, ...]:
+def trial_names() -> list[str]:
     """Names of the 36 trial forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4."""
     waves = ["", *(f" {wave} {m} phi" for m in TRIAL_HARMONICS for wave in ("cos", "sin"))]
-    return tuple(f"r^{k}{wave}" for k in TRIAL_POWERS for wave in waves)
+    return [f"r^{k}{wave}" for k in TRIAL_POWERS for wave in waves]
 
 
 def trial_columns(path: RecordPath) -> Array:
@@ -86,11 +55,10 @@ def trial_columns(path: RecordPath) -> Array:
 def omnibus(
     products: Sequence[RunProducts],
     along: Sequence[Array],
-    tested: Mask,
-    mixtures: Array,
+    testable: Mask,
     model: FittedModel,
     whole: Likelihood,
-) -> OmnibusTest:
+) -> tuple[Array, float]:
     """Test what a model leaves against forces of any form.
 
     Parameters
@@ -99,36 +67,46 @@ def omnibus(
         The model's columns are the first, the trial forces the last.
     along : sequence of (row, trial_force) array of float
         The trial forces in each run.
-    tested : (trial_force,) array of bool
-        Those that differ from the model's columns and act no more finely than the motion is known.
-    mixtures : (trial_force, mixture) array of float
-        Of the trial forces, that are known so.
+    testable : (trial_force,) array of bool
+        Those that differ from the model's columns.
     model : FittedModel
     whole : Likelihood
         Of its columns among the products.
+
+    Returns
+    -------
+    z : (trial_force,) array of float
+        Score of each: the root of what it gains alone, with the sign of its coefficient; 0 of those that are
+        not testable, or that act more finely than the motion is known.
+    p_value : float
+        The smallest of those of the highest score, of the strongest line in the spectrum, of the part of the
+        record in which most is left and, where these do not reject, of all together; `corrected`.
 
     Notes
     -----
     With and without trial forces both variances of each run take their most likely values: what a random
     force has been blamed for is found.
     """
+    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
+    aside = [trial_columns(rows.path) for rows in possible]
+    tested = known_finely(model, along, aside) & testable
     base, count = range(1, 1 + model.columns), products[0].products.shape[1]
-    trials = range(count - len(tested), count)
-    single = each_column(products, base, trials, whole)
-    gains = np.maximum(0.0, whole.deviance - single.deviance)
-    scores = np.sqrt(gains * of_many_rows(single.effective_rows, 1 + model.columns))
-    z = np.where(tested, scores * np.sign(single.coefficients), 0.0)
+    deviance, coefficients, _, rows = each_column(products, base, range(count - len(tested), count), whole)
+    gains = np.maximum(0.0, whole.deviance - deviance)
+    scores = np.sqrt(gains * of_many_rows(rows, 1 + model.columns))
+    z = np.where(tested, scores * np.sign(coefficients), 0.0)
     largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
     residuals = model.white_residuals()
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
     if corrected(least) >= model.settings.level:
+        mixtures = known_directions(model, along, aside)
         mixtures, mixed, together = _of_possible_size(products, along, mixtures, model)
         gain = max(0.0, whole.deviance - together.deviance)
         # Chance gains more than a chi-square of their number: simulated where that would decide.
         if corrected(float(chi2.sf(gain, mixtures.shape[1]))) < model.settings.level:
             tried = [columns @ mixtures for columns in along]
             least = _p_value_by_simulation(gain, model, whole, tried, mixed)
-    return OmnibusTest(trial_names(), z, corrected(least))
+    return z, corrected(least)
 
 
 def _of_possible_size(

@@ -1,23 +1,21 @@
 """Tests of whether runs differ, and whether names and coefficients stand in parts of the record."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-import xarray as xr
+from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.fits import evidence, probabilities
+from sysid_trib.discovery.fits import probabilities
 from sysid_trib.discovery.search import Search
-from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.weak_form import cholesky_factor
 from sysid_trib.records.decay import RECORD_PARTS
-from sysid_trib.results.variables import chi_square_test, text_variable, variable
 
 
-def homogeneity(models: Sequence[FittedModel]) -> xr.Dataset:
+def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     """Test of each model for runs that differ, by small deviations.
 
     Parameters
@@ -27,7 +25,7 @@ def homogeneity(models: Sequence[FittedModel]) -> xr.Dataset:
 
     Returns
     -------
-    xr.Dataset
+    dict
         Over `model`: `chi_square` that coefficients, shapes and frequency of each run would explain of the
         residual, with `degrees_of_freedom`, `p_value` and `differ`; `most`, the parameter that explains most
         of it by itself; and `gain`, by how much the effect added next lowers the deviance, nan of the last.
@@ -37,22 +35,17 @@ def homogeneity(models: Sequence[FittedModel]) -> xr.Dataset:
     Rao's score test, in both noises of each run. A force of another form than the model's changes from run to
     run with the amplitude: the test says that the runs ask for different coefficients, not why.
     """
-    rows = [_differing(model) for model in models]
+    chi_square, count, most = zip(*(_differing(model) for model in models), strict=True)
+    p_value = chi2.sf(chi_square, count)
     gains = [before.deviance - after.deviance for before, after in pairwise(models)]
-    chi_square, count, most = zip(*rows, strict=True)
-    test = chi_square_test("model", list(chi_square), list(count), "chi-square explained by runs that differ")
-    return xr.Dataset(
-        {
-            **test,
-            "differ": variable(
-                "model",
-                test["p_value"][1] < models[0].settings.level,
-                "whether the p-value is below the level",
-            ),
-            "most": text_variable("model", most, "parameter that differs most"),
-            "gain": variable("model", [*gains, np.nan], "deviance explained by the next effect", "1"),
-        }
-    )
+    return {
+        "chi_square": list(chi_square),
+        "degrees_of_freedom": list(count),
+        "p_value": p_value,
+        "differ": p_value < models[0].settings.level,
+        "most": list(most),
+        "gain": [*gains, np.nan],
+    }
 
 
 def _differing(model: FittedModel) -> tuple[float, int, str]:
@@ -92,82 +85,33 @@ def _squares_left(design: Array, target: Array) -> tuple[float, int]:
     return float(target @ target - np.sum((basis.T @ target) ** 2)), basis.shape[1]
 
 
-class InParts(NamedTuple):
-    """An effect in parts of the record.
+def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
+    """An effect of a search against its rivals, itself among them, in parts of the record.
 
-    `costs` : of each rival (part,) minus twice the logarithm of its evidence over the effect's, on rows along
-    its own path, its coefficients those of the part; `stands` : (part,) whether the effect is in the set.
+    Returns
+    -------
+    dict of str to (part,) array of float
+        Of each rival minus twice the logarithm of its evidence over the effect's, on rows along its own path,
+        its coefficients those of the part.
     """
-
-    costs: dict[str, Array]
-    stands: Array
-
-    @property
-    def likeliest(self) -> list[str]:
-        """The likeliest name by each part, "" for no force in the effect's place."""
-        names = list(self.costs)
-        return [names[at] for at in np.argmin([*self.costs.values()], axis=0)]
-
-    def probabilities(self, whole: dict[str, float]) -> Array:
-        """Probability of each rival, (rival,): the mean over the whole record and its parts."""
-        table = [
-            np.append(self.costs.get(name, np.full(len(RECORD_PARTS), np.inf)), whole[name]) for name in whole
-        ]
-        return np.asarray(np.mean([probabilities(costs) for costs in np.transpose(table)], axis=0))
+    rest, scores = frozenset(search.effects) - {symbol}, dict[str, Array]()
+    for name in search.rivals[symbol]:
+        model = search.fits.kept.get(rest | {name} - {""})
+        if model is not None:
+            scores[name] = _deviances(model) + (search.fits.evidence(model) - model.deviance)
+    own = scores.setdefault(symbol, np.zeros(len(RECORD_PARTS)))
+    return {name: score - own for name, score in scores.items()}
 
 
-class Stability(NamedTuple):
-    """How a search stands in parts of the record.
-
-    `names` : each of its effects there. `predictions` : of what was held out, by its models.
-    `noise_p_value` : see `Growth`; where the final model leaves more than noise (not `is_complete`), sets and
-    errors allow for how names and coefficients move between parts.
-    `model_error` : (trial + 1,) of the coefficients and the frequency (rad/s), by that alone.
-    """
-
-    names: dict[str, InParts]
-    predictions: Sequence[Prediction]
-    noise_p_value: float
-    model_error: Array
-
-    @property
-    def is_complete(self) -> bool:
-        """True if the model follows the record to the noise."""
-        return self.noise_p_value >= 1.0
+def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float]) -> Array:
+    """Probability of each rival, (rival,): the mean over the whole record, by `whole`, and its parts."""
+    missing = np.full(len(RECORD_PARTS), np.inf)
+    table = [np.append(costs.get(name, missing), of_whole) for name, of_whole in whole.items()]
+    return np.asarray(np.mean([probabilities(of_part) for of_part in np.transpose(table)], axis=0))
 
 
-def stability_of(search: Search, predictions: Sequence[Prediction], noise_p_value: float) -> Stability:
-    """How the effects and the final model of a search stand in parts of the record."""
-    last = search.models[-1]
-    error = np.zeros(len(last.trials) + 1)
-    # Nor is it known whether a search that ran out of time leaves but noise.
-    if not noise_p_value >= 1.0:
-        error = _error_of_model(last)
-        error[-1] *= 0.5 * last.rows[0].path.frequency
-    return Stability(names_in_parts(search), predictions, noise_p_value, error)
-
-
-def names_in_parts(search: Search) -> dict[str, InParts]:
-    """Each effect of a search against its rivals in parts of the record."""
-    outside, kept, names = search.models[0].settings.outside_of_set, search.fits.kept, dict[str, InParts]()
-    for symbol, rivals in search.rivals.items():
-        rest = frozenset(search.effects) - {symbol}
-        models = {name: kept.get(rest | ({name} if name else set())) for name in rivals}
-        scores = {
-            name: _deviances(model) + evidence(model, [*rest, *[name] * bool(name)]) - model.deviance
-            for name, model in models.items()
-            if model is not None
-        }
-        reference = scores.get(symbol, np.zeros(len(RECORD_PARTS)))
-        costs = {name: score - reference for name, score in scores.items()} | {
-            symbol: np.zeros(len(RECORD_PARTS))
-        }
-        names[symbol] = InParts(costs, np.min([*costs.values()], axis=0) > -outside)
-    return names
-
-
-def _error_of_model(model: FittedModel) -> Array:
-    """Part of the errors of coefficients and stiffness that no noise explains, (trial + 1,).
+def error_of_model(model: FittedModel) -> Array:
+    """Part of the errors of coefficients and frequency (rad/s) that no noise explains, (trial + 1,).
 
     By how much they move between parts of the record beyond what less data does; shapes are held.
     """
@@ -182,7 +126,9 @@ def _error_of_model(model: FittedModel) -> Array:
     expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
     movement = np.mean((values[1:] - values[0]) ** 2, axis=0)
     error = np.sqrt(np.maximum(movement - expected, 0.0))
-    return error if model.frequency_free else np.append(error[:count], 0.0)
+    # Of the stiffness twice as much, in parts; none where the frequency is held.
+    error[count:] *= 0.5 * model.rows[0].path.frequency * model.frequency_free
+    return error
 
 
 def _rows(table: Array, low: float, high: float) -> slice:
@@ -200,17 +146,13 @@ def _deviances(model: FittedModel) -> Array:
     ]
     deviances = []
     for part in RECORD_PARTS.values():
-        inside = [table[_rows(table, *part)] for table in tables]
-        target, design = np.concatenate(inside)[:, 0], np.concatenate(inside)[:, 1:]
-        residual = target - design @ _least_squares(design, target)
+        inside = np.concatenate([table[_rows(table, *part)] for table in tables])
+        target, design = inside[:, 0], inside[:, 1:]
+        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        residual = target - design @ (np.linalg.lstsq(design / size, target, rcond=1e-10)[0] / size)
         determinant = sum(float(np.sum(of_run[_rows(of_run, *part)])) for of_run in logarithms)
         deviances.append(float(residual @ residual) + determinant)
     return np.array(deviances)
-
-
-def _least_squares(design: Array, target: Array) -> Array:
-    size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    return np.asarray(np.linalg.lstsq(design / size, target, rcond=1e-10)[0] / size)
 
 
 def _solved(tables: Sequence[Array]) -> tuple[Array, Array]:

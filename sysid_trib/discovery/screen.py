@@ -1,8 +1,8 @@
 """Candidates held against a model, each as one more column: what each would gain, and whether by chance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,22 +11,25 @@ from scipy.signal import find_peaks
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discovery.known_columns import are_known_finely, known_directions, known_finely
-from sysid_trib.discovery.omnibus_test import FAMILIES, OmnibusTest, omnibus, trial_columns
+from sysid_trib.discovery.omnibus_test import FAMILIES, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.discovery.single_columns import (
+    are_known_finely,
     are_physical,
     correlation_of,
     each_column,
     is_physical,
+    products_with,
     projected,
     strengths,
+    where_finite,
 )
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.likelihood.run_products import RunProducts, has_products
+from sysid_trib.likelihood.run_products import RunProducts
 from sysid_trib.likelihood.trials import TrialEffect, frequencies_of, has_frequency_parameter, trials_of
+from sysid_trib.records.decay import root_mean_square
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 # Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
@@ -58,12 +61,12 @@ class Screening:
         RMS of its force, with a coefficient of 1, over the restoring force.
     tests : float
         Number of independent tests, those of the omnibus test counted as as many.
-    p_values : (trial,) array of float
-        Of a larger gain by chance of any of them.
-    products : tuple of RunProducts
+    products : sequence of RunProducts
         Of the model's columns, then the trials', then the omnibus test's.
-    omnibus : OmnibusTest
-        Of what the model leaves.
+    omnibus_z : (trial_force,) array of float
+        Scores of forces of any form: roots of what each gains alone, with the sign of its coefficient.
+    omnibus_p_value : float
+        Of the test that knows no candidate (see `omnibus`).
     whole : Likelihood
         Of the model's columns along its path, steps of its shapes among them.
     effects : tuple of str
@@ -83,9 +86,9 @@ class Screening:
     correlation: Array
     relative_force: Array
     tests: float
-    p_values: Array
-    products: tuple[RunProducts, ...]
-    omnibus: OmnibusTest
+    products: Sequence[RunProducts]
+    omnibus_z: Array
+    omnibus_p_value: float
     whole: Likelihood
     effects: tuple[str, ...] = ()
     fine: dict[int, bool] = field(default_factory=dict)
@@ -99,6 +102,23 @@ class Screening:
     def z(self) -> Array:
         """Root of what each trial gains, with the sign of its coefficient, (trial,)."""
         return np.sqrt(self.gains) * np.sign(self.coefficients)
+
+    @cached_property
+    def p_values(self) -> Array:
+        """P-value of each trial: of a larger gain by chance of any of them, (trial,)."""
+        gained = zip(self.gains, self.trials, self.effective_rows, strict=True)
+        return np.array([self.p_value_of(gain, trial.force, rows) for gain, trial, rows in gained])
+
+    @property
+    def widening(self) -> float:
+        """By how much errors by the noise are too small where the omnibus test rejects; 1 at least.
+
+        What is missing moves coefficients as it moves the scores of forces of any form: by as much as these
+        are larger than scores of noise, whose mean square is 1 (Birge 1932).
+        """
+        tested = self.omnibus_z[self.omnibus_z != 0.0]
+        rejects = self.omnibus_p_value < self.model.settings.level and len(tested)
+        return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
 
     def best(self) -> list[int]:
         """The trial of each candidate that gains most, the best first; without what is not testable."""
@@ -163,6 +183,25 @@ class Screening:
             p_value += FAMILIES * lines * float(np.sqrt(np.pi / 6.0 * gain) * np.exp(-0.5 * gain))
         return min(1.0, p_value)
 
+    def p_value_with(self, others: Sequence[int], column: int, gain: float | None = None) -> float:
+        """Probability that chance gains as much as a column of `products` does with others, or so much."""
+        bare = likelihood(self.products, others)
+        deviance, _, _, rows = each_column(self.products, others, [column], bare)[:, 0].tolist()
+        trials = self.trials if column >= self.first_trial else self.model.trials
+        force = trials[column - (self.first_trial if column >= self.first_trial else 1)].force
+        return self.p_value_of(bare.deviance - deviance if gain is None else gain, force, rows)
+
+    def gain_of(self, symbols: Sequence[str]) -> float:
+        """By how much effects of the model lower its deviance, along its path."""
+        without = likelihood(self.products, self.model.columns_without(symbols))
+        return without.deviance - self.whole.deviance
+
+    def p_value_of_effect(self, symbol: str, gain: float | None = None) -> float:
+        """Probability that chance gains as much as an effect of the model along its path, or so much."""
+        gain = self.gain_of((symbol,)) if gain is None else gain
+        column = 1 + self.model.columns_of(symbol)[0]
+        return self.p_value_with(self.model.columns_without((symbol,)), column, gain)
+
 
 def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[str] = ()) -> Screening:
     """Hold candidates against a model, at grids of their shape parameters.
@@ -174,47 +213,41 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     effects : sequence of str
         Of the model, that candidates may replace.
     """
-    trials, columns = _tried(model, candidates, effects)
-    good = np.all([has_products(column) for column in columns], axis=0)
-    columns = [np.where(good, column, 0.0) for column in columns]
+    settings, (trials, columns) = model.settings, _tried(model, candidates, effects)
+    good, columns = where_finite(columns)
     along = [trial_columns(rows.path) for rows in model.rows]
-    tables = [list(part) for part in zip(model.tables, columns, along, strict=True)]
-    products = tuple(
-        rows.products(np.column_stack(table)) for rows, table in zip(model.rows, tables, strict=True)
-    )
-    base, offered, trial_forces = _numbered(tables[0])
+    products = products_with(model, columns, along)
+    # The first column follows the target.
+    first, last = 1 + model.columns, 1 + model.columns + len(trials)
+    base, offered, trial_forces = range(1, first), range(first, last), range(last, last + along[0].shape[1])
     whole = likelihood(products, base)
     part, rest = projected(products, whole, base, [*offered, *trial_forces])
     reasons = ["" if finite else NOT_FINITE for finite in good]
-    for at in np.flatnonzero(good & (part[: len(trials)] < model.settings.testable)):
+    for at in np.flatnonzero(good & (part[: len(trials)] < settings.testable)):
         reasons[at] = SAME_EFFECT
     relative_force = strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
-    single = each_column(products, base, offered, whole)
-    fitted = able & are_physical(trials, single.coefficients, relative_force, model.settings.strongest)
-    gains = np.where(fitted, whole.deviance - single.deviance, 0.0)
-    gains = np.maximum(0.0, gains)
+    deviance, coefficients, errors, effective_rows = each_column(products, base, offered, whole)
+    fitted = able & are_physical(trials, coefficients, relative_force, settings.strongest)
+    gains = np.maximum(0.0, np.where(fitted, whole.deviance - deviance, 0.0))
     correlation = correlation_of(rest[: len(trials), : len(trials)])
-    tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], model.settings.seed)
-    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
-    aside = [trial_columns(rows.path) for rows in possible]
-    tested = known_finely(model, along, aside) & (part[len(trials) :] >= model.settings.testable)
-    test = omnibus(products, along, tested, known_directions(model, along, aside), model, whole)
+    tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], settings.seed)
+    z, p_value = omnibus(products, along, part[len(trials) :] >= settings.testable, model, whole)
     screening = Screening(
         model=model,
         trials=trials,
         reasons=reasons,
         gains=gains,
-        coefficients=np.where(able, single.coefficients, 0.0),
-        errors=np.where(able, single.errors, np.nan),
-        effective_rows=single.effective_rows,
+        coefficients=np.where(able, coefficients, 0.0),
+        errors=np.where(able, errors, np.nan),
+        effective_rows=effective_rows,
         outside=part[: len(trials)],
         correlation=correlation,
         relative_force=relative_force,
         tests=tests,
-        p_values=np.ones(len(trials)),
         products=products,
-        omnibus=test,
+        omnibus_z=z,
+        omnibus_p_value=p_value,
         whole=whole,
         effects=tuple(effects),
     )
@@ -222,9 +255,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
     for too_fine in (at for at, fine in screening.fine.items() if not fine):
         reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0
-    gained = zip(gains, trials, single.effective_rows, strict=True)
-    p_values = np.array([screening.p_value_of(gain, t.force, rows) for gain, t, rows in gained])
-    return replace(screening, p_values=p_values)
+    return screening
 
 
 def _tried(
@@ -245,12 +276,6 @@ def _tried(
         return trials, columns
     further = [rows.coarse_columns(tops) for rows in model.rows]
     return [*trials, *tops], [np.column_stack(pair) for pair in zip(columns, further, strict=True)]
-
-
-def _numbered(tables: Sequence[Array]) -> list[list[int]]:
-    """Numbers of the columns of tables side by side, of which the first follows the target."""
-    ends = np.cumsum([1, *(table.shape[1] for table in tables)]).tolist()
-    return [list(range(start, end)) for start, end in pairwise(ends)]
 
 
 def independent_tests(correlation: Array, seed: int = 0) -> float:

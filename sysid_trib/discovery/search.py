@@ -1,36 +1,25 @@
 """The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from sysid_trib.discovery.exchange import (
-    Move,
     better_rival,
-    chance_in_set,
-    decisive_p_values,
-    exchange_effects,
-    move_of,
-    not_beyond_chance,
+    exchanged,
+    extended,
+    likelier_pair,
+    pairs_of,
     rivals_of,
 )
-from sysid_trib.discovery.final_models import (
-    Final,
-    Growth,
-    final_of_set,
-    likelier_pair,
-    nested_models,
-    pairs_of,
-)
-from sysid_trib.discovery.fits import Fits, evidence
+from sysid_trib.discovery.final_models import Growth, nested_models, plainest
+from sysid_trib.discovery.fits import Fits
 from sysid_trib.discovery.missing_force import collinear_effects
-from sysid_trib.discovery.screen import Screening, screen
+from sysid_trib.discovery.screen import Screening
+from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import Tell, silent
-from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
 
 
 @dataclass(frozen=True)
@@ -53,12 +42,10 @@ class Search:
         own; of nothing in its place under "".
     pairs : dict of str to dict of (str, str) to float
         Of each effect the pairs of candidates that may be the truth in its place, likewise.
-    failed : tuple of str
-        Candidates whose fits failed.
-    outstanding : tuple of str
+    outstanding : list of str
         Candidates that would gain more than chance, and are not in the model: no more effects were asked for,
         they do not improve what was held out, their fits failed, or the search ended before.
-    next_best : Move or None
+    next_best : FittedModel or None
         The likeliest model with one of them, where `outstanding` has any that can be fitted.
     collinear : list of str
         Effects that are not separately identifiable.
@@ -68,10 +55,12 @@ class Search:
         Whether the search ended at its deadline.
     followed : bool
         Whether the last model moves as its path does.
-    known : dict of frozenset of str to Screening
-        All that were made, by the effects of the model.
     fits : Fits
         All that were made.
+    predictions : sequence of Prediction
+        Of what was held out, by its models.
+    noise_p_value : float
+        Of what the final model leaves (see `Growth`); nan where the time ran out.
     """
 
     screenings: list[Screening]
@@ -80,173 +69,130 @@ class Search:
     p_values: list[float]
     rivals: dict[str, dict[str, float]]
     pairs: dict[str, dict[tuple[str, str], float]]
-    failed: tuple[str, ...]
-    outstanding: tuple[str, ...]
-    next_best: Move | None
+    outstanding: list[str]
+    next_best: FittedModel | None
     collinear: list[str]
     converged: bool
     out_of_time: bool
     followed: bool
-    known: dict[frozenset[str], Screening]
     fits: Fits
+    predictions: Sequence[Prediction] = ()
+    noise_p_value: float = 1.0
 
-
-class Begin(NamedTuple):
-    """Where a search begins.
-
-    `model` : the first one. `most` : effects at most, by default as the settings say. `near` : a search from
-    the same start, of which what was fitted is not fitted again.
-    """
-
-    model: FittedModel
-    most: int | None = None
-    near: Search | None = None
+    @property
+    def failed(self) -> list[str]:
+        """Candidates whose fits failed."""
+        compared = {name for of_effect in self.rivals.values() for name in of_effect}
+        return sorted({*self.fits.failed} - {*self.effects} - compared)
 
 
 def search(
-    start: FittedModel,
-    candidates: Sequence[Force],
+    fits: Fits,
     *,
-    begin: Begin | None = None,
+    begin: FittedModel | None = None,
+    most: int | None = None,
     growth: Growth | None = None,
-    deadline: float = np.inf,
     tell: Tell = silent,
 ) -> Search:
     """Add, exchange and drop effects until no move raises the evidence of the model.
 
     An effect is added where what it gains is beyond chance, corrected for the number of tests,
-    and nothing in its place is outside of its credible set; where that no longer holds it is dropped. The
-    first model is that of `begin`, which has the noise of `start`, if any; there are no more effects than
-    `growth` lets there be. After `deadline`, by `time.monotonic`, no further model is fitted.
+    and nothing in its place is outside of its credible set; where that no longer holds it is dropped.
+
+    Parameters
+    ----------
+    fits : Fits
+        The start model, the candidates, and what of them was fitted already.
+    begin : FittedModel, optional
+        The first model, in the noise of the start model; by default that.
+    most : int, optional
+        Effects at most, by default as the settings say.
+    growth : Growth, optional
+        Lets there be no more effects than improve what was held out.
+    tell : Tell
     """
-    near = None if begin is None else begin.near
-    fits = Fits(start, deadline) if near is None else near.fits
-    most = start.settings.max_effects if begin is None or begin.most is None else begin.most
-    model, effects = start, tuple[str, ...]()
+    model = start = fits.start
+    most = start.settings.max_effects if most is None else most
     fits.kept[frozenset()] = start
-    known = {trial.force.symbol for trial in start.trials}
-    if begin is not None and (fitted := fits.of(begin.model, (), ())) is not None:
-        model, effects = fitted, tuple(t.force.symbol for t in fitted.trials if t.force.symbol not in known)
-    known_screenings = {} if near is None else dict(near.known)
-
-    def screened(model: FittedModel, named: Sequence[str]) -> Screening:
-        return _screened(known_screenings, candidates, model, named)
-
+    if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
+        model = fitted
     rivals: dict[str, dict[str, float]] = {}
     converged = False
     for _ in range(start.settings.most_fits):
-        tell(f"candidates beside {', '.join(effects) or 'the start model'}")
-        current = screened(model, effects)
-        exchange = exchange_effects(current, effects, fits)
-        step = None if exchange is None else (exchange.model, exchange.effects)
-        if step is None and len(effects) < most and may_gain(current):
+        tell(f"candidates beside {', '.join(fits.effects_of(model)) or 'the start model'}")
+        current = fits.screened(model)
+        step = exchanged(current, fits)
+        if step is None and len(current.effects) < most and may_gain(current):
             if growth is None or growth.goes_on(model):
-                step = _likeliest(_beyond_chance(current, effects, fits))
+                step = min(extended(current, fits), key=fits.evidence, default=None)
             elif growth.best is not None:
-                best = growth.best[0]
-                step = best, tuple(t.force.symbol for t in best.trials if t.force.symbol not in known)
-                most = len(step[1])
+                step = growth.best[0]
+                most = len(fits.effects_of(step))
         if step is None:
-            step = not_beyond_chance(current, effects, fits)
+            step = _not_beyond_chance(current, fits)
         if step is None:
             tell("rivals of each effect")
-            rivals = {symbol: rivals_of(current, effects, symbol, fits) for symbol in effects}
-            step = better_rival(current, effects, rivals, fits) or chance_in_set(effects, rivals, fits)
+            rivals = {symbol: rivals_of(current, fits, symbol) for symbol in current.effects}
+            step = better_rival(current, fits, rivals) or _chance_in_set(current.effects, rivals, fits)
         if step is None:
-            step = likelier_pair(current, effects, fits, most)
+            step = likelier_pair(current, fits, most)
         converged = step is None and not fits.ended
         if step is None:
             break
-        model, effects = step
+        model = step
     if not converged:
-        rivals = {symbol: rivals_of(screened(model, effects), effects, symbol, fits) for symbol in effects}
-    return _ended(final_of_set(model, effects, rivals, fits), screened, fits, converged, known_screenings)
+        current = fits.screened(model)
+        rivals = {symbol: rivals_of(current, fits, symbol) for symbol in current.effects}
+    return _ended(model, rivals, fits, converged)
 
 
-def _ended(
-    final: Final,
-    screened: Callable[[FittedModel, Sequence[str]], Screening],
-    fits: Fits,
-    converged: bool,
-    known: dict[frozenset[str], Screening],
-) -> Search:
-    """A search that ends with a model."""
-    last = screened(final.model, final.effects)
-    effects = _by_weight(last, final.effects)
-    further = _beyond_chance(last, effects, fits)
-    compared = {name for of_effect in final.rivals.values() for name in of_effect}
-    failed = sorted({*fits.failed} - {*effects} - compared)
+def _ended(model: FittedModel, rivals: dict[str, dict[str, float]], fits: Fits, converged: bool) -> Search:
+    """A search that ends with a model, or one that is as likely."""
+    model, referred, rivals, followed = plainest(model, rivals, fits)
+    last = fits.screened(model)
+    effects = _by_weight(last)
+    further = extended(last, fits)
     return Search(
         [last],
-        [final.referred if final.referred.follows else final.model],
+        [referred if referred.follows else model],
         effects,
-        decisive_p_values(last, effects, fits),
-        final.rivals,
-        {symbol: pairs_of(last, effects, symbol, fits) for symbol in effects},
-        tuple(failed),
+        [_decisive_p_value(last, symbol, fits) for symbol in effects],
+        rivals,
+        {symbol: pairs_of(last, fits, symbol) for symbol in effects},
         _outstanding(last, further, fits),
-        min(further, key=lambda move: move.evidence, default=None),
+        min(further, key=fits.evidence, default=None),
         collinear_effects(last.model, last.products, effects),
         converged,
         fits.out_of_time,
-        final.followed,
-        known,
+        followed,
         fits,
     )
 
 
-def with_steps(search: Search, candidates: Sequence[Force], tell: Tell = silent) -> Search:
+def with_steps(search: Search, tell: Tell = silent) -> Search:
     """A search with the models of none, one, two, ... of its effects, and the candidates with each."""
-    effects, last = search.effects, search.screenings[-1]
-    models = nested_models(search.models[-1], effects)
+    models = nested_models(search.models[-1], search.effects)
     tell("candidates beside each model")
-    before = [_screened(search.known, candidates, models[at], effects[:at]) for at in range(len(effects))]
-    return replace(search, screenings=[*before, last], models=models, known={})
+    before = [search.fits.screened(model) for model in models[:-1]]
+    return replace(search, screenings=[*before, search.screenings[-1]], models=models)
 
 
-def _screened(
-    known: dict[frozenset[str], Screening],
-    candidates: Sequence[Force],
-    model: FittedModel,
-    named: Sequence[str],
-) -> Screening:
-    """The candidates that are not in a model of these effects, held against it, once."""
-    if frozenset(named) not in known:
-        rest = [force for force in candidates if force.symbol not in named]
-        known[frozenset(named)] = screen(model, rest, named)
-    return known[frozenset(named)]
-
-
-def _by_weight(last: Screening, effects: Sequence[str]) -> tuple[str, ...]:
+def _by_weight(last: Screening) -> tuple[str, ...]:
     """The effects in the order in which each lowers the deviance most with those before it."""
-    model, ordered = last.model, list[str]()
-    while len(ordered) < len(effects):
-        rest = [symbol for symbol in effects if symbol not in ordered]
-
-        def deviance_of(symbol: str, rest: Sequence[str] = tuple(rest)) -> float:
-            gone = [other for other in rest if other != symbol]
-            return likelihood(last.products, model.columns_without(gone)).deviance
-
-        ordered.append(min(rest, key=deviance_of))
+    ordered, rest = list[str](), list(last.effects)
+    while rest:
+        gains = {symbol: last.gain_of([other for other in rest if other != symbol]) for symbol in rest}
+        ordered.append(min(rest, key=gains.__getitem__))
+        rest.remove(ordered[-1])
     return tuple(ordered)
 
 
-def _outstanding(last: Screening, further: Sequence[Move], fits: Fits) -> tuple[str, ...]:
+def _outstanding(last: Screening, further: Sequence[FittedModel], fits: Fits) -> list[str]:
     """Candidates that are missing from the final model, or whose fits with it failed or were not made."""
-    failed = [
-        last.trials[at].force.symbol for at in last.best() if last.p_values[at] < last.model.settings.level
-    ]
-    missing = [move.effects[-1] for move in further]
-    return (
-        *missing,
-        *(symbol for symbol in failed[: last.model.settings.fitted] if symbol in fits.failed or fits.ended),
-    )
-
-
-def _likeliest(moves: Sequence[Move]) -> tuple[FittedModel, tuple[str, ...]] | None:
-    """The most likely of some moves, if there are any."""
-    best = min(moves, key=lambda move: move.evidence, default=None)
-    return None if best is None else (best.model, best.effects)
+    settings = last.model.settings
+    gaining = [last.trials[at].force.symbol for at in last.best() if last.p_values[at] < settings.level]
+    not_fitted = [name for name in gaining[: settings.fitted] if name in fits.failed or fits.ended]
+    return [*(fits.effects_of(model)[-1] for model in further), *not_fitted]
 
 
 def may_gain(current: Screening) -> bool:
@@ -254,34 +200,41 @@ def may_gain(current: Screening) -> bool:
     return any(current.p_values[at] < current.model.settings.level for at in current.best())
 
 
-def _beyond_chance(current: Screening, effects: tuple[str, ...], fits: Fits) -> list[Move]:
-    """Models with one candidate more, of those that may be the most likely.
+def _not_beyond_chance(current: Screening, fits: Fits) -> FittedModel | None:
+    """The model without the effect that chance would do as well as most likely; None if there is none."""
+    model, level = current.model, current.model.settings.level
+    chances = [current.p_value_of_effect(symbol) for symbol in current.effects]
+    if max(chances, default=0.0) < level:
+        return None
+    worst = current.effects[int(np.argmax(chances))]
+    # Along the present path it is as likely: a fit that is less so came to a worse optimum.
+    fitted = fits.of(model, (worst,), (), model.deviance + current.gain_of((worst,)))
+    if fitted is None or current.p_value_of_effect(worst, fitted.deviance - model.deviance) < level:
+        return None
+    fits.by_chance.add(frozenset(current.effects))
+    return fitted
 
-    What it gains is beyond chance, and leaves that no place in its credible set. What columns gain is taken
-    to be as far off as it was in the fits that were done: much where effects are strong.
+
+def _chance_in_set(
+    effects: Sequence[str], rivals: Mapping[str, Mapping[str, float]], fits: Fits
+) -> FittedModel | None:
+    """The model without the effect whose credible set chance is in; None if there is none."""
+    single = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
+    symbol = min(single, key=single.__getitem__, default="")
+    if not symbol or single[symbol] >= fits.start.settings.outside_of_set:
+        return None
+    fitted = fits.kept.get(frozenset(effects) - {symbol})
+    if fitted is not None:
+        fits.by_chance.add(frozenset(effects))
+    return fitted
+
+
+def _decisive_p_value(current: Screening, symbol: str, fits: Fits) -> float:
+    """P-value of an effect with the others, by the deviance without it: that which keeps it in the model.
+
+    Along the model's path; where chance would do as well along that, by the fit without the effect, if any.
     """
-    model, settings = current.model, current.model.settings
-    likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
-    here, gain_of_column, tried, off = evidence(model, effects), 0.0, list[Move](), 0.0
-    # As many again as are fitted, since those that gain most may be what no sample can be; and those of
-    # which a column says little.
-    few = 2 * settings.fitted
-    for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.tolerance(at, ()) >= 1.0)):
-        tolerance = max(off, current.tolerance(at, [move.model.trials[-1].force for move in tried]))
-        if current.gains[at] <= (1.0 - tolerance) * gain_of_column:
-            continue
-        trial = current.trials[at]
-        if frozenset((*effects, trial.force.symbol)) in fits.by_chance:
-            continue
-        aim = min([here - settings.outside_of_set, *(move.evidence for move in tried)])
-        move = move_of(current, effects, (), [at], fits, aim)
-        if move is None:
-            continue
-        gain = model.deviance - move.model.deviance
-        p_value = current.p_value_of(gain, trial.force, float(current.effective_rows[at]))
-        if p_value < settings.level and move.evidence < here - settings.outside_of_set:
-            if not tried:
-                gain_of_column = float(current.gains[at])
-            off = max(off, abs(gain / float(current.gains[at]) - 1.0))
-            tried.append(move)
-    return tried
+    p_value, fitted = current.p_value_of_effect(symbol), fits.kept.get(frozenset(current.effects) - {symbol})
+    if p_value < current.model.settings.level or fitted is None:
+        return p_value
+    return current.p_value_of_effect(symbol, fitted.deviance - current.model.deviance)

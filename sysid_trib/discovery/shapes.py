@@ -3,17 +3,22 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.known_columns import base_of, outside_of
-from sysid_trib.discovery.single_columns import are_physical, each_column, strengths
+from sysid_trib.discovery.single_columns import (
+    are_physical,
+    base_of,
+    each_column,
+    outside_of,
+    products_with,
+    strengths,
+    where_finite,
+)
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.run_products import has_products
 from sysid_trib.likelihood.trials import (
     TrialEffect,
     from_unit,
@@ -106,14 +111,6 @@ FINER = 9
 STARTS = 3
 
 
-class Climb(NamedTuple):
-    """What a trial gains, and the step of its shapes that is tried next, in parts of their ranges."""
-
-    gain: float
-    trial: TrialEffect
-    step: float
-
-
 def climbed(
     model: FittedModel, candidates: Iterable[Force], effects: Sequence[str] = ()
 ) -> list[TrialEffect]:
@@ -159,23 +156,25 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
     least = max(settings.outside_of_set, (1.0 - settings.family_tolerance) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
+    # What a trial gains, the trial, and the step of its shapes that is tried next, in parts of their ranges.
     # First step, over the last.
-    climbs = [Climb(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
-    ends = list[Climb]()
+    climbs = [(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
+    ends = list[tuple[float, TrialEffect, float]]()
     while climbs:
-        aside = [_aside(climb.trial, climb.step) for climb in climbs]
+        aside = [_aside(trial, step) for _, trial, step in climbs]
         gains_aside = iter(_gains(model, [trial for near in aside for trial in near], gone).tolist())
         further = []
         for climb, near in zip(climbs, aside, strict=True):
-            best, trial = max(((next(gains_aside), trial) for trial in near), key=lambda scored: scored[0])
-            if best > climb.gain + settings.least_gain:
-                further.append(Climb(best, trial, climb.step))
-            elif climb.step > settings.shape_step:
-                further.append(climb._replace(step=0.5 * climb.step))
+            gain, trial, step = climb
+            best, nearby = max(((next(gains_aside), other) for other in near), key=lambda scored: scored[0])
+            if best > gain + settings.least_gain:
+                further.append((best, nearby, step))
+            elif step > settings.shape_step:
+                further.append((gain, trial, 0.5 * step))
             elif climb not in ends:
                 ends.append(climb)
         climbs = [climb for at, climb in enumerate(further) if climb not in further[:at]]
-    return [climb.trial for climb in sorted(ends, key=lambda climb: -climb.gain)]
+    return [trial for _, trial, _ in sorted(ends, key=lambda climb: -climb[0])]
 
 
 def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:
@@ -191,9 +190,9 @@ def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:
 
 def _gain_of(model: FittedModel, effects: Sequence[str]) -> float:
     """By how much effects of the model lower its deviance, along its path."""
-    products = [rows.products(table) for rows, table in zip(model.rows, model.tables, strict=True)]
-    whole = likelihood(products, range(1, 1 + model.columns))
-    return likelihood(products, model.columns_without(effects)).deviance - whole.deviance
+    products = products_with(model)
+    without, whole = (likelihood(products, model.columns_without(gone)).deviance for gone in (effects, ()))
+    return without - whole
 
 
 def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> Array:
@@ -201,16 +200,11 @@ def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str
 
     0 where physics forbids its sign.
     """
-    columns = [rows.coarse_columns(trials) for rows in model.rows]
-    good = np.all([has_products(column) for column in columns], axis=0)
-    columns = [np.where(good, column, 0.0) for column in columns]
-    products = [
-        rows.products(np.column_stack([table, column]))
-        for rows, table, column in zip(model.rows, model.tables, columns, strict=True)
-    ]
+    good, columns = where_finite([rows.coarse_columns(trials) for rows in model.rows])
+    products = products_with(model, columns)
     base, first = model.columns_without(gone), 1 + model.columns
-    whole = likelihood(products, base)
-    single = each_column(products, base, range(first, first + len(trials)), whole)
+    bare = likelihood(products, base)
+    deviance, coefficients, _, _ = each_column(products, base, range(first, first + len(trials)), bare)
     strongest = model.settings.strongest
-    physical = are_physical(trials, single.coefficients, strengths(model, columns), strongest)
-    return np.where(good & physical, whole.deviance - single.deviance, 0.0)
+    physical = are_physical(trials, coefficients, strengths(model, columns), strongest)
+    return np.where(good & physical, bare.deviance - deviance, 0.0)

@@ -1,8 +1,9 @@
-"""Single columns with a model: what each would gain, and what physics allows it."""
+"""Columns with a model: what of them is outside of its own, what each would gain, what is known of them.
+
+A column is known where it is the same along a motion that is as likely: a random force hides the motion.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +13,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import RIDGE, Likelihood, likelihood, most_likely_variance
-from sysid_trib.likelihood.run_products import RunProducts
+from sysid_trib.likelihood.run_products import RunProducts, has_products
 from sysid_trib.likelihood.trials import TrialEffect
 
 
@@ -40,33 +41,21 @@ def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
     return np.sqrt(squares / np.sum([np.sum(rows.path.stiffness_column**2) for rows in model.rows]))
 
 
-@dataclass(frozen=True)
-class SingleColumns:
-    """What single columns do with a model.
-
-    Attributes
-    ----------
-    deviance : (column,) array of float
-        Of the model with each of them.
-    coefficients, errors : (column,) array of float
-        Of each.
-    effective_rows : (column,) array of float
-        As many rows of white noise as tell the error of each.
-    """
-
-    deviance: Array
-    coefficients: Array
-    errors: Array
-    effective_rows: Array
+def where_finite(columns: Sequence[Array]) -> tuple[Mask, list[Array]]:
+    """Whether products of a column can be made in every run, and the columns, zero where they cannot."""
+    good = np.all([has_products(column) for column in columns], axis=0)
+    return good, [np.where(good, column, 0.0) for column in columns]
 
 
-# Products of the target and the base with all columns, (1 + base, column), and the columns' squares.
-BaseProducts: TypeAlias = tuple[Array, Array]
+def products_with(model: FittedModel, *further: Sequence[Array]) -> list[RunProducts]:
+    """Products of each run's target, the model's columns, and further ones of each run."""
+    tables = zip(model.rows, model.tables, *further, strict=True)
+    return [rows.products(np.column_stack(parts)) for rows, *parts in tables]
 
 
 def each_column(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
-) -> SingleColumns:
+) -> Array:
     """Maximum likelihood of a model with one column more, for each of many.
 
     Parameters
@@ -78,6 +67,12 @@ def each_column(
         Each added alone.
     model : Likelihood
         Of the model of `base`.
+
+    Returns
+    -------
+    (4, column) array of float
+        The deviance with each, its coefficient, the error of that, and as many rows of white noise as tell
+        this error.
 
     Notes
     -----
@@ -93,45 +88,37 @@ def each_column(
     single = _each_in_noise(runs, base, columns, model)
     if len(runs) == 1 or not len(columns):
         return single
-    likeliest = columns[int(np.argmin(single.deviance))]
+    likeliest = columns[int(np.argmin(single[0]))]
     again = _each_in_noise(runs, base, columns, likelihood(runs, [*base, likeliest]))
-    better = again.deviance < single.deviance
-    pairs = zip(vars(again).values(), vars(single).values(), strict=True)
-    return SingleColumns(*(np.where(better, its, other) for its, other in pairs))
+    return np.where(again[0] < single[0], again, single)
 
 
 def _each_in_noise(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
-) -> SingleColumns:
-    """Gains of several runs' coefficients in the noise of a model."""
-    every = [0, *base, *columns]
-    parts = [_for_each_ratio(run, every, 1 + len(base)) for run in runs]
-    count = len(columns)
-    of_each = [[_solved(products) for products in part] for part in parts]
-    if len(runs) > 1:
-        together = _solved(_in_noise_of(runs, model, every, 1 + len(base)))
-    deviance, coefficient, error = np.zeros(count), np.empty(count), np.empty(count)
-    informations, scatters = np.empty((2, len(runs), count))
-    for r, (run, part) in enumerate(zip(runs, parts, strict=True)):
-        deviances, variance = np.empty((2, len(run.ratios), count))
-        for g, products in enumerate(part):
-            b, beta, *_ = of_each[r][g] if len(runs) == 1 else together
-            squares = _left_by(products, b, beta)
-            variance[g] = most_likely_variance(run, squares, run.products[g, 0, 0])
-            deviances[g] = run.degrees_of_freedom * np.log(variance[g]) + run.log_determinant[g]
+) -> Array:
+    """What `each_column` gives, the coefficients of several runs in the noise of a model."""
+    every, first = np.array([0, *base, *columns], dtype=int), np.arange(1 + len(base))
+    together = _solved(*_in_noise_of(runs, model, every, len(first))) if len(runs) > 1 else None
+    deviance, coefficient, error = np.zeros((3, len(columns)))
+    informations, scatters = np.empty((2, len(runs), len(columns)))
+    for r, run in enumerate(runs):
+        parts = zip(run.products[:, every[first, None], every], run.products[:, every, every], strict=True)
+        of_ratios = [(part, _solved(*part)) for part in parts]
+        of_target = run.products[:, 0, 0]
+        squares = np.array([_left_by(*part, *(together or solved)[:2]) for part, solved in of_ratios])
+        variance = most_likely_variance(run, squares, of_target[:, None])
+        deviances = run.degrees_of_freedom * np.log(variance) + run.log_determinant[:, None]
         least, place = _least(run.ratios, deviances)
         deviance += least
-        information, left = (np.array([solution[k] for solution in of_each[r]]) for k in (2, 3))
-        of_target = run.products[:, 0, 0]
+        beta, information, left = (np.array([solved[k] for _, solved in of_ratios]) for k in (1, 2, 3))
         without = np.log(most_likely_variance(run, left, of_target))[:, None] - np.log(information)
         informations[r], scatters[r] = _without_effect(run, without, model, r)
-        if len(runs) == 1:
-            coefficient = _at_place(np.array([solution[1] for solution in of_each[r]]), place)
-            error = np.exp(0.5 * _at_place(np.log(variance / information), place))
-    if len(runs) > 1:
+        coefficient = _at_place(beta, place)
+        error = np.exp(0.5 * _at_place(np.log(variance / information), place))
+    if together is not None:
         coefficient, error = together[1], 1.0 / np.sqrt(together[2])
     weights = informations / np.sum(informations, axis=0)
-    return SingleColumns(deviance, coefficient, error, 2.0 / np.sum(weights**2 * scatters, axis=0))
+    return np.array([deviance, coefficient, error, 2.0 / np.sum(weights**2 * scatters, axis=0)])
 
 
 def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: int) -> tuple[Array, Array]:
@@ -148,19 +135,12 @@ def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: 
     return np.exp(-spline(np.log(ratio))), of_ratio + variance
 
 
-def _for_each_ratio(run: RunProducts, columns: Sequence[int], count: int) -> list[BaseProducts]:
-    """Products of a run's columns, of which the first, so many, are the target and the base."""
-    at = np.asarray(columns, dtype=int)
-    products, squares = run.products[:, at[:count, None], at], run.products[:, at, at]
-    return list(zip(products, squares, strict=True))
-
-
-def _solved(of_base: BaseProducts) -> tuple[Array, Array, Array, float]:
+def _solved(products: Array, squares: Array) -> tuple[Array, Array, Array, float]:
     """Coefficients of the base with each further column, (base, column), its own, and its information.
 
-    And the squares that the base alone leaves.
+    And the squares that the base alone leaves. `products` : of the target and the base with all columns,
+    (1 + base, 1 + base + column); `squares` : of all columns.
     """
-    products, squares = of_base
     count = len(products)
     size = np.sqrt(np.maximum(squares, 1e-300))
     scaled = products / np.outer(size[:count], size)
@@ -176,9 +156,8 @@ def _solved(of_base: BaseProducts) -> tuple[Array, Array, Array, float]:
     return b * target / size[1:count, None], beta * target / further, outside * further**2, left
 
 
-def _left_by(of_base: BaseProducts, b: Array, beta: Array) -> Array:
+def _left_by(products: Array, of_columns: Array, b: Array, beta: Array) -> Array:
     """Squares that the base and each further column leave of the target, (column,)."""
-    products, of_columns = of_base
     count = len(products)
     target, further = products[0], products[1:, count:]
     squares = of_columns[0] - 2.0 * (target[1:count] @ b + beta * target[count:])
@@ -199,7 +178,7 @@ def projected(
     products : (column, column) array of float
         Of what is outside, in units of the noise.
     """
-    every = [*base, *columns]
+    every = np.array([*base, *columns], dtype=int)
     total, _ = _in_noise_of(runs, model, every, len(every))
     inside, others = slice(len(base)), slice(len(base), None)
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
@@ -211,10 +190,9 @@ def projected(
 
 
 def _in_noise_of(
-    runs: Sequence[RunProducts], model: Likelihood, columns: Sequence[int], count: int
-) -> BaseProducts:
-    """Products of the first columns, so many, with all, of all runs, in units of the noise of a model."""
-    at = np.asarray(columns, dtype=int)
+    runs: Sequence[RunProducts], model: Likelihood, at: Array, count: int
+) -> tuple[Array, Array]:
+    """Products of the first columns, so many, with all, and squares, of all runs, in a model's noise."""
     products, squares = np.zeros((count, len(at))), np.zeros(len(at))
     for run, ratio, variance in zip(runs, model.ratios.tolist(), model.variances, strict=True):
         products += run.block(ratio, at[:count], at) / variance
@@ -246,3 +224,92 @@ def _at_place(values: Array, place: Array) -> Array:
     lower = np.minimum(place.astype(int), len(values) - 2)
     part, column = place - lower, np.arange(values.shape[1])
     return np.asarray((1.0 - part) * values[lower, column] + part * values[lower + 1, column])
+
+
+def base_of(model: FittedModel, effects: Sequence[str] = ()) -> Array:
+    """Orthonormal base of the model's columns, those of `effects` left out, (row, column)."""
+    kept = model.columns_without(effects)
+    return np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
+
+
+def outside_of(
+    model: FittedModel, columns: Sequence[Array], base: Array | None = None
+) -> tuple[Array, Array]:
+    """What of columns is outside of the model's, and which part of each.
+
+    Parameters
+    ----------
+    model : FittedModel
+    columns : sequence of (row, column) array of float
+        Of each run.
+    base : (row, base_column) array of float, optional
+        Of the model's columns, or of some: `base_of`; by default of all.
+
+    Returns
+    -------
+    outside : (row, column) array of float
+        In units of the noise.
+    part : (column,) array of float
+    """
+    base = base_of(model) if base is None else base
+    white = np.vstack(
+        [
+            rows.whitened(np.where(has_products(column), column, 0.0), model.likelihood, at)
+            for at, (rows, column) in enumerate(zip(model.rows, columns, strict=True))
+        ]
+    )
+    rest = white - base @ (base.T @ white)
+    return rest, np.linalg.norm(rest, axis=0) / np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+
+
+def known_finely(
+    model: FittedModel, columns: Sequence[Array], aside: Sequence[Array], effects: Sequence[str] = ()
+) -> Mask:
+    """True if columns are the same along a motion that is as likely, (column,).
+
+    Parameters
+    ----------
+    model : FittedModel
+    columns, aside : sequence of (row, column) array of float
+        Of each run, along its path and along one of `model.possible_rows`.
+    effects : sequence of str
+        Of the model, which these may replace: with them they need not be told apart.
+
+    Notes
+    -----
+    With a random force a motion is known as well as the sensor tells it. What a column gains along the path
+    is its square correlation with the one along the motion: but for a part that `tolerance` allows.
+    """
+    base = base_of(model, effects)
+    (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
+    return _alike(here, there, model.settings.tolerance) | (part < model.settings.testable)
+
+
+def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect], effects: Sequence[str]) -> Mask:
+    """`known_finely` of trials; without a random force of all."""
+    if not np.any(model.likelihood.ratios):
+        return np.ones(len(trials), dtype=bool)
+    # Drawn again, and not kept with each screening: they are as large as the rows of the model.
+    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
+    here, aside = ([run.coarse_columns(trials) for run in rows] for rows in (model.rows, possible))
+    return known_finely(model, here, aside, effects)
+
+
+def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:
+    """Mixtures of columns that are the same along a motion that is as likely, (column, direction).
+
+    Of directions outside of the model's columns that are orthogonal in its noise. Parameters as of
+    `known_finely`: columns that differ little may be known though their difference is not.
+    """
+    base = base_of(model)
+    (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
+    length = np.where(part < model.settings.testable, np.inf, np.linalg.norm(here, axis=0))
+    _, size, mixtures = np.linalg.svd(here / length, full_matrices=False)
+    mixtures = mixtures[size > model.settings.testable * size[0]].T / length[:, None]
+    return mixtures[:, _alike(here @ mixtures, there @ mixtures, model.settings.tolerance)]
+
+
+def _alike(here: Array, there: Array, tolerance: float) -> Mask:
+    """True if columns correlate but for such a part of their squares, (column,)."""
+    along = np.einsum("ij,ij->j", here, there)
+    return along >= np.sqrt(1.0 - tolerance) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)

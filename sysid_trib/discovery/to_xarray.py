@@ -1,7 +1,10 @@
 """A search as datasets: records, ranking of the candidates, steps, omnibus tests, hold-out."""
 
-from collections.abc import Sequence
-from functools import partial
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,74 +14,86 @@ from sysid_trib.arrays import Array
 from sysid_trib.discovery.demodulation import demodulate
 from sysid_trib.discovery.fits import credible, probabilities
 from sysid_trib.discovery.free_motion import FreeMotion, free_motions, model_identification, total_covariance
-from sysid_trib.discovery.missing_force import detectability, texts_of
-from sysid_trib.discovery.parts import Stability, homogeneity
+from sysid_trib.discovery.missing_force import detectability
+from sysid_trib.discovery.omnibus_test import trial_names
+from sysid_trib.discovery.parts import costs_in_parts, error_of_model, homogeneity, probabilities_in_parts
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search
-from sysid_trib.discovery.unseen import Prediction, improvements
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.discovery.unseen import improvements
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce
-from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
+from sysid_trib.likelihood.random_force import RandomForce
+from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import PAIR, PAIRS
-from sysid_trib.results.variables import (
-    PER_FORCE_UNIT,
-    Variables,
-    group_names,
-    text_variable,
-    variable,
-    with_error,
-)
+from sysid_trib.results.variables import described, group_names
 
-STEP_TEXTS = ("symbol", "name", "family", "kind", "unit", "formula")
-# In an effect's place: nothing, and a random force takes the blame.
+# Variables of each group.
+TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
+Motions = Sequence[Sequence[FreeMotion]]
 
 
 def groups_of(
-    seen: Sequence[xr.Dataset],
-    search: Search,
-    stability: Stability,
-    offered: ForceLibrary,
-    frequency: float | None,
+    seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary, frequency: float | None
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group; `seen` : what the models are fitted to."""
     motions = [free_motions(model) for model in search.models]
-    records = zip(group_names("record", len(seen)), _records(seen, motions), strict=True)
-    groups: dict[str, xr.Dataset] = dict(records)
-    ends = (("", motions[0], search.screenings[0]), ("_after", motions[-1], search.screenings[-1]))
-    for when, of_model, _ in ends:
-        groups[f"discrepancy{when}"] = demodulate(of_model)
-    for when, _, screening in ends:
-        groups[f"detectability{when}"] = detectability(screening)
+    # Where the final model leaves more than noise, sets and errors allow for how names and coefficients move
+    # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
+    final, complete = search.models[-1], search.noise_p_value >= 1.0
+    error = None if complete else error_of_model(final)
+    names, records = group_names("record", len(seen)), _records(seen, motions)
+    groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
+    for when, at in (("", 0), ("_after", -1)):
+        spans, attrs = demodulate(motions[at])
+        groups[f"discrepancy{when}"] = _group("discrepancy", spans, attrs=attrs)
+    for when, at in (("", 0), ("_after", -1)):
+        candidates, forces = detectability(search.screenings[at])
+        symbols = [force.symbol for force in forces]
+        labels = _labels(forces, ("name", "family", "formula", "unit"))
+        coords = {"candidate": symbols, "other": symbols, **labels}
+        groups[f"detectability{when}"] = _group("detectability", candidates, coords)
     groups["ranking"] = _ranking(search, offered)
-    groups["steps"] = _steps(search, motions, stability, offered)
+    groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
     for name, at in (("before", 0), ("after", -1)):
-        model, factor = search.models[at], _error_factor(search, at)
-        error = stability.model_error if at else None
-        groups[name] = model_identification(model, motions[at], seen, frequency, factor, error)
-    groups["holdout"] = _holdout(motions[-1], stability.predictions)
+        of_model, widening = (search.models[at], motions[at]), search.screenings[at].widening
+        groups[name] = model_identification(*of_model, seen, frequency, widening, error if at else None)
+    groups["holdout"] = _holdout(search, motions[-1])
     if len(seen) > 1:
-        groups["homogeneity"] = homogeneity(search.models)
+        groups["homogeneity"] = _group("homogeneity", homogeneity(search.models))
     return groups
 
 
-def _error_factor(search: Search, at: int = -1) -> float:
-    """By how much the errors of a model are widened: by the omnibus test, where something is missing."""
-    return search.screenings[at].omnibus.widening(search.models[0].settings.level)
+def _group(
+    name: str,
+    values: Mapping[str, Any],
+    coords: Mapping[str, Any] | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """A group of the result, its variables as `variables.toml` has them."""
+    return xr.Dataset(described(TABLES[name], values), coords, attrs)
 
 
-def _records(seen: Sequence[xr.Dataset], motions: Sequence[Sequence[FreeMotion]]) -> list[xr.Dataset]:
+def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, Any]:
+    """Texts of forces by the names that results give them."""
+    paths = {"unit": "units", "formula": "formula.text"}
+    return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
+
+
+def _labels(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[str, list[str]]]:
+    """Texts of candidates as coordinates."""
+    return {name: ("candidate", texts) for name, texts in texts_of(forces, names).items()}
+
+
+def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
     """What the models are fitted to, with the angle of the first and the last of them."""
     records = []
     for at, run in enumerate(seen):
         ends = [motions[0][at], motions[-1][at]]
         simulated = np.stack([run.angle.values - motion.residual for motion in ends])
-        angle = variable(("model", "time"), simulated, "angle of the model", "rad")
-        level = ends[-1].noise.standard_deviation
-        noise = variable((), level, "standard deviation of the sensor's noise in a sample", "rad")
+        values = {"simulated_angle": simulated, "residual_noise": ends[-1].noise.standard_deviation}
         both = run.assign_coords(model=["before", "after"])
-        records.append(both.assign(simulated_angle=angle, residual_noise=noise))
+        records.append(both.assign(described(TABLES["records"], values)))
     return records
 
 
@@ -98,29 +113,24 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
             if not screening.reasons[at]:
                 z[i, j], p_value[i, j] = screening.z[at], screening.p_values[at]
                 coefficient[i, j] = screening.coefficients[at]
-    step, both = "selection_step", ("selection_step", "candidate")
     tests = np.array([screening.tests for screening in search.screenings])
     level = search.models[0].settings.level
-    limit = norm.isf(level / (2.0 * tests))
-    family_wise = "family-wise significance level at which an effect is named"
-    gained = "score, the root of the deviance that it gains"
-    data: Variables = {
-        "z": variable(both, z, gained, "1"),
-        "p_value": variable(both, p_value, "p-value of the score, corrected for the number of tests", "1"),
-        "significant": variable(both, p_value < level, "whether the p-value is below the level"),
-        "coefficient": variable(both, coefficient, "coefficient by the score", PER_FORCE_UNIT),
-        "testable": variable(both, reasons == "", "whether the record can test it"),
-        "reason": text_variable(both, reasons, "why it is not tested"),
-        "independent_tests": variable(step, tests, "number of independent tests", "1"),
-        "threshold": variable(step, limit, "|z| of the level, corrected for the number of tests", "1"),
-        "significance_level": variable((), level, family_wise, "1"),
+    values: dict[str, Any] = {
+        "z": z,
+        "p_value": p_value,
+        "significant": p_value < level,
+        "coefficient": coefficient,
+        "testable": reasons == "",
+        "reason": reasons,
+        "independent_tests": tests,
+        "threshold": norm.isf(level / (2.0 * tests)),
+        "significance_level": level,
     }
+    coords: dict[str, Any] = {"candidate": symbols, **_labels(offered.forces, ("name", "family", "unit"))}
     if names:
         # netCDF has no empty axis.
-        data["shape"] = variable((step, "shape_parameter"), shapes, "shape parameter of the highest score")
-    texts = texts_of(offered, ("name", "family", "unit"))
-    labels = {name: ("candidate", values) for name, values in texts.items()}
-    return xr.Dataset(data, {"candidate": symbols, **labels} | ({"shape_parameter": names} if names else {}))
+        values["shape"], coords["shape_parameter"] = shapes, names
+    return _group("ranking", values, coords)
 
 
 def _best_trials(screening: Screening) -> dict[str, int]:
@@ -131,67 +141,52 @@ def _best_trials(screening: Screening) -> dict[str, int]:
     return best
 
 
-def _steps(
-    search: Search, motions: Sequence[Sequence[FreeMotion]], stability: Stability, offered: ForceLibrary
-) -> xr.Dataset:
+def _steps(search: Search, motions: Motions, error: Array | None, offered: ForceLibrary) -> xr.Dataset:
     """The effects added, in order, with their final coefficients and what each explains."""
     if not search.effects:
         # netCDF has no empty axis: without a step there is but the count.
         return xr.Dataset(attrs={"count": 0})
-    final = search.models[-1]
+    final, widening = search.models[-1], search.screenings[-1].widening
     symbols = [trial.force.symbol for trial in final.trials]
     places = [symbols.index(symbol) for symbol in search.effects]
-    forces = [final.trials[at].force for at in places]
-    values = final.coefficients
-    errors = np.sqrt(np.diag(total_covariance(final, _error_factor(search), stability.model_error)))
-    z = values[places] / errors[places]
-    chosen = np.array([_selected_at(search, symbol) for symbol in search.effects])
-    gains = -np.diff([model.deviance for model in search.models])
-    collinear = np.isin(search.effects, search.collinear)
-    residual = [root_mean_square(np.concatenate([run.residual for run in of_model])) for of_model in motions]
-    white = _whitened(search)
-    improved = improvements(stability.predictions)
-    density = [_density(model) for model in search.models]
-    column = partial(variable, "step")
-    of_density = "one-sided density of the random force {}, on the mean"
-    of_whitened = "RMS of the residual {}, in which the final model's is white, over the noise"
-    data = {
-        "coefficient": column(values[places], "coefficient in the final model", PER_FORCE_UNIT),
-        "standard_error": column(errors[places], "standard error of the coefficient", PER_FORCE_UNIT),
-        "z": column(z, "coefficient over its standard error", "1"),
-        "significant": column(
-            np.abs(z) >= norm.isf(0.5 * final.settings.level), "whether it is significant in the end"
-        ),
-        "gain": column(gains, "by how much the effect lowers the deviance", "1"),
-        "p_value": column(search.p_values, "p-value of what it explains beside the others, corrected", "1"),
-        "selection_step": column(chosen, "selection step at which the effect was chosen", "1"),
-        "residual_before": column(residual[:-1], "RMS residual of the free motion before", "rad"),
-        "residual_after": column(residual[1:], "RMS residual of the free motion after", "rad"),
-        "whitened_residual_before": column(white[:-1], of_whitened.format("before"), "1"),
-        "whitened_residual_after": column(white[1:], of_whitened.format("after"), "1"),
-        "random_force_before": column(density[:-1], of_density.format("before"), DENSITY_UNITS),
-        "random_force_after": column(density[1:], of_density.format("after"), DENSITY_UNITS),
-        "collinear": column(collinear, "whether it is not separately identifiable"),
-        "prediction_z": column(
-            improved, "better prediction of what was held out by the final model, in standard errors", "1"
-        ),
-        "worsens_holdout": column(
-            improved < -final.settings.refuted, "whether it makes the prediction worse"
-        ),
+    coefficients = final.coefficients[places]
+    errors = np.sqrt(np.diag(total_covariance(final, widening, error)))[places]
+    improved = improvements(search.predictions)
+    values = texts_of(
+        [final.trials[at].force for at in places], ("symbol", "name", "family", "kind", "unit", "formula")
+    )
+    values |= {
+        "coefficient": coefficients,
+        "standard_error": errors,
+        "z": coefficients / errors,
+        "significant": np.abs(coefficients / errors) >= norm.isf(0.5 * final.settings.level),
+        "gain": -np.diff([model.deviance for model in search.models]),
+        "p_value": search.p_values,
+        "selection_step": [_selected_at(search, symbol) for symbol in search.effects],
+        "collinear": np.isin(search.effects, search.collinear),
+        "prediction_z": improved,
+        "worsens_holdout": improved < -final.settings.refuted,
     }
-    texts = texts_of(forces, STEP_TEXTS)
-    data |= {name: text_variable("step", text, f"{name} of the effect") for name, text in texts.items()}
-    data |= _competition(search, offered, stability) | _pairs(search) | _step_shapes(search)
-    data |= _in_parts(search, stability)
-    shaped = {"shape_parameter": list(_shapes(final))} if "shape" in data else {}
-    competing = _competing_shapes(search)
-    if competing:
+    residuals = [np.concatenate([run.residual for run in of_model]) for of_model in motions]
+    of_models = {
+        "residual": [root_mean_square(residual) for residual in residuals],
+        "whitened_residual": _whitened(search),
+        "random_force": [_density(model) for model in search.models],
+    }
+    for name, of_each in of_models.items():
+        values |= {f"{name}_before": of_each[:-1], f"{name}_after": of_each[1:]}
+    coords: dict[str, Any] = {"candidate": list(offered.symbols)}
+    values |= _competition(search, list(offered.symbols), error is None) | _pairs(search)
+    if shapes := _shapes(final):
+        held = {name: widening * its_error for name, its_error in final.shape_errors().items()}
+        of_effect = np.array([[name.startswith(f"{s}.") for name in shapes] for s in search.effects])
+        pair = [np.where(of_effect, [table[name] for name in shapes], np.nan) for table in (shapes, held)]
+        values["shape"], coords["shape_parameter"] = tuple(pair), list(shapes)
+    if competing := _competing_shapes(search):
         # netCDF has no empty axis.
-        shaped["competing_shape_parameter"] = list(competing)
-        text = "shape parameter of a candidate in the effect's place, nan of one that is not in the set"
-        dims = ("step", "competing_shape_parameter")
-        data["competing_shape"] = variable(dims, np.transpose([*competing.values()]), text)
-    return xr.Dataset(data, {"candidate": list(offered.symbols)} | shaped, {"count": len(forces)})
+        values["competing_shape"] = np.transpose([*competing.values()])
+        coords["competing_shape_parameter"] = list(competing)
+    return _group("steps", values, coords, {"count": len(places)})
 
 
 def _density(model: FittedModel) -> float:
@@ -200,22 +195,16 @@ def _density(model: FittedModel) -> float:
     return RandomForce.density_of(per_tau, model.rows[0].path.frequency)
 
 
-def _whitened(search: Search) -> Array:
+def _whitened(search: Search) -> list[float]:
     """RMS residual of each model about the final path, in the noise of the final model: it never rises."""
-    final = search.screenings[-1].model
+    final, rms = search.screenings[-1].model, []
     tables = np.concatenate(final.white_tables())
-    later = [set(range(final.columns))]
-    kept = later[0]
-    for symbol in reversed(search.effects):
-        kept = kept - set(final.columns_of(symbol))
-        later.insert(0, kept)
     target = tables[:, 0]
-    rms = []
-    for columns in later:
-        design = tables[:, [1 + column for column in sorted(columns)]]
+    for count in range(len(search.effects) + 1):
+        design = tables[:, final.columns_without(search.effects[count:])]
         residual = target - design @ np.linalg.lstsq(design, target, rcond=1e-12)[0]
         rms.append(root_mean_square(residual))
-    return np.array(rms)
+    return rms
 
 
 def _selected_at(search: Search, symbol: str) -> int:
@@ -224,70 +213,46 @@ def _selected_at(search: Search, symbol: str) -> int:
     return max((at for at, out in enumerate(absent[:-1]) if out), default=0)
 
 
-def _in_parts(search: Search, stability: Stability) -> Variables:
-    """In how many parts of the record each name stands, and which is the likeliest in each."""
-    names = [stability.names[symbol] for symbol in search.effects]
-    likeliest = [PAIRS.join(of_effect.likeliest) for of_effect in names]
-    where = f"of {len(RECORD_PARTS)} parts of the record, {', '.join(RECORD_PARTS)}"
-    return {
-        "stands_in": variable(
-            "step",
-            [int(np.sum(of_effect.stands)) for of_effect in names],
-            f"number {where}, where it stands",
-            "1",
-        ),
-        "likeliest_in_parts": text_variable("step", likeliest, f"likeliest in its place, {where}"),
-    }
+def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict[str, Any]:
+    """What each candidate explains in the place of each effect, and what chance does; also in parts.
 
-
-def _competition(search: Search, offered: ForceLibrary, stability: Stability) -> Variables:
-    """What each candidate explains in the place of each effect, and what chance does.
-
-    Where the final model leaves more than noise, by the mean of its probabilities over the record and its
-    parts.
+    Where the final model leaves more than noise (not `complete`), by the mean of its probabilities over the
+    record and its parts.
     """
-    symbols = list(offered.symbols)
     probability, deviance = np.full((2, len(search.effects), len(symbols)), np.nan)
-    p_value_of = np.zeros(len(search.effects))
+    by_chance, stands, likeliest = np.zeros(len(search.effects)), [], []
+    settings = search.models[0].settings
     for at, symbol in enumerate(search.effects):
-        rivals = search.rivals[symbol]
-        in_parts = stability.names[symbol]
-        likely = (
-            probabilities(list(rivals.values())) if stability.is_complete else in_parts.probabilities(rivals)
-        )
-        inside = credible(likely, search.models[0].settings.credible)
+        rivals, costs = search.rivals[symbol], costs_in_parts(search, symbol)
+        likely = probabilities([*rivals.values()]) if complete else probabilities_in_parts(costs, rivals)
+        inside = credible(likely, settings.credible)
         for name, excess, p, tied in zip(rivals, rivals.values(), likely, inside, strict=True):
             if not name:
-                p_value_of[at] = p if tied else 0.0
+                by_chance[at] = p if tied else 0.0
                 continue
             deviance[at, symbols.index(name)] = excess
             if tied or name == symbol:
                 probability[at, symbols.index(name)] = p
-    dims = ("step", "candidate")
-    odds = "-2 ln of the odds against the effect, inf of a fit that failed, nan untried"
-    tied_text = (
-        "probability in the effect's place if all were as likely before, nan outside of the credible set"
-    )
-    by_chance = "probability of no force in the effect's place, 0 outside of the credible set"
+        table, names = np.array([*costs.values()]), list(costs)
+        stands.append(int(np.sum(table.min(axis=0) > -settings.outside_of_set)))
+        # "" for no force in the effect's place.
+        likeliest.append(PAIRS.join(names[best] for best in table.argmin(axis=0)))
     return {
-        "tie_probability": variable(dims, probability, tied_text, "1"),
-        "chance_probability": variable("step", p_value_of, by_chance, "1"),
-        "credible": variable(dims, np.isfinite(probability), "whether it is in the 95 % credible set"),
-        "penalised_deviance": variable(dims, deviance, odds, "1"),
+        "tie_probability": probability,
+        "chance_probability": by_chance,
+        "credible": np.isfinite(probability),
+        "penalised_deviance": deviance,
+        "stands_in": stands,
+        "likeliest_in_parts": likeliest,
     }
 
 
-def _pairs(search: Search) -> Variables:
+def _pairs(search: Search) -> dict[str, Any]:
     """Pairs of candidates that may be the truth in the place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
-    texts = [PAIRS.join(PAIR.join(names) for names in of_effect) for of_effect in pairs]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
-    return {
-        "pairs": text_variable("step", texts, "pairs that cannot be separated from the effect"),
-        "pair_odds": variable(
-            "step", np.exp(-0.5 * best), "odds of the likeliest pair to it, nan of none", "1"
-        ),
-    }
+    texts = [PAIRS.join(PAIR.join(names) for names in of_effect) for of_effect in pairs]
+    return {"pairs": texts, "pair_odds": np.exp(-0.5 * best)}
 
 
 def _shapes(model: FittedModel) -> dict[str, float]:
@@ -306,52 +271,28 @@ def _competing_shapes(search: Search) -> dict[str, Array]:
     return competing
 
 
-def _step_shapes(search: Search) -> Variables:
-    """Shape parameters of each effect in the final model, nan those of the others."""
-    final = search.models[-1]
-    shapes, factor = _shapes(final), _error_factor(search)
-    errors = {name: factor * error for name, error in final.shape_errors().items()}
-    if not shapes:
-        return {}
-    of_effect = np.array([[name.startswith(f"{s}.") for name in shapes] for s in search.effects])
-    pair = [np.where(of_effect, [table[name] for name in shapes], np.nan) for table in (shapes, errors)]
-    return with_error("shape", ("step", "shape_parameter"), (pair[0], pair[1]), "shape parameter", "")
-
-
 def _omnibus(search: Search) -> xr.Dataset:
     """At each selection step the tests that know no candidate."""
-    tests = [screening.omnibus for screening in search.screenings]
-    p_value = np.array([test.p_value for test in tests])
-    factors = [_error_factor(search, at) for at in range(len(tests))]
-    return xr.Dataset(
-        {
-            "z": variable(("selection_step", "trial_force"), [test.z for test in tests], "score", "1"),
-            "widening": variable("selection_step", factors, "by how much errors are widened for it", "1"),
-            "p_value": variable("selection_step", p_value, "p-value of all together", "1"),
-            "significant": variable(
-                "selection_step", p_value < search.models[0].settings.level, "whether it is below the level"
-            ),
-        },
-        {"trial_force": list(tests[0].names)},
-    )
+    p_value = np.array([screening.omnibus_p_value for screening in search.screenings])
+    values = {
+        "z": [screening.omnibus_z for screening in search.screenings],
+        "widening": [screening.widening for screening in search.screenings],
+        "p_value": p_value,
+        "significant": p_value < search.models[0].settings.level,
+    }
+    return _group("omnibus", values, {"trial_force": trial_names()})
 
 
-def _holdout(final: Sequence[FreeMotion], predictions: Sequence[Prediction]) -> xr.Dataset:
+def _holdout(search: Search, final: Sequence[FreeMotion]) -> xr.Dataset:
     noise = root_mean_square([run.noise.standard_deviation for run in final])
-    rms = np.array([prediction.rms for prediction in predictions])
+    rms = np.array([prediction.rms for prediction in search.predictions])
     above = rms**2 - noise**2
-    ratio = above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan)
     # A part that is shorter than a period has no score.
-    of_periods = [np.concatenate(prediction.scores) for prediction in predictions]
-    score = [float(np.mean(scores)) if len(scores) else np.nan for scores in of_periods]
-    excess = "squared residual above the noise, over the start model's"
-    return xr.Dataset(
-        {
-            "rms": variable("model", rms, "RMS residual of the free motion", "rad"),
-            "log_score": variable("model", score, "mean logarithm of the predictive density of a row", "1"),
-            "residual_noise": variable(
-                (), noise, "standard deviation of the sensor's noise in a sample", "rad"
-            ),
-            "residual_above_noise": variable("model", ratio, excess, "1"),
-        }
-    )
+    of_periods = [np.concatenate(prediction.scores) for prediction in search.predictions]
+    values = {
+        "rms": rms,
+        "log_score": [float(np.mean(scores)) if len(scores) else np.nan for scores in of_periods],
+        "residual_noise": noise,
+        "residual_above_noise": above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan),
+    }
+    return _group("holdout", values)

@@ -53,6 +53,28 @@ def with_error(
     }
 
 
+def described(table: Mapping[str, Sequence[str]], values: Mapping[str, Any]) -> Variables:
+    """Variables as a table describes them.
+
+    Parameters
+    ----------
+    table : mapping of str to (str, str, str)
+        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts.
+    values : mapping of str to array_like, or to a pair of them
+        By names of the table; a pair is values and their standard errors.
+    """
+    variables: Variables = {}
+    for name, value in values.items():
+        dims, units, meaning = table[name]
+        if isinstance(value, tuple):
+            variables |= with_error(name, tuple(dims.split()), value, meaning, units)
+        elif units == "text":
+            variables[name] = text_variable(tuple(dims.split()), value, meaning)
+        else:
+            variables[name] = variable(tuple(dims.split()), value, meaning, units)
+    return variables
+
+
 def chi_square_test(
     dims: str | tuple[str, ...],
     chi_square: ArrayLike,
