@@ -56,37 +56,31 @@ class SearchParts(NamedTuple):
 
 
 def search_parts(runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset], per_period: int) -> SearchParts:
-    """Parts of the runs and of what is held out; a driven record is as dense as its inputs ask for."""
+    """Parts of the runs and of what is held out; a driven record is as dense as its inputs ask for.
+
+    Models are fitted to the runs and predict records that are held out; where there are none, they are fitted
+    to the first two thirds of each run and predict the last one.
+    """
     kept, records = (
         [run if inputs_of(run) else decimated(run, per_period) for run in those] for those in (runs, unseen)
     )
-    later = _held_out_records(records, kept) if records else _last_thirds(kept)
-    return SearchParts(kept, _parts_to_learn(kept, whole=bool(records)), later)
-
-
-def _parts_to_learn(runs: Sequence[xr.Dataset], *, whole: bool) -> list[RecordPart]:
-    """What models are fitted to: the runs, or the first two thirds of each."""
-    parts = []
-    for at, run in enumerate(runs):
+    parts = SearchParts(kept, [], [])
+    for at, run in enumerate(kept):
         time = run.time.values.astype(float)
-        end = len(time) if whole else first_held_out(time)
-        parts += [
-            RecordPart(part, at, float(time[0]), _before(run, part) if part.sizes["time"] < end else None)
-            for part in _stretches(run, slice(0, end))
-        ]
-    return parts
-
-
-def _last_thirds(runs: Sequence[xr.Dataset]) -> list[RecordPart]:
-    """What models predict where no record is held out."""
-    parts = []
-    for at, run in enumerate(runs):
-        time = run.time.values.astype(float)
-        first = first_held_out(time)
-        for part in _stretches(run, slice(first, len(time))):
-            is_whole = part.sizes["time"] == len(time) - first
+        end = len(time) if records else first_held_out(time)
+        for part in _stretches(run, slice(0, end)):
+            parts.learnt.append(RecordPart(part, at, float(time[0]), _before(run, part)))
+        for part in [] if records else _stretches(run, slice(end, None)):
+            is_whole = part.sizes["time"] == len(time) - end
             before = up_to_held_out(run) if is_whole else _before(run, part)
-            parts.append(RecordPart(part, at, float(time[0]), before))
+            parts.later.append(RecordPart(part, at, float(time[0]), before))
+    for at, record in enumerate(records):
+        # The noise of each is that of a run; `t` counts from the first sample of the record that it is from.
+        name = record.attrs.get("record_checksum")
+        same = [run for run in kept if name and run.attrs.get("record_checksum") == name]
+        origin = float((same or [record])[0].time.values[0])
+        run_of_noise = min(at, len(kept) - 1)
+        parts.later.extend(RecordPart(part, run_of_noise, origin) for part in _stretches(record, slice(None)))
     return parts
 
 
@@ -94,15 +88,6 @@ def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
     """As much of a run before a stretch of it, and its first sample; None at the begin of the run."""
     begin, count = int(np.searchsorted(run.time.values, part.time.values[0])), part.sizes["time"]
     return run.isel(time=slice(max(0, begin - count), begin + 1)) if begin else None
-
-
-def _held_out_records(records: Sequence[xr.Dataset], runs: Sequence[xr.Dataset]) -> list[RecordPart]:
-    """What models predict where records are held out; the noise of each is that of a run."""
-    return [
-        RecordPart(part, min(at, len(runs) - 1), _origin(record, runs))
-        for at, record in enumerate(records)
-        for part in _stretches(record, slice(0, record.sizes["time"]))
-    ]
 
 
 def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
@@ -125,13 +110,6 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         # Where a record begins it is not known what forces remember: a few periods tell.
         part = part.sel(time=slice(time[0] + 0.1 * duration, None))
     yield from stretches(part, duration, 3.0 * duration)
-
-
-def _origin(part: xr.Dataset, runs: Sequence[xr.Dataset]) -> float:
-    """Time from which `t` counts: the first sample of the record that the part is from, else its first."""
-    name = part.attrs.get("record_checksum")
-    same = [run for run in runs if name and run.attrs.get("record_checksum") == name]
-    return float((same or [part])[0].time.values[0])
 
 
 @dataclass(frozen=True)
