@@ -239,7 +239,7 @@ def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
     (tmp_path / f"{module}.py").write_text(absent, encoding="utf-8")
     # Files of foreign formats are read first by a process of their own.
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(probe, "_process", None)
+    monkeypatch.setattr(probe, "_processes", {})
     with pytest.raises(RecordError, match=r"package .*is needed; install it with pip install pyarrow npTDMS"):
         read_record(path)
 

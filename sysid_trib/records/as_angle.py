@@ -23,14 +23,13 @@ def are_axes(first: str, second: str) -> bool:
     return first != second and plain[0] == plain[1] and first not in plain and second not in plain
 
 
-def in_phase(first: Array, second: Array) -> bool:
-    """True if two columns are one motion, of either sign, but for their noise."""
+def in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
+    """True if two columns are one motion, of either sign, but for their noise: by their correlation."""
     if first.size != second.size:
         return False
     good = np.isfinite(first) & np.isfinite(second)
     x, y = first[good], second[good]
-    # Correlation of axes that see one motion, noise included.
-    return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > 0.8)
+    return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > least)
 
 
 def is_magnitude(values: Array) -> bool:
@@ -184,13 +183,14 @@ def as_position(
     return record
 
 
-def as_felt(time: Array, values: Array, attrs: dict[str, Any], distance: float, source: str) -> xr.Dataset:
+def as_felt(time: Array, values: Array, attrs: dict[str, Any], distance: float) -> xr.Dataset:
     """The record of an accelerometer on a pendulum, with the angle to first order.
 
     It feels g sin(x) + r x'' along its path. Without friction x'' = -w^2 sin(x): the angle is the arcsine of
     what it feels over g - r w^2.
     """
     swing = find_swing(time, values)
+    source = attrs["source"]
     if swing is None:
         raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")
     felt = STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2

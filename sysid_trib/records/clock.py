@@ -9,9 +9,8 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.signal import usual_step
+from sysid_trib.records.tables import MOST_SET_BACK
 
-# A clock that is set back this often is none: the rows are in no order.
-MOST_SET_BACK = 20
 UNEVEN_PART = 1e-9
 # Stamps are decimal numbers: the step of their rounding is a power of ten.
 MOST_DIGITS = 9

@@ -1,65 +1,48 @@
 """Which columns of a table are times and signal, where names, units and the swing make that certain."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
+import pandas as pd
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
+from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records.as_angle import are_axes, in_phase, is_magnitude
 from sysid_trib.records.cleaning import unwrapped, unwrapped_anywhere
-from sysid_trib.records.clock import MOST_SET_BACK, read_clock
+from sysid_trib.records.clock import read_clock
 from sysid_trib.records.equilibrium import Swing
 from sysid_trib.records.free_decay import swing_within
-from sysid_trib.records.headers import (
-    cells,
-    counts_rows,
-    is_time,
-    names_quantity,
-    runs_side_by_side,
-    split_header,
-    time_of,
-    unit_of_column,
-)
-from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers, without_sentinels
-from sysid_trib.records.tables import FileTable
-from sysid_trib.records.units import INTEGRATIONS, TIME_UNITS, SignalUnit
+from sysid_trib.records.headers import names_quantity
+from sysid_trib.records.numbers import without_sentinels
+from sysid_trib.records.reading import Reading
+from sysid_trib.records.tables import LISTED, Column, FileTable
+from sysid_trib.records.units import INTEGRATIONS
 
-LISTED = 12
 FEWEST_NUMBERS = 3
 DERIVATIVE_TOLERANCE = 0.2
+# Of a run: the columns of its times, if any, and of its signal; why it is this one, nothing where there is no
+# other.
+Chosen: TypeAlias = tuple[Column | None, Column, str]
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """The columns of one run.
-
-    Attributes
-    ----------
-    time : str or None
-        Name of the time column; None if there is none, or a sampling rate stands for it.
-    signal : str
-        Name of the signal's column.
-    sentence : str
-        Why it is this one; nothing where there is no other.
-    """
-
-    time: str | None
-    signal: str
-    sentence: str = ""
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A column that could be the signal: its header, numbers, and how it swings."""
+    """A column that could be the signal, and how it swings, or why it does not."""
 
-    name: str
-    base: str
-    unit: SignalUnit | None
+    column: Column
     values: Array
     swing: Swing | None
     reason: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.column.name
+
+    @property
+    def unit(self) -> str:
+        return self.column.unit.text if self.column.unit else ""
 
     @property
     def amplitude(self) -> float:
@@ -69,38 +52,18 @@ class _Candidate:
     def period(self) -> float:
         return self.swing.oscillation.period if self.swing else np.inf
 
-    @property
-    def quantity(self) -> str:
-        return self.unit.quantity if self.unit and self.unit.known else names_quantity(self.base)
 
-    @property
-    def integrations(self) -> int:
-        return INTEGRATIONS.get(self.quantity, 0)
-
-
-def choose_columns(
-    table: FileTable,
-    source: str,
-    *,
-    time: str | int | None,
-    angle: str | int | None,
-    signal: str | None,
-    rate: float | None,
-) -> list[Chosen]:
+def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> list[Chosen]:
     """The columns of each run in a table: as given, or where one alone can be meant.
 
     Parameters
     ----------
     table : FileTable
         What the file holds.
-    source : str
-        Name of the file, for messages.
-    time, angle : str or int, optional
-        Name or number (from 0) of the columns of time and signal.
-    signal : str, optional
-        The quantity that is wanted.
-    rate : float, Hz, optional
-        Sampling rate, where one is given or stated.
+    how : Reading
+        Columns, quantity and sampling rate, where they are given.
+    driving : list of Column
+        Inputs: they are no signal.
 
     Raises
     ------
@@ -109,194 +72,152 @@ def choose_columns(
     RecordError
         There is no column for a signal, or no clock.
     """
-    times = _time_columns(table)
-    given_time = None if time is None else find_column(table, time, source)
-    if angle is not None:
-        name = find_column(table, angle, source)
-        return [Chosen(given_time or time_of_column(name, table), name)]
-    if given_time is not None:
-        times = [given_time]
-    names = [
-        name
-        for name, values in table.columns.items()
-        if name not in times and not _is_empty(values) and is_numeric(values)
-    ]
-    if not names:
-        raise RecordError(f"{source}: there is no column for the angle beside the time.")
-    if rate is None and not times:
+    table = replace(table, columns=tuple(column for column in table.columns if column not in driving))
+    given = None if how.time is None else table.find(how.time)
+    if how.angle is not None:
+        signal = table.find(how.angle)
+        return [(given or own_time(table, signal), signal, "")]
+    times = [given] if given else table.times
+    signals = [c for c in table.columns if c not in times and not c.is_empty and c.is_numeric]
+    if not signals:
+        raise RecordError(f"{table.source}: there is no column for the angle beside the time.")
+    if not (how.sampling_rate or table.rate or times):
         # Without a clock it cannot be seen which column swings.
-        raise RecordError(no_clock(table, source))
-    runs = runs_side_by_side(names, times, table)
-    if runs:
-        return [Chosen(*run, "runs side by side") for run in runs]
-    parts = cells(names, times, table)
-    if parts:
-        first = parts[0][1]
-        at = first.index(_choose(first, times, table, signal, source)[0]) if len(first) > 1 else 0
-        return _moving_runs([(t, group[at]) for t, group in parts], table, source)
-    if len(names) == 1:
-        return [Chosen(time_of(names[0], times, table), names[0])]
-    name, why = _choose(names, times, table, signal, source)
-    return [Chosen(time_of(name, times, table), name, why)]
-
-
-def _moving_runs(runs: list[tuple[str, str]], table: FileTable, source: str) -> list[Chosen]:
-    """Runs side by side, without those that hold no decay where others do; they are named."""
-    candidates = {name: _candidate(table, name, time, source) for time, name in runs}
-    still = [name for name, candidate in candidates.items() if candidate is None or candidate.swing is None]
+        raise RecordError(table.no_clock)
+    runs = _runs(table, signals, times)
+    if not runs:
+        return [_chosen(table, signals, times, how)]
+    first = runs[0][1]
+    at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
+    beside = [(time, group[at]) for time, group in runs]
+    # Runs that hold no decay where others do are left out, and named.
+    still = [signal for time, signal in beside if not _swings(signal, time)]
     still = [] if len(still) == len(runs) else still
-    said = f"runs side by side, {', '.join(still)} left out: no decay" if still else "runs side by side"
-    return [Chosen(time, name, said) for time, name in runs if name not in still]
+    left_out = f", {', '.join(signal.name for signal in still)} left out: no decay" if still else ""
+    return [(time, signal, f"runs side by side{left_out}") for time, signal in beside if signal not in still]
 
 
-def _choose(
-    names: list[str], times: list[str], table: FileTable, signal: str | None, source: str
-) -> tuple[str, str]:
-    """The column that alone can be meant, and why."""
+def own_time(table: FileTable, signal: Column) -> Column | None:
+    """The time column that belongs to a column; None if there is none."""
+    return _time_of(table, signal, [time for time in table.times if time is not signal])
+
+
+def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | None:
+    """The time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
+    order = table.columns
+    fitting = [time for time in times if time.cells.size == signal.cells.size] or times
+    # What names share behind their first word.
+    rest = {c: re.sub(r"^[^\W\d_]+", "", c.name.rpartition(".")[2]) for c in (signal, *fitting)}
+    mates = [time for time in fitting if "[" in time.name and rest[signal].startswith(rest[time])]
+    before = [time for time in fitting if order.index(time) < order.index(signal)]
+    if mates or not before:
+        return next(iter(mates or fitting), None)
+    # Of clocks in neighbouring columns the one that stands still least often; else the next one.
+    clocks = [before[-1]]
+    while (at := order.index(clocks[0])) and order[at - 1] in before:
+        clocks.insert(0, order[at - 1])
+    return max(reversed(clocks), key=lambda clock: pd.unique(clock.cells).size)
+
+
+def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[tuple[Column, list[Column]]]:
+    """Times and signals of each run side by side: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; else nothing.
+
+    Each has as many columns as the others, of the same names but for their numbers or letters.
+    """
+    runs = [(time, [c for c in signals if _time_of(table, c, times) is time]) for time in times]
+    # What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
+    patterns = {
+        tuple(re.sub(r"#?\d+|(?<=[ _])[a-d]$", "", c.base) for c in (time, *group)) for time, group in runs
+    }
+    fit = all(c.cells.size == time.cells.size for time, group in runs for c in group)
+    return runs if len(runs) > 1 and len(patterns) == 1 and fit and runs[0][1] else []
+
+
+def _swings(signal: Column, time: Column | None) -> bool:
+    candidate = _candidate(signal, time)
+    return candidate is not None and candidate.swing is not None
+
+
+def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> Chosen:
+    """The column that alone can be meant, its times, and why."""
+    own = {signal: _time_of(table, signal, times) for signal in signals}
     # Columns that are looked at.
-    made = (_candidate(table, name, time_of(name, times, table), source) for name in names[:40])
+    made = (_candidate(signal, own[signal]) for signal in signals[:40]) if len(signals) > 1 else ()
     candidates = [candidate for candidate in made if candidate is not None]
-    if not candidates:
-        # Each of them holds a text: the refusal says where.
-        return names[0], ""
-    chosen, why = _certain(candidates, signal, source)
-    return chosen.name, why
+    # Where each of them holds a text, the refusal says where.
+    chosen, why = _certain(candidates, how.quantity, table.source) if candidates else (signals[0], "")
+    return own[chosen], chosen, why
 
 
-def _time_columns(table: FileTable) -> list[str]:
-    """Names of the columns of time: by their headers, else the first one that rises throughout."""
-    names = [name for name, values in table.columns.items() if not _is_empty(values)]
-    units = {name: table.units.get(name, "") or split_header(name)[1] for name in names}
-    named = [
-        name
-        for name in names
-        if is_time(split_header(name)[0], units[name]) or is_clock_time(table.columns[name])
-    ]
-    # `Time_id[0]`, `t run 2`, `host time (s)`: names that begin or end so, of columns that rise.
-    named += [
-        name
-        for name in names
-        if name not in named
-        and _is_like_time(split_header(name)[0], units[name])
-        and _rises(table.columns[name])
-    ]
-    named.sort(key=names.index)
-    if named or len(names) == 1:
-        return named
-    first = [name for name in names if np.asarray(table.columns[name]).dtype.kind in "fiu"][:3]
-    rising = [
-        name for name in first if _rises(table.columns[name]) and not counts_rows(split_header(name)[0])
-    ]
-    if not rising and _starts_anew(table.columns[names[0]]):
-        return names[:1]
-    # A number of the row stands before the time.
-    if (
-        len(rising) > 1
-        and len(names) > 2
-        and np.median(np.diff(np.asarray(table.columns[rising[0]], float))) == 1
-    ):
-        return rising[1:2]
-    return rising[:1]
-
-
-def _is_like_time(base: str, unit: str) -> bool:
-    if unit:
-        return unit in TIME_UNITS and base.endswith(" time")
-    return re.match(r"(?:time|t|zeit)\b", base) is not None
-
-
-def _is_empty(values: object) -> bool:
-    """True if a column holds nothing, as that of the times where a logger leaves them out."""
-    column = np.asarray(values)
-    return column.dtype.kind == "f" and not np.isfinite(column).any()
-
-
-def _rises(values: object) -> bool:
-    column = np.asarray(values)
-    if column.dtype.kind not in "fiu":
-        return False
-    steps = np.diff(column[np.isfinite(column.astype(float))].astype(float))
-    return bool(steps.size and np.all(steps >= 0) and np.any(steps > 0))
-
-
-def _starts_anew(values: object) -> bool:
-    """True if a column rises and starts anew where it began, for each of a few runs."""
-    column = np.asarray(values)
-    if column.dtype.kind not in "fiu" or not np.isfinite(column.astype(float)).all():
-        return False
-    steps = np.diff(column.astype(float))
-    back = np.flatnonzero(steps <= 0.0) + 1
-    # Of the range of times: runs below each other begin as near to each other as this.
-    begins = np.abs(column[back] - column[0]) <= 0.01 * np.ptp(column.astype(float))
-    return bool(0 < back.size <= MOST_SET_BACK and begins.all())
-
-
-def _candidate(table: FileTable, name: str, time: str | None, source: str) -> _Candidate | None:
-    """A column with its header and swing; None if it holds a text, or next to no numbers."""
-    base, unit = split_header(name)[0], unit_of_column(table, name)
-    swing, reason = None, ""
+def _candidate(column: Column, time: Column | None) -> _Candidate | None:
+    """A column with its swing; None if it holds a text, or next to no numbers."""
     try:
-        values, _ = without_sentinels(numbers(table.columns[name], name, source))
+        values, _ = without_sentinels(column.numbers)
     except SysidTribError:
         return None
     if np.count_nonzero(np.isfinite(values)) < FEWEST_NUMBERS:
         return None
     try:
-        stamps = np.arange(values.size) if time is None else numbers(table.columns[time], time, source)
+        stamps = np.arange(values.size) if time is None else time.numbers
         if stamps.size != values.size:
-            return _Candidate(name, base, unit, values, None)
-        clock = read_clock(stamps.astype(float), 1.0, source, values)
+            return _Candidate(column, values, None)
+        clock = read_clock(stamps.astype(float), 1.0, column.source, values)
         good = np.isfinite(values[clock.rows])
-        whole, _ = unwrapped(
-            values[clock.rows][good], 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-        )
-        swing, reason = swing_within(clock.time[good], unwrapped_anywhere(whole)[0])
+        turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
+        whole, _ = unwrapped(values[clock.rows][good], turn)
+        return _Candidate(column, values, *swing_within(clock.time[good], unwrapped_anywhere(whole)[0]))
     except SysidTribError:
-        pass
-    return _Candidate(name, base, unit, values, swing, reason)
+        return _Candidate(column, values, None)
 
 
-def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[_Candidate, str]:
+def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[Column, str]:
     """The one column that can be meant, and why."""
     moving = [c for c in candidates if c.amplitude > 0.0] or candidates
     moving = [c for c in moving if not is_magnitude(c.values)] or moving
     pool = [c for c in moving if c.swing is not None] or moving
     if signal is not None:
-        pool = [c for c in pool if c.quantity == signal] or pool
+        pool = [c for c in pool if c.column.quantity == signal] or pool
     # A position is worth more than its rate, and that than its acceleration: what need not be integrated.
-    order = min(c.integrations for c in pool)
-    pool = [c for c in pool if c.integrations == order]
-    named = [c for c in pool if c.quantity == "angle" and names_quantity(c.base) == "angle"]
+    integrations = {c: INTEGRATIONS.get(c.column.quantity, 0) for c in pool}
+    pool = [c for c in pool if integrations[c] == min(integrations.values())]
+    named = [c for c in pool if c.column.quantity == names_quantity(c.column.base) == "angle"]
     others = f"of {len(candidates)} columns" if len(candidates) > 1 else ""
     if len(pool) == 1:
         _ask_of_larger(pool[0], moving, source)
-        return pool[0], f"the one {others} that swings as a decay" if others and pool[0].swing else ""
+        return pool[0].column, f"the one {others} that swings as a decay" if others and pool[0].swing else ""
     if len(named) == 1:
-        return named[0], f"named as an angle, {others}"
+        return named[0].column, f"named as an angle, {others}"
     axes = _without_smaller_axes(named or pool)
     if len(axes) == 1:
-        return axes[0], "the largest of the axes of one sensor, which swing together as one motion"
+        return axes[0].column, "the largest of the axes of one sensor, which swing together as one motion"
     pool = _without_copies(axes)
     if len(pool) == 1:
-        return pool[0], f"of the columns that swing alike, {others}"
-    units = {c.unit.text if c.unit else "" for c in pool}
+        return pool[0].column, f"of the columns that swing alike, {others}"
     largest, second = sorted(pool, key=lambda c: c.amplitude)[:-3:-1]
+    one_unit = len({c.unit for c in pool}) == 1
     # Of columns in one unit, one is the signal if it swings so many times as far as any other.
-    if len(units) == 1 and largest.amplitude > 5.0 * second.amplitude:
-        return largest, f"it swings {largest.amplitude / second.amplitude:.2g} times as far as any other"
+    if one_unit and largest.amplitude > 5.0 * second.amplitude:
+        times = f"{largest.amplitude / second.amplitude:.2g}"
+        return largest.column, f"it swings {times} times as far as any other"
     if not any(c.swing for c in pool):
-        raise RecordError(_no_decay(named or pool, source))
+        pool = named or pool
+        reasons = "; ".join(f"{c.name}: {c.reason}" for c in pool[:LISTED] if c.reason)
+        beat = "two modes beat" in reasons and "driven" not in reasons
+        driven = "is it driven? A free decay is needed: switch the drive off, and record what follows."
+        raise RecordError(
+            f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
+            f"{'record one mode alone.' if beat else driven}"
+        )
     raise UsageError(
         f"{source}: {_listed(pool)} could each be the signal; name one, such as "
-        f'--angle "{(largest if len(units) == 1 else pool[0]).name}" (angle= in Python).'
+        f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
 
 
 def _ask_of_larger(swinging: _Candidate, moving: list[_Candidate], source: str) -> None:
     """Ask which one is the signal where a column of the same kind that is no clean decay is far larger."""
     for other in moving:
-        unit = other.unit and swinging.unit and other.unit.text == swinging.unit.text
-        alike = unit or are_axes(other.base, swinging.base)
+        alike = other.unit == swinging.unit != "" or are_axes(other.column.base, swinging.column.base)
         # What is so many times as large as the column that swings is no noise of it, and is asked about.
         if alike and other.swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
@@ -306,35 +227,24 @@ def _ask_of_larger(swinging: _Candidate, moving: list[_Candidate], source: str) 
             )
 
 
-def _no_decay(pool: list[_Candidate], source: str) -> str:
-    """Why none of several columns is a decay."""
-    reasons = "; ".join(f"{column.name}: {column.reason}" for column in pool[:LISTED] if column.reason)
-    return (
-        f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
-        + (
-            "record one mode alone."
-            if "two modes beat" in reasons and "driven" not in reasons
-            else "is it driven? A free decay is needed: switch the drive off, and record what follows."
-        )
-    )
-
-
 def _without_smaller_axes(pool: list[_Candidate]) -> list[_Candidate]:
     """Without axes of one sensor that move in phase with a larger one: all see the same motion."""
     largest = max(pool, key=lambda c: c.amplitude)
     return [
         c
         for c in pool
-        if c is largest or not (are_axes(c.base, largest.base) and in_phase(c.values, largest.values))
+        if c is largest
+        or not (are_axes(c.column.base, largest.column.base) and in_phase(c.values, largest.values))
     ]
 
 
 def _without_copies(pool: list[_Candidate]) -> list[_Candidate]:
     """Without columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
-    ranked = sorted(pool, key=lambda c: (c.quantity != "angle", c.unit is None))
+    ranked = sorted(pool, key=lambda c: (c.column.quantity != "angle", not c.unit))
     kept: list[_Candidate] = []
     for column in ranked:
-        alike = any(_repeats(column, other) for other in kept)
+        # Two columns are one signal twice.
+        alike = any(in_phase(column.values, other.values, 0.9999) for other in kept)
         doubled = any(abs(other.period / column.period - 2.0) < 0.1 for other in pool)
         if not alike and not doubled and not any(_is_rate_of(column, other) for other in pool):
             kept.append(column)
@@ -350,20 +260,8 @@ def _is_rate_of(column: _Candidate, other: _Candidate) -> bool:
         return False
     w = 2.0 * np.pi / its.period
     wave = np.exp(-1j * w * its.time)
-    ratio = np.sum((mine.signal - mine.signal.mean()) * wave) / np.sum(
-        (its.signal - its.signal.mean()) * wave
-    )
-    return bool(abs(ratio / (1j * w) - 1.0) < DERIVATIVE_TOLERANCE)
-
-
-def _repeats(column: _Candidate, other: _Candidate) -> bool:
-    if column.values.size != other.values.size:
-        return False
-    good = np.isfinite(column.values) & np.isfinite(other.values)
-    if not np.count_nonzero(good) or not np.ptp(column.values[good]) or not np.ptp(other.values[good]):
-        return False
-    # Two columns are one signal twice.
-    return bool(abs(np.corrcoef(column.values[good], other.values[good])[0, 1]) > 0.9999)
+    rate, angle = (np.sum((swing.signal - swing.signal.mean()) * wave) for swing in (mine, its))
+    return bool(abs(rate / angle / (1j * w) - 1.0) < DERIVATIVE_TOLERANCE)
 
 
 def _listed(pool: list[_Candidate]) -> str:
@@ -373,55 +271,3 @@ def _listed(pool: list[_Candidate]) -> str:
         period = f", period {column.period:.4g}" if column.swing else ""
         texts.append(f"{column.name} ({low:.4g} to {high:.4g}{period})")
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
-
-
-def no_clock(table: FileTable, source: str) -> str:
-    """Why there are no times, and what to give."""
-    over = [name for name in table.columns if split_header(name)[0].startswith("freq")]
-    if over:
-        return (
-            f"{source}: its columns are over {over[0]}, not over time: it is a response; a record is needed."
-        )
-    taken = next((f" but {time}, which --angle takes" for time in _time_columns(table)), "")
-    return (
-        f"{source}: there is no time column{taken}; give the sampling rate (--sampling-rate HZ). "
-        f"Its columns are {_numbered(table)}."
-    )
-
-
-def _numbered(table: FileTable) -> str:
-    """The columns of a file with their numbers, the time's among them."""
-    names = [f"{number}: {name}" for number, name in enumerate(table.columns)]
-    return ", ".join([*names[:LISTED], *["..."] * (len(names) > LISTED)])
-
-
-def time_of_column(column: str, table: FileTable) -> str | None:
-    """The time column that belongs to a column; None if there is none."""
-    return time_of(column, [time for time in _time_columns(table) if time != column], table)
-
-
-def has_column(table: FileTable, wanted: str | int | None) -> bool:
-    """True if a table has a column of that name or number."""
-    try:
-        return wanted is not None and bool(find_column(table, wanted, ""))
-    except UsageError:
-        return False
-
-
-def find_column(table: FileTable, wanted: str | int, source: str) -> str:
-    """The column of that name, or else of that number from 0."""
-    names = list(table.columns)
-    if isinstance(wanted, str):
-        for matches in (
-            [name for name in names if name == wanted],
-            [name for name in names if split_header(name)[0] == wanted.strip().lower()],
-            [name for name in names if name.startswith((f"{wanted}[", f"{wanted}."))],
-        ):
-            if len(matches) == 1:
-                return matches[0]
-    if re.fullmatch(r"[0-9]{1,9}", str(wanted)) and int(wanted) < len(names):
-        return names[int(wanted)]
-    nearest = did_you_mean(str(wanted), [*names, *(split_header(name)[0] for name in names)])
-    raise UsageError(
-        f"{source}: there is no single column {str(wanted)!r}; its columns are {_numbered(table)}.{nearest}"
-    )

@@ -12,9 +12,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.formulas import Formula, parse
-from sysid_trib.records.headers import split_header, unit_of_column
-from sysid_trib.records.numbers import is_numeric, numbers
-from sysid_trib.records.tables import FileTable
+from sysid_trib.records.tables import Column, FileTable
 from sysid_trib.records.units import METRES, RADIANS, signal_unit
 
 # What makes a text an expression and no name.
@@ -27,7 +25,7 @@ Dimension: TypeAlias = tuple[str, float]
 NUMBER: Dimension = ("", 0.0)
 
 
-def with_expression(table: FileTable, text: str, units: str | None, source: str) -> FileTable:
+def with_expression(table: FileTable, text: str, units: str | None) -> FileTable:
     """The table with a further column, of which the expression is the name.
 
     Parameters
@@ -38,36 +36,28 @@ def with_expression(table: FileTable, text: str, units: str | None, source: str)
         A formula as forces have it; or `atan2(formula, formula)`, an angle in rad.
     units : str or None
         Unit of the result, if the user says it; else it is that of the columns, carried through the formula.
-    source : str
-        Name of the file, for messages.
 
     Raises
     ------
     UsageError
         Not a formula of the columns, a name that two of them have, or a unit that does not follow.
     """
-    signal, parts, held = evaluated(table, text, "--angle", source)
-    stated = {name: unit_of_column(table, column) for name, column in held.items()}
+    signal, parts, held = evaluated(table, text, "--angle")
     # The usual name of a unit, so that deg and degrees are one.
-    follows = _unit(parts, {name: unit.text if unit else "" for name, unit in stated.items()})
+    follows = _unit(parts, {name: column.unit.text if column.unit else "" for name, column in held.items()})
     unit = _agreed(follows, units)
     if unit is None:
-        columns = ", ".join(held.values())
+        columns = ", ".join(column.name for column in held.values())
         raise UsageError(
-            f"{source}: the unit of --angle '{text}' does not follow from that of its columns ({columns}), "
-            "whose numbers it takes as they are; say it with --units (units= in Python)."
+            f"{table.source}: the unit of --angle '{text}' does not follow from that of its columns "
+            f"({columns}), whose numbers it takes as they are; say it with --units (units= in Python)."
         )
     base = next(iter(held)) if len(held) == 1 else ""
-    return replace(
-        table,
-        columns={**table.columns, text: np.where(np.isfinite(signal), signal, np.nan)},
-        made={**table.made, text: (base, unit)},
-    )
+    made = Column(text, np.where(np.isfinite(signal), signal, np.nan), table.source, base, unit)
+    return replace(table, columns=(*table.columns, made))
 
 
-def evaluated(
-    table: FileTable, text: str, flag: str, source: str
-) -> tuple[Array, list[Formula], dict[str, str]]:
+def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formula], dict[str, Column]]:
     """A formula of columns: its values (row,), its parts, and the columns that it holds by their names.
 
     Raises
@@ -75,30 +65,31 @@ def evaluated(
     UsageError
         Not a formula of the columns, or a name that two of them have.
     """
-    names: dict[str, list[str]] = {}
+    names: dict[str, list[Column]] = {}
     for column in table.columns:
-        name = split_header(column)[0].replace(" ", "_")
+        name = column.base.replace(" ", "_")
         if name.isidentifier():
             names.setdefault(name, []).append(column)
-    parts = [_parsed(part, names, source) for part in _arguments(text.lower())]
+    parts = [_parsed(part, names, table.source) for part in _arguments(text.lower())]
     used = {name for part in parts for name in part.names & names.keys()}
-    held = {name: _single(table, text, name, names[name], source) for name in sorted(used)}
+    held = {name: _single(names[name], name, text) for name in sorted(used)}
     if not held:
-        known = ", ".join(names)
-        raise UsageError(f"{source}: {flag} '{text}' holds no column of numbers; it may hold {known}.")
-    values = {name: numbers(table.columns[column], column, source) for name, column in held.items()}
+        known = f"{flag} '{text}' holds no column of numbers; it may hold {', '.join(names)}."
+        raise UsageError(f"{table.source}: {known}")
+    values = {name: column.numbers for name, column in held.items()}
     sizes = {column.size for column in values.values()}
     if len(sizes) > 1:
-        raise UsageError(f"{source}: the columns of {flag} '{text}' are not of one length.")
+        raise UsageError(f"{table.source}: the columns of {flag} '{text}' are not of one length.")
     with np.errstate(all="ignore"):
         made = [np.broadcast_to(part.evaluate(values), tuple(sizes)) for part in parts]
         signal = np.arctan2(*made) if len(made) == 2 else made[0].astype(float)
     return signal, parts, held
 
 
-def is_expression(text: str | int | None) -> bool:
-    """True if a text could be a formula of columns, where no column has that name."""
-    return isinstance(text, str) and EXPRESSION_SIGNS.search(text) is not None
+def is_expression(table: FileTable, wanted: str | int | None) -> bool:
+    """True if a text could be a formula of columns, and no column has that name."""
+    signs = isinstance(wanted, str) and EXPRESSION_SIGNS.search(wanted) is not None
+    return signs and table.match(wanted) is None
 
 
 def _arguments(text: str) -> list[str]:
@@ -114,22 +105,23 @@ def _arguments(text: str) -> list[str]:
     return [plain]
 
 
-def _parsed(text: str, names: Mapping[str, Sequence[str]], source: str) -> Formula:
+def _parsed(text: str, names: Mapping[str, Sequence[Column]], source: str) -> Formula:
     try:
         return parse(text, frozenset(names), frozenset(), "--angle")
     except LibraryError as error:
         raise UsageError(f"{source}: {error} Columns that it may hold: {', '.join(names)}.") from None
 
 
-def _single(table: FileTable, text: str, name: str, columns: Sequence[str], source: str) -> str:
+def _single(columns: Sequence[Column], name: str, text: str) -> Column:
     """The column of numbers that alone has a name."""
     if len(columns) > 1:
         raise UsageError(
-            f"{source}: there is no single column '{name}' for --angle '{text}': {', '.join(columns)}; "
-            "rename one in the file."
+            f"{columns[0].source}: there is no single column '{name}' for --angle '{text}': "
+            f"{', '.join(column.name for column in columns)}; rename one in the file."
         )
-    if not is_numeric(table.columns[columns[0]]):
-        raise UsageError(f"{source}: column '{columns[0]}' of --angle '{text}' holds no numbers.")
+    if not columns[0].is_numeric:
+        holds = f"column '{columns[0].name}' of --angle '{text}' holds no numbers."
+        raise UsageError(f"{columns[0].source}: {holds}")
     return columns[0]
 
 

@@ -169,55 +169,42 @@ def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index
 
 def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[CutDecay]:
     """The decays of all pieces; where there is none, the reason why the longest is none."""
-    decays: list[CutDecay] = []
     longest = max(pieces, key=lambda piece: piece.time.size)
-    try:
-        decays = _decays_in(longest, value, source)
-    except DecayError:
-        if len(pieces) == 1:
-            raise
-    for piece in pieces:
-        if piece is not longest:
-            decays += _further(piece, decays, value, source)
+    waiting = [longest, *(piece for piece in pieces if piece is not longest)]
+    decays: list[CutDecay] = []
+    refusals: list[DecayError] = []
+    while waiting and len(decays) < MOST_DECAYS:
+        piece = waiting.pop(0)
+        if piece is not longest and not _may_hold_another(piece, decays):
+            continue
+        try:
+            decay = _first(piece, value, source)
+        except DecayError as refusal:
+            refusals.append(refusal)
+            continue
+        if decays and not _alike(decay.swing, decays[0].swing):
+            continue
+        decays.append(decay)
+        # What comes after it and before it.
+        piece, ends = decay.piece, (slice(decay.stop, None), slice(decay.start))
+        waiting = [*(Piece(piece.time[end], piece.signal[end], piece.sentence) for end in ends), *waiting]
     if not decays:
-        _first(longest, value, source)
+        raise refusals[0]
     return sorted(decays, key=lambda decay: decay.piece.time[decay.start])
 
 
-def _decays_in(piece: Piece, value: float | None, source: str) -> list[CutDecay]:
-    """The decay of a piece that travels farthest, and those before and after it."""
-    decays = [_first(piece, value, source)]
-    waiting = list(_rest(decays[0]))
-    while waiting and len(decays) < MOST_DECAYS:
-        rest = waiting.pop()
-        for decay in _further(rest, decays, value, source):
-            decays.append(decay)
-            waiting += _rest(decay)
-    return decays
+def _may_hold_another(piece: Piece, decays: list[CutDecay]) -> bool:
+    """True if a piece is long enough, and moves far enough, for a decay like the first one."""
+    if piece.time.size < 20 or not decays:
+        return piece.time.size >= 20
+    period = decays[0].swing.oscillation.period
+    far = np.ptp(piece.signal) >= SMALLEST_FURTHER * np.ptp(decays[0].piece.signal)
+    return bool(far and piece.time[-1] - piece.time[0] >= 4.0 * period)
 
 
-def _rest(decay: CutDecay) -> list[Piece]:
-    """What comes before a decay and after it."""
-    piece, ends = decay.piece, (slice(decay.start), slice(decay.stop, None))
-    return [Piece(piece.time[end], piece.signal[end], piece.sentence) for end in ends]
-
-
-def _further(piece: Piece, decays: list[CutDecay], value: float | None, source: str) -> list[CutDecay]:
-    """The decay of a piece, if it is one like those that are known."""
-    known = decays[0].swing.oscillation.period if decays else 0.0
-    if piece.time.size < 20 or piece.time[-1] - piece.time[0] < 4.0 * known:
-        return []
-    if decays and np.ptp(piece.signal) < SMALLEST_FURTHER * np.ptp(decays[0].piece.signal):
-        return []
-    try:
-        decay = _first(piece, value, source)
-    except DecayError:
-        return []
-    if not decays:
-        return [decay]
-    alike = abs(decay.swing.oscillation.period / known - 1.0) < 0.25
-    is_large = decay.swing.peaks.max() > SMALLEST_FURTHER * decays[0].swing.peaks.max()
-    return [decay] if alike and is_large else []
+def _alike(swing: Swing, first: Swing) -> bool:
+    alike = abs(swing.oscillation.period / first.oscillation.period - 1.0) < 0.25
+    return bool(alike and swing.peaks.max() > SMALLEST_FURTHER * first.peaks.max())
 
 
 def _first(piece: Piece, value: float | None, source: str) -> CutDecay:

@@ -1,22 +1,16 @@
-"""What a file says of its columns and of itself: names, units, sampling rate, and which belong together."""
+"""What a file says of its columns and of itself: names, units, sampling rate."""
 
 import re
 import unicodedata
 from collections.abc import Sequence
 
-import numpy as np
-import pandas as pd
-
-from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import (
     ANGLE_UNITS,
     LAB_WORDS,
     POSITION_UNITS,
     TIME_UNITS,
-    SignalUnit,
     is_known_unit,
     plain_unit,
-    signal_unit,
 )
 
 # Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
@@ -79,31 +73,14 @@ def names_quantity(base: str) -> str:
 def is_time(base: str, unit: str) -> bool:
     """True if a header is that of a time column."""
     base = _without_accents(base)
-    plain = re.sub(r"\s*\d+$", "", base)
-    named = {plain, base} & set(LAB_WORDS["time"])
+    named = {re.sub(r"\s*\d+$", "", base), base} & set(LAB_WORDS["time"])
     return bool(named) or (unit in TIME_UNITS and base.startswith("time"))
-
-
-def counts_rows(base: str) -> bool:
-    """True if a header is that of a number of the row, such as `frame`."""
-    return base in LAB_WORDS["counter"]
 
 
 def _without_accents(text: str) -> str:
     """Letters without their accents: `angulo` for `ángulo`."""
     parted = unicodedata.normalize("NFD", text)
     return "".join(letter for letter in parted if not unicodedata.combining(letter))
-
-
-def unit_of_column(table: FileTable, name: str) -> SignalUnit | None:
-    """Unit that a file states of a column, with its name or in its header; None where it states none."""
-    stated = table.units.get(name, "")
-    if not stated:
-        # With the capitals that the header has: `mT`, where `split_header` says `mt`.
-        stated = (table.made.get(name) or split_header(name))[1]
-        at = name.lower().rfind(stated)
-        stated = name[at : at + len(stated)] if at >= 0 else stated
-    return signal_unit(stated)
 
 
 _VALUE = r"(?P<value>\d[\d.]*(?:,\d+)?(?:e[+-]?\d+)?)"
@@ -135,35 +112,35 @@ _UNIT = (
 )
 
 
-def noted_rate(notes: Sequence[str]) -> float | None:
-    """Sampling rate (Hz) that a file states: `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`."""
+def noted_rate(notes: Sequence[str], rows: int = 0) -> float | None:
+    """Sampling rate (Hz) that a file states, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
+
+    So many rows have one over a duration that it states, too.
+    """
     for note in notes:
         for pattern in _RATES:
-            match = re.search(pattern, note, re.IGNORECASE)
-            if match and _value(match) > 0.0:
-                return _value(match) * (1e3 if _unit_of(match, "hz").startswith("k") else 1.0)
-        match = re.search(_STEP, note, re.IGNORECASE)
-        if match and _value(match) > 0.0:
-            return 1.0 / (_value(match) * TIME_UNITS.get(_unit_of(match, "s"), 1.0))
+            if value := _value(match := re.search(pattern, note, re.IGNORECASE)):
+                return value * (1e3 if _unit_of(match, "hz").startswith("k") else 1.0)
+        if value := _value(match := re.search(_STEP, note, re.IGNORECASE)):
+            return 1.0 / (value * TIME_UNITS.get(_unit_of(match, "s"), 1.0))
+    for note in notes if rows else ():
+        if duration := _value(re.search(_DURATION, note, re.IGNORECASE)):
+            # The last sample may be at the end.
+            return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration
     return None
 
 
-def _noted_duration(notes: Sequence[str]) -> float | None:
-    """Duration (s) that a scalar or a comment of a file states: `duration = 30`."""
-    matches = (re.search(_DURATION, note, re.IGNORECASE) for note in notes)
-    return next((_value(match) for match in matches if match and _value(match) > 0.0), None)
-
-
-def _value(match: "re.Match[str]") -> float:
+def _value(match: "re.Match[str] | None") -> float:
+    """The positive number that a note states; 0 where it states none."""
     try:
-        return float(match["value"].replace(",", "."))
+        return max(0.0, float(match["value"].replace(",", "."))) if match else 0.0
     except ValueError:
         return 0.0
 
 
-def _unit_of(match: "re.Match[str]", usual: str) -> str:
+def _unit_of(match: "re.Match[str] | None", usual: str) -> str:
     """The unit that stands behind a value, or in brackets before it."""
-    units = match.groupdict()
+    units = match.groupdict() if match else {}
     return str(units.get("after") or units.get("before") or usual).lower()
 
 
@@ -171,65 +148,3 @@ def noted_unit(notes: Sequence[str]) -> str:
     """Unit that comments or texts of a file state, `unit: rad`; nothing where none does."""
     matches = (re.search(_UNIT, note, re.IGNORECASE) for note in notes)
     return next((match["unit"] for match in matches if match), "")
-
-
-def time_of(name: str, times: list[str], table: FileTable) -> str | None:
-    """The time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
-    order = list(table.columns)
-    fitting = [t for t in times if np.size(table.columns[t]) == np.size(table.columns[name])] or times
-    mates = [t for t in fitting if _are_mates(t, name)]
-    before = [t for t in fitting if order.index(t) < order.index(name)]
-    if mates or not before:
-        return next(iter(mates or fitting), None)
-    # Of clocks in neighbouring columns the one that stands still least often; else the next one.
-    clocks = [before[-1]]
-    while (at := order.index(clocks[0])) and order[at - 1] in before:
-        clocks.insert(0, order[at - 1])
-    return max(reversed(clocks), key=lambda clock: pd.unique(table.columns[clock]).size)
-
-
-def _rest(name: str) -> str:
-    """A name without its first word: what it shares with its mate."""
-    return re.sub(r"^[^\W\d_]+", "", name.rpartition(".")[2])
-
-
-def _are_mates(time: str, name: str) -> bool:
-    return "[" in time and _rest(name).startswith(_rest(time))
-
-
-def runs_side_by_side(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, str]]:
-    """Time and signal of each run where a table holds the same pair of columns several times."""
-    pairs = [(time_of(name, times, table) or "", name) for name in names]
-    headers = {split_header(name) for name in names}
-    numbered = all(any(sign.isdigit() for sign in name) for name in names[1:])
-    grouped = ":" in names[0] or "run" in names[0].lower() or all("#" in name for name in names[1:])
-    several = len(pairs) > 1 and len({time for time, _ in pairs}) == len(pairs) == len(times)
-    return pairs if several and len(headers) == 1 and numbered and grouped else []
-
-
-def cells(names: list[str], times: list[str], table: FileTable) -> list[tuple[str, list[str]]]:
-    """Times and signals of each run: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; nothing of other tables.
-
-    Each has as many columns as the others, of the same names but for their numbers or letters, and units.
-    """
-    groups = [(time, [name for name in names if time_of(name, times, table) == time]) for time in times]
-    patterns = {tuple(_without_number(item) for item in (time, *group)) for time, group in groups}
-    fit = all(
-        np.size(table.columns[name]) == np.size(table.columns[t]) for t, group in groups for name in group
-    )
-    return groups if len(groups) > 1 and len(patterns) == 1 and fit and groups[0][1] else []
-
-
-def _without_number(name: str) -> str:
-    """What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`."""
-    return re.sub(r"#?\d+|(?<=[ _])[a-d]$", "", split_header(name)[0])
-
-
-def stated_rate(table: FileTable) -> float | None:
-    """Sampling rate (Hz) that the notes of a file state, or that its rows have over a duration they state."""
-    rate, duration = noted_rate(table.notes), _noted_duration(table.notes)
-    if rate is not None or duration is None:
-        return rate
-    rows = max(np.size(column) for column in table.columns.values())
-    # The last sample may be at the end.
-    return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration

@@ -11,6 +11,7 @@ import contextlib
 import importlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -53,8 +54,9 @@ runpy.run_module("sysid_trib.records.probe", run_name="__main__")
 """
 
 
-class LinkedError(ValueError):
-    """Numbers that are elsewhere."""
+# Of each process, as a forked one has its own: the process that reads files for it, one at a time.
+_processes: dict[int, subprocess.Popen[bytes]] = {}
+_locks: dict[int, threading.Lock] = {}
 
 
 def check_binary(path: Path, reader: str) -> None:
@@ -73,7 +75,8 @@ def check_binary(path: Path, reader: str) -> None:
     ImportError
         The package is not installed that reads it, by its name if that is known.
     """
-    end, said = _reading_process().ask(reader, path)
+    with _locks.setdefault(os.getpid(), threading.Lock()):
+        end, said = _ask(reader, path)
     if end == LINKED:
         raise RecordError(f"{path.name}: {said}; copy all numbers into one plain file.")
     if end == NO_READER:
@@ -82,96 +85,60 @@ def check_binary(path: Path, reader: str) -> None:
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({said}).")
 
 
-class _ReadingProcess:
-    """The process that reads files first."""
-
-    def __init__(self) -> None:
-        self.parent, self._lock, self._out_of_time = os.getpid(), threading.Lock(), False
-        self._has_answered = True
-        command = [sys.executable, "-P", "-c", START, str(Path(__file__).parents[2])]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            # In a group of its own: an interrupt from the keyboard is not meant for it.
-            process_group=None if sys.platform == "win32" else 0,
-        )
-        atexit.register(self.end)
-
-    @property
-    def is_ours(self) -> bool:
-        """True if it waits for files of this process: a forked one has its own.
-
-        One whose answer was not waited for is of no use: the next file would get that answer.
-        """
-        answers = self._has_answered or self._lock.locked()
-        return self.parent == os.getpid() and self._process.poll() is None and answers
-
-    def ask(self, reader: str, path: Path) -> tuple[str, str]:
-        """How a file was read, and what is wrong with it."""
-        with self._lock:
-            if not self._has_answered:
-                # The question before was interrupted while this one waited.
-                return _reading_process().ask(reader, path)
-            seconds = SECONDS + SECONDS_PER_BYTE * path.stat().st_size
-            self._has_answered = self._out_of_time = False
-            timer = threading.Timer(BUSY * seconds, self._end_late)
-            try:
-                timer.start()
-                answer = self._line_for(json.dumps([reader, os.fspath(path.absolute()), seconds]))
-                self._has_answered = answer.endswith(b"\n")
-            finally:
-                timer.cancel()
-                if not self._has_answered:
-                    self.end()
-            if self._has_answered:
-                end, said = json.loads(answer)
-                return str(end), str(said)
-            return DAMAGED, "it takes far too long" if self._out_of_time else "its reader ends without a word"
-
-    def _line_for(self, question: str) -> bytes:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        try:
-            self._process.stdin.write(question.encode() + b"\n")
-            self._process.stdin.flush()
-            return self._process.stdout.readline()
-        except OSError:
-            return b""
-
-    def _end_late(self) -> None:
-        self._out_of_time = True
-        self._kill()
-
-    def _kill(self) -> None:
-        if sys.platform == "win32":
-            self._process.kill()
-            return
-        import signal
-
-        # The one that reads at the moment ends with it.
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-
-    def end(self) -> None:
-        """End it, once it is of no use."""
-        if self.parent == os.getpid():
-            self._kill()
-            self._process.communicate()
-            atexit.unregister(self.end)
+def _ask(reader: str, path: Path) -> tuple[str, str]:
+    """How a file was read, and what is wrong with it."""
+    process = _processes.get(os.getpid())
+    if process is None or process.poll() is not None:
+        process = _processes[os.getpid()] = _started()
+    assert process.stdin is not None
+    assert process.stdout is not None
+    seconds, late, answer = SECONDS + SECONDS_PER_BYTE * path.stat().st_size, threading.Event(), b""
+    timer = threading.Timer(BUSY * seconds, lambda: (late.set(), _kill(process)))
+    try:
+        timer.start()
+        process.stdin.write(json.dumps([reader, os.fspath(path.absolute()), seconds]).encode() + b"\n")
+        process.stdin.flush()
+        answer = process.stdout.readline()
+    except OSError:
+        pass
+    finally:
+        timer.cancel()
+        # One whose answer was not waited for is of no use: the next file would get that answer.
+        if not answer.endswith(b"\n"):
+            _end(process, os.getpid())
+    if answer.endswith(b"\n"):
+        end, said = json.loads(answer)
+        return str(end), str(said)
+    return DAMAGED, "it takes far too long" if late.is_set() else "its reader ends without a word"
 
 
-_process: _ReadingProcess | None = None
-_starting = threading.Lock()
+def _started() -> subprocess.Popen[bytes]:
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", START, str(Path(__file__).parents[2])],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        # In a group of its own: an interrupt from the keyboard is not meant for it.
+        process_group=None if sys.platform == "win32" else 0,
+    )
+    atexit.register(_end, process, os.getpid())
+    return process
 
 
-def _reading_process() -> _ReadingProcess:
-    global _process
-    with _starting:
-        if _process is None or not _process.is_ours:
-            _process = _ReadingProcess()
-        return _process
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill it with the one that reads for it at the moment."""
+    if sys.platform == "win32":
+        process.kill()
+        return
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+
+
+def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+    """End it, once it is of no use; that of another process is not ours to end."""
+    if owner == os.getpid() and process.returncode is None:
+        _kill(process)
+        process.communicate()
 
 
 def _answer_all() -> None:
@@ -186,7 +153,7 @@ def _answer_all() -> None:
 
 def _answer(reader: str, path: str, seconds: float) -> tuple[str, str]:
     try:
-        for name in ("sysid_trib.records.tables", *PACKAGES[reader]):
+        for name in ("sysid_trib.records.formats", *PACKAGES[reader]):
             importlib.import_module(name)
     except ImportError as error:
         return NO_READER, error.name or ""
@@ -209,10 +176,7 @@ def _answer(reader: str, path: str, seconds: float) -> tuple[str, str]:
         said = pipe.read()
     _, status = os.waitpid(child, 0)
     if said:
-        end, reason = json.loads(said)
-        return end, reason
-    import signal
-
+        return tuple(json.loads(said))
     late = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
     return DAMAGED, "it takes far too long" if late else "its reader ends without a word"
 
@@ -234,59 +198,50 @@ def _limit(seconds: float, memory: int) -> None:
 
 def _read(reader: str, path: str) -> tuple[str, str]:
     """Read a file; how, and what is wrong with it."""
-    from sysid_trib.records import tables
+    from sysid_trib.records import formats
 
     try:
-        if tables.is_hdf5(Path(path)):
-            _walk(path)
-        (_read_tree if reader == "read_tree" else getattr(tables, reader))(Path(path))
+        if formats.is_hdf5(Path(path)) and (said := _walk(path, whole=reader == "read_tree")):
+            return LINKED, said
+        if reader != "read_tree":
+            getattr(formats, reader)(Path(path))
     except MemoryError:
         return DAMAGED, "it needs far more memory than its size lets expect"
-    except LinkedError as error:
-        return LINKED, str(error)
     # Readers of foreign formats meet a damaged file with any exception at all.
     except Exception as error:
         return DAMAGED, next(iter(str(error).splitlines()), "")[:200] or type(error).__name__
     return WHOLE, ""
 
 
-def _read_tree(path: Path) -> None:
-    """Read all numbers of a result by the library in C, no more: its 400 variables take xarray seconds."""
-    import h5py
+def _walk(path: str, *, whole: bool) -> str:
+    """Look at all of an HDF5 file; what in it is outside of it or linked in circles, or nothing.
 
-    def read(_: str, item: Any) -> None:
-        dict(item.attrs)
-        if isinstance(item, h5py.Dataset):
-            item[()]
-
-    with h5py.File(path, "r") as file:
-        read("/", file)
-        file.visititems(read)
-
-
-def _walk(path: str) -> None:
-    """Look at all of an HDF5 file, and refuse what is outside of it or linked in circles."""
+    The whole of a result is read by the library in C, no more: its 400 variables take xarray seconds.
+    """
     import h5py
 
     groups: set[int] = set()
 
-    def visit(group: Any) -> None:
+    def visit(group: Any) -> str:
         address = h5py.h5o.get_info(group.id).addr
         if address in groups:
-            raise LinkedError("a group in it is linked more than once")
+            return "a group in it is linked more than once"
         groups.add(address)
         for name in group:
-            link = group.get(name, getlink=True)
-            if isinstance(link, h5py.ExternalLink):
-                raise LinkedError(f"{group.name.rstrip('/')}/{name} is a link to another file")
+            if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
+                return f"{group.name.rstrip('/')}/{name} is a link to another file"
             item = group[name]
-            if isinstance(item, h5py.Group):
-                visit(item)
-            elif isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-                raise LinkedError(f"the numbers of {item.name} are in another file")
+            if isinstance(item, h5py.Group) and (said := visit(item)):
+                return said
+            is_dataset = isinstance(item, h5py.Dataset)
+            if is_dataset and (item.external or item.is_virtual):
+                return f"the numbers of {item.name} are in another file"
+            if whole:
+                _ = dict(item.attrs), item[()] if is_dataset else None
+        return ""
 
     with h5py.File(path, "r") as file:
-        visit(file)
+        return visit(file)
 
 
 if __name__ == "__main__":

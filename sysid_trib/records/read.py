@@ -13,18 +13,19 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError, readable
 from sysid_trib.records.as_angle import as_felt, as_position
-from sysid_trib.records.assumed_units import assumed_unit, circle_radius
+from sysid_trib.records.assumed_units import assumed_unit
 from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
-from sysid_trib.records.columns import Chosen, choose_columns, has_column
+from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.headers import names_quantity, noted_unit, split_header, stated_rate, unit_of_column
+from sysid_trib.records.headers import names_quantity, noted_unit
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.records.numbers import numbers, without_sentinels
+from sysid_trib.records.numbers import without_sentinels
 from sysid_trib.records.reading import Reading, opened
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
-from sysid_trib.records.tables import FileTable, read_table
+from sysid_trib.records.tables import Column, FileTable, read_table
 from sysid_trib.records.units import (
     ACCELEROMETER,
+    INTEGRATIONS,
     OFFERED_ANGLES,
     OFFERED_UNITS,
     SignalUnit,
@@ -32,23 +33,14 @@ from sysid_trib.records.units import (
     signal_unit,
 )
 
+POSITIONS = ("angle", "displacement")
 LARGEST_AMPLITUDE = 4.0 * np.pi
 
 
-def stated_unit(
-    table: FileTable, columns: Chosen, how: Reading, time: Array, values: Array, source: str
+def _unit_of(
+    table: FileTable, column: Column, how: Reading, time: Array, values: Array
 ) -> tuple[SignalUnit, str]:
-    """Unit of the signal, and why that one where neither user nor file says it.
-
-    Parameters
-    ----------
-    table : FileTable
-    columns : Chosen
-    how : Reading
-    time, values : (sample,) array of float, s and as in the file
-        The signal, without bad samples.
-    source : str
-        Of whom sentences speak.
+    """Unit of a signal without bad samples, and why that one where neither user nor file says it.
 
     Raises
     ------
@@ -57,48 +49,45 @@ def stated_unit(
     RecordError
         An amplitude that no oscillation has in this unit.
     """
-    name = columns.signal
-    # What an accelerometer feels is in the units of an acceleration.
-    signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
-    base, _ = table.made.get(name) or split_header(name)
-    stated = unit_of_column(table, name) or signal_unit(noted_unit(table.notes))
-    given = None if how.units is None else signal_unit(how.units)
-    if given and how.signal and given.quantity in ("angle", "displacement") and how.signal != given.quantity:
+    stated = column.unit or signal_unit(noted_unit(table.notes))
+    header = f"{table.source}: the header of column {column.name} says {stated.text if stated else ''}"
+    given = signal_unit(how.units or "")
+    if given and how.signal and given.quantity in POSITIONS:
         # "deg" of a rate is deg/s.
-        given = SignalUnit(given.text, how.signal, given.position, given.factor, given.known)
+        given = replace(given, quantity=how.signal)
     if given and stated and stated.known and _differs(stated, given):
         known = "" if given.known else f", which is none of those that are known ({OFFERED_UNITS})"
         raise UsageError(
-            f"{source}: the header of column {name} says {stated.text}, but --units says {how.units} (units= "
-            f"in Python){known}; leave the option out or correct the header."
+            f"{header}, but --units says {how.units} (units= in Python){known}; leave the option out or "
+            "correct the header."
         )
     if given and not given.known and given.quantity == "angle":
         # In whatever it is, no coefficient would have its size.
         raise UsageError(
-            f"{source}: --units '{how.units}' (units= in Python) is no unit of an angle that is known; give "
-            f"{OFFERED_ANGLES}."
+            f"{table.source}: --units '{how.units}' (units= in Python) is no unit of an angle that is known; "
+            f"give {OFFERED_ANGLES}."
         )
     unit, why = given or stated, ""
     if unit is None:
-        meant = signal or names_quantity(base) or how.usual
-        unit, why = assumed_unit(base, time, values, circle_radius(table, name), meant)
-    if signal is not None and signal != unit.quantity:
-        per_second = "/s" if signal == "rate" else "/s^2" if signal == "acceleration" else ""
-        if unit.quantity in ("angle", "displacement") and per_second:
-            unit = SignalUnit(f"{unit.text}{per_second}", signal, unit.position, unit.factor, unit.known)
+        meant = how.quantity or names_quantity(column.base) or how.usual
+        unit, why = assumed_unit(table, column, time, values, meant)
+    if how.quantity not in (None, unit.quantity):
+        if unit.quantity in POSITIONS and (times := INTEGRATIONS[how.quantity]):
+            unit = replace(unit, text=f"{unit.text}{'/s' if times == 1 else '/s^2'}", quantity=how.quantity)
         elif stated is not None and stated.known:
             article = "an" if stated.quantity[0] == "a" else "a"
             raise UsageError(
-                f"{source}: the header of column {name} says {stated.text}: {article} {stated.quantity}; but "
-                f"--signal says {how.signal} (signal= in Python); leave the option out."
+                f"{header}: {article} {stated.quantity}; but --signal says {how.signal} (signal= in Python); "
+                "leave the option out."
             )
     if not unit.known:
         why = f"unit {unit.text} is none of those that are known ({OFFERED_UNITS}): coefficients are in it"
     swing = 0.5 * float(np.ptp(values)) * unit.factor
     if unit.quantity == "angle" and swing > LARGEST_AMPLITUDE and unit.text.lower().startswith("rad"):
         raise RecordError(
-            f"{source}: an amplitude of {swing:.3g} rad (column {name}) is too much for an oscillation; if "
-            "it is in degrees say so with --units deg (units= in Python), if it is no angle name its unit."
+            f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much for an "
+            "oscillation; if it is in degrees say so with --units deg (units= in Python), if it is no angle "
+            "name its unit."
         )
     return unit, why
 
@@ -217,41 +206,37 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
     with opened(path) as file:
-        table, source = read_table(file), readable(path.name if path.name != "-" else file.name)
+        table = read_table(file, readable(path.name if path.name != "-" else file.name))
         checksum = hashlib.sha256(file.read_bytes()).hexdigest()
-    if is_expression(how.angle) and not has_column(table, how.angle):
-        table = with_expression(table, str(how.angle), how.units, source)
-    signal = "acceleration" if how.signal == ACCELEROMETER else how.signal
-    rate = how.sampling_rate or stated_rate(table)
-    driving = input_columns(how.inputs, table, source)
-    offered = replace(table, columns={k: v for k, v in table.columns.items() if k not in driving})
-    chosen = choose_columns(offered, source, time=how.time, angle=how.angle, signal=signal, rate=rate)
-    records = [_read(table, columns, how, source) for columns in chosen]
+    if is_expression(table, how.angle):
+        table = with_expression(table, str(how.angle), how.units)
+    chosen = choose_columns(table, how, input_columns(how.inputs, table))
+    records = [_read(table, columns, how) for columns in chosen]
     # A run that hardly swings does not show that it is in degrees; another one of the file does.
     if {record.attrs["angle_unit_in_file"] for record in records} == {"rad", "deg"} and how.units is None:
-        unstated = [not split_header(columns.signal)[1] for columns in chosen]
-        hows = [replace(how, units="deg") if bare else how for bare in unstated]
-        records = [_read(table, *pair, source) for pair in zip(chosen, hows, strict=True)]
+        hows = [how if columns[1].stated else replace(how, units="deg") for columns in chosen]
+        records = [_read(table, *pair) for pair in zip(chosen, hows, strict=True)]
     for number, record in enumerate(records, 1):
         # Two runs of one file are two records.
         record.attrs["record_checksum"] = checksum if len(chosen) == 1 else f"{checksum}-{number}"
     return records
 
 
-def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Dataset:
-    values, absent = without_sentinels(numbers(table.columns[columns.signal], columns.signal, source))
-    clock, time_unit, said = row_times(table, columns, how, values, source)
+def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
+    time_column, column, why_this = columns
+    values, absent = without_sentinels(column.numbers)
+    clock, time_unit, said = row_times(table, time_column, column, values, how)
     kept = np.isfinite(values[clock.rows])
     missing = int(np.count_nonzero(~kept))
-    said = [columns.sentence, *said, absent]
+    said = [why_this, *said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, values = clock.time[kept], values[clock.rows][kept]
     if values.size < 2:
-        raise RecordError(f"{source}: a single sample is not a record.")
+        raise RecordError(f"{table.source}: a single sample is not a record.")
     # A bad sample says nothing of the unit.
     calm = np.delete(np.arange(values.size), spikes(time, values))
-    unit, why = stated_unit(table, columns, how, time[calm], values[calm], source)
+    unit, why = _unit_of(table, column, how, time[calm], values[calm])
     values = values * unit.factor
     if unit.quantity == "angle":
         values, cuts = unwrapped(values, 2.0 * np.pi)
@@ -261,11 +246,11 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
         times = f"({cuts} times, {turn:.6g} {unit.text})"
         said += [f"put together again where it was cut at the end of its range {times}"] if cuts else []
     attrs: dict[str, Any] = {
-        "source": source,
+        "source": table.source,
         "signal": unit.quantity,
-        "time_column": columns.time or f"none, {1.0 / np.median(np.diff(time)):g} Hz",
+        "time_column": time_column.name if time_column else f"none, {1.0 / np.median(np.diff(time)):g} Hz",
         "time_unit_in_file": time_unit,
-        "angle_column": columns.signal,
+        "angle_column": column.name,
         "angle_unit_in_file": unit.text,
         "clock": "; ".join(clock.sentences),
         "reading": "; ".join(text for text in (*said, why) if text),
@@ -273,7 +258,7 @@ def _read(table: FileTable, columns: Chosen, how: Reading, source: str) -> xr.Da
     if clock.breaks:
         attrs["breaks"] = list(clock.breaks)
     if how.signal == ACCELEROMETER:
-        record = as_felt(time, values, attrs, float(how.distance or 0.0), source)
+        record = as_felt(time, values, attrs, float(how.distance or 0.0))
     else:
         record = as_position(time, values, unit, attrs, how.length)
-    return with_inputs(record, table, clock.rows[kept], how, source)
+    return with_inputs(record, table, clock.rows[kept], how)

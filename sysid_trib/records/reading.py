@@ -96,6 +96,11 @@ class Reading:
         if self.length is not None and not 0.0 < self.length < 1e6:
             raise UsageError(f"length {self.length:g}: give the pendulum's length in m.")
 
+    @property
+    def quantity(self) -> str | None:
+        """What is measured, if it is given; what an accelerometer feels is in units of an acceleration."""
+        return "acceleration" if self.signal == ACCELEROMETER else self.signal
+
 
 STANDARD_INPUT = "-"
 # Bytes; more is no record but a bomb.

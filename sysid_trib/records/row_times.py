@@ -16,13 +16,11 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
-from sysid_trib.records.columns import Chosen, find_column, has_column, no_clock, time_of_column
+from sysid_trib.records.columns import own_time
 from sysid_trib.records.expression import evaluated, is_expression
-from sysid_trib.records.headers import counts_rows, split_header, stated_rate, unit_of_column
 from sysid_trib.records.inputs import ROLE
-from sysid_trib.records.numbers import numbers
 from sysid_trib.records.reading import Reading, opened
-from sysid_trib.records.tables import FileTable, read_table
+from sysid_trib.records.tables import Column, FileTable, read_table
 from sysid_trib.records.units import SignalUnit
 
 RATE_TOLERANCE = 0.01
@@ -33,20 +31,19 @@ _PACKETS = re.compile(r"\b(packet|paket|paquet|pkt|block|burst|seq|sequence)")
 
 
 def row_times(
-    table: FileTable, columns: Chosen, how: Reading, values: Array, source: str
+    table: FileTable, time: Column | None, signal: Column, values: Array, how: Reading
 ) -> tuple[Clock, str, list[str]]:
     """Times of the rows of a signal.
 
     Parameters
     ----------
     table : FileTable
-    columns : Chosen
-        Which column is the time, if any.
-    how : Reading
+    time : Column or None
+        Of its columns the time, if any.
+    signal : Column
     values : (row,) array of float
-        The signal.
-    source : str
-        Of whom sentences speak.
+        Of the signal.
+    how : Reading
 
     Returns
     -------
@@ -64,83 +61,69 @@ def row_times(
     UsageError
         Time stamps contradict the sampling rate that is given.
     """
-    noted = stated_rate(table)
-    if columns.time is None or (how.sampling_rate is not None and _idle(table, columns.time, values.size)):
-        rate = how.sampling_rate or noted
+    given, source = how.sampling_rate, table.source
+    # A column of another length, or that does not move, cannot contradict a sampling rate.
+    idle = time is None or time.cells.size != values.size or not time.is_plain or np.ptp(time.cells) == 0
+    numbered, gaps = _numbered(table, (time, signal), values.size)
+    if time is None or (given is not None and idle):
+        rate = given or table.rate
         if rate is None:
-            raise RecordError(no_clock(table, source))
-        said = [] if how.sampling_rate else [f"sampling rate of {rate:g} Hz from its notes"]
-        rows, (numbered, gaps) = np.arange(values.size), _numbered(table, columns, values.size)
-        said += [gaps] if gaps else []
-        return Clock((rows if numbered is None else numbered) / rate, rows, (), (f"{rate:g} Hz",)), "s", said
-    stamps = numbers(table.columns[columns.time], columns.time, source)
+            raise RecordError(table.no_clock)
+        rows, said = np.arange(values.size), "" if given else f"sampling rate of {rate:g} Hz from its notes"
+        counted = rows if numbered is None else numbered
+        return Clock(counted / rate, rows, (), (f"{rate:g} Hz",)), "s", [said, gaps]
+    stamps = time.numbers
     if stamps.size != values.size:
         raise RecordError(
             f"{source}: {stamps.size} times but {values.size} angles; choose columns that belong together."
         )
-    unit, factor, why = time_factor(table, columns.time, how.time_units, source)
-    if how.sampling_rate is not None:
+    unit, factor, why = time_factor(table, time, how.time_units)
+    if given is not None:
         rows = np.flatnonzero(np.isfinite(stamps))
-        counted = max(float(np.ptp(stamps[rows])) * factor, 1e-300)
-        # A coarse clock's last stamp lasts for as many samples as the others do.
-        distinct = np.unique(stamps[rows]).size
-        rate = (rows.size - rows.size / max(1, distinct)) / counted
-        if distinct > 1 and abs(how.sampling_rate / rate - 1.0) > RATE_TOLERANCE + 1.0 / rows.size:
-            raise UsageError(
-                f"{source}: the time stamps of column {columns.time} say {rate:.6g} Hz, but --sampling-rate "
-                f"says {how.sampling_rate:g} Hz (sampling_rate= in Python); leave the option out, or give "
-                "the unit of the stamps, --time-units."
-            )
-        clock = Clock(rows / how.sampling_rate, rows, (), (f"{how.sampling_rate:g} Hz as given",))
-        return clock, unit or "s", []
-    numbered, gaps = _numbered(table, columns, values.size)
+        _check_rate(stamps[rows] * factor, given, time)
+        return Clock(rows / given, rows, (), (f"{given:g} Hz as given",)), unit or "s", []
     clock = read_clock(stamps, factor, source, values, numbered)
-    why = "; ".join(text for text in (why, gaps) if text)
     if unit is None:
         check_period(clock.time, values[clock.rows], are_whole(stamps), source)
-    return clock, unit or "s", [why] if why else []
+    return clock, unit or "s", ["; ".join(text for text in (why, gaps) if text)]
 
 
-def _numbered(table: FileTable, columns: Chosen, samples: int) -> tuple[Index | None, str]:
-    """Numbers of the samples where a column counts them and some are lost, and a sentence on these."""
-    counter = _sample_numbers(table, (columns.time, columns.signal))
-    if counter is None or counter[1].size != samples or counter[1][-1] == samples - 1:
-        return None, ""
-    name, counted = counter
-    return counted, f"{counted[-1] + 1 - samples} samples lost, by column {name}"
+def _check_rate(stamps: Array, given: float, time: Column) -> None:
+    """Refuse a sampling rate that stamps (s) contradict."""
+    # A coarse clock's last stamp lasts for as many samples as the others do.
+    distinct = np.unique(stamps).size
+    rate = (stamps.size - stamps.size / max(1, distinct)) / max(float(np.ptp(stamps)), 1e-300)
+    if distinct > 1 and abs(given / rate - 1.0) > RATE_TOLERANCE + 1.0 / stamps.size:
+        raise UsageError(
+            f"{time.source}: the time stamps of column {time.name} say {rate:.6g} Hz, but --sampling-rate "
+            f"says {given:g} Hz (sampling_rate= in Python); leave the option out, or give "
+            "the unit of the stamps, --time-units."
+        )
 
 
-def _idle(table: FileTable, name: str, samples: int) -> bool:
-    """True if a time column cannot contradict a sampling rate: it is of another length, or does not move."""
-    stamps = np.asarray(table.columns[name])
-    return stamps.size != samples or stamps.dtype.kind not in "fiu" or bool(np.ptp(stamps) == 0)
-
-
-def _sample_numbers(table: FileTable, others: Sequence[str | None]) -> tuple[str, Index] | None:
-    """The column that counts samples, some of which may be lost, and their numbers from 0; None without one.
+def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -> tuple[Index | None, str]:
+    """Numbers of the samples from 0 where a column counts them and some are lost, and a sentence on these.
 
     A counter of packets has the same number for each row of one: all packets but the first and the last have
     as many rows. A counter that starts anew at a power of two is counted on.
     """
-    for name, values in table.columns.items():
-        column = np.asarray(values)
-        if name in others or column.dtype.kind not in "fiu" or column.size < 3:
+    for column in table.columns:
+        cells = column.cells
+        if column in others or not column.is_plain or cells.size != samples or samples < 3:
             continue
-        if not np.all(np.isfinite(column)) or np.any(column != np.round(column)):
+        if not np.all(np.isfinite(cells)) or np.any(cells != np.round(cells)):
             continue
-        if column.min() < 0 or column.max() > LARGEST_COUNT:
+        if cells.min() < 0 or cells.max() > LARGEST_COUNT:
             continue
-        base = split_header(name)[0]
-        steps = _counted_on(column)
+        steps, counted = _counted_on(cells), None
         if np.mean(steps == 1) > MOSTLY and np.all(steps >= 1):
-            numbers: Index | None = np.append(0, np.cumsum(steps))
-        elif (_PACKETS.search(base) or counts_rows(base)) and np.all(steps >= 0) and np.any(steps):
-            numbers = _of_packets(steps)
-        else:
-            continue
-        if numbers is not None:
-            return name, numbers
-    return None
+            counted = np.append(0, np.cumsum(steps))
+        elif (_PACKETS.search(column.base) or column.counts_rows) and np.all(steps >= 0) and np.any(steps):
+            counted = _of_packets(steps)
+        if counted is not None:
+            lost = int(counted[-1]) + 1 - samples
+            return (counted, f"{lost} samples lost, by column {column.name}") if lost else (None, "")
+    return None, ""
 
 
 def _counted_on(column: NDArray[np.float64]) -> Index:
@@ -167,10 +150,10 @@ def _of_packets(steps: Index) -> Index | None:
     return np.asarray(numbers - numbers[0])
 
 
-def input_columns(inputs: Mapping[str, str | int], table: FileTable, source: str) -> list[str]:
+def input_columns(inputs: Mapping[str, str | int], table: FileTable) -> list[Column]:
     """The columns of a table that are inputs, and so no signal."""
     columns = [wanted for _, wanted, other in _sources(inputs) if other is None]
-    return [find_column(table, wanted, source) for wanted in columns if not _is_formula(table, wanted)]
+    return [table.find(wanted) for wanted in columns if not is_expression(table, wanted)]
 
 
 def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
@@ -206,7 +189,7 @@ def _letters_alike(first: str, second: str) -> int:
     return len(list(takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False))))
 
 
-def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading, source: str) -> xr.Dataset:
+def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading) -> xr.Dataset:
     """A record with its inputs, each by its name.
 
     Parameters
@@ -220,8 +203,6 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading,
     how : Reading
         `inputs` are columns by name or number, formulas of them, or of another file as `base.mat:y`;
         `between` is what is between their samples.
-    source : str
-        Of whom sentences speak.
 
     Returns
     -------
@@ -241,20 +222,20 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading,
     record = record.assign_attrs(input_columns=json.dumps(dict(how.inputs)), between=how.between)
     for name, wanted, other in _sources(how.inputs):
         if other is None:
-            whole, unit = _column(table, wanted, source)
+            whole, unit = _column(table, wanted)
             time, values = None, whole[rows]
         else:
             time, values, unit = _of_file(other, wanted, how)
         if not np.all(np.isfinite(values)):
             raise RecordError(
-                f"{source}: the input {name} is not a number at each time; cut the record (--window), or "
-                "fill it in."
+                f"{table.source}: the input {name} is not a number at each time; cut the record (--window), "
+                "or fill it in."
             )
         # An input that varies by less than this part of its size is constant.
         if np.ptp(values) <= 1e-12 * np.max(np.abs(values), initial=0.0):
             raise RecordError(
-                f"{source}: the input {name} is {values[0]:g} throughout and drives nothing; name another "
-                "column, or leave it out."
+                f"{table.source}: the input {name} is {values[0]:g} throughout and drives nothing; name "
+                "another column, or leave it out."
             )
         attrs: dict[str, Any] = {"role": ROLE, "between": how.between, "long_name": f"input {name}"}
         if unit is not None:
@@ -268,16 +249,12 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading,
     return record
 
 
-def _is_formula(table: FileTable, wanted: str | int) -> bool:
-    return is_expression(wanted) and not has_column(table, wanted)
-
-
-def _column(table: FileTable, wanted: str | int, source: str) -> tuple[Array, SignalUnit | None]:
+def _column(table: FileTable, wanted: str | int) -> tuple[Array, SignalUnit | None]:
     """Values and unit of a column; of a formula of columns, `35.15*vir`, no unit follows."""
-    if _is_formula(table, wanted):
-        return evaluated(table, str(wanted), "--input", source)[0], None
-    column = find_column(table, wanted, source)
-    return numbers(table.columns[column], column, source), unit_of_column(table, column)
+    if is_expression(table, wanted):
+        return evaluated(table, str(wanted), "--input")[0], None
+    column = table.find(wanted)
+    return column.numbers, column.unit
 
 
 def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, Path | None]]:
@@ -292,9 +269,7 @@ def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array,
     if not path.is_file():
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
     with opened(path) as file:
-        table = read_table(file)
-    column = find_column(table, wanted, path.name)
-    values = numbers(table.columns[column], column, path.name)
-    columns = Chosen(time_of_column(column, table), column)
-    clock, _, _ = row_times(table, columns, replace(how, time=None), values, path.name)
-    return clock.time, values[clock.rows], unit_of_column(table, column)
+        table = read_table(file, path.name)
+    column = table.find(wanted)
+    clock, _, _ = row_times(table, own_time(table, column), column, column.numbers, replace(how, time=None))
+    return clock.time, column.numbers[clock.rows], column.unit

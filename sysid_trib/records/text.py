@@ -1,23 +1,40 @@
-"""Tables of numbers in text, whatever its delimiter, decimal sign, header and comments; and in JSON."""
+"""Tables of numbers in text, whatever its delimiter, decimal sign, labels, units, head and comments."""
 
 import csv
-import json
 import re
-from collections.abc import Iterator
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from sysid_trib.errors import RecordError
-from sysid_trib.records.numbers import DELIMITERS, is_missing, is_number, plain_lines
+from sysid_trib.records.numbers import MINUS, is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 WIDEST_TABLE = 4096
 # Rows in which facts may stand next to the numbers.
 MOST_FACTS = 40
+DELIMITERS = (";", "\t", "|", ",", None)
+# Numbers that are written otherwise: what they look like, what the text must hold besides, or must not, and
+# the signs in them with what stands for these.
+_WRITTEN_OTHERWISE = (
+    # Figures parted by narrow blanks or apostrophes; `"5,123"` alone may be a decimal comma.
+    (r"(?<=\d)[\u00a0\u2009\u202f'’](?=\d{3}(?!\d))", "", None, r"\D", ""),
+    (r"\"[+-]?\d{1,3}(?:,\d{3})+(?:\.\d+)?\"", r"\"[+-]?\d{1,3}(?:,\d{3})+\.\d+\"", None, ",", ""),
+    # `5,123.45`, `5.123,45` and `1 234,5` between semicolons or tabs; between commas they are two numbers.
+    (r"(?<![\d.,])[+-]?\d{1,3}(?:,\d{3})+(?=\.\d)", "[;\t]", None, ",", ""),
+    (r"(?<![\d.,])[+-]?\d{1,3}(?:\.\d{3})+(?=,\d)", "[;\t]", None, r"\.", ""),
+    (r"(?:^|(?<=[;\t\"]))[ ]*[+-]?\d{1,3}(?: \d{3})+(?=[.,;\t\"\r\n]|$)", "[;\t]", None, " ", ""),
+    # `"0,12"` between commas, and Fortran's `1.5D-02`.
+    (r"\"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\"", "", r"\"[+-]?\d*\.\d+\"", ",", "."),
+    (r"\d\.?[dD][+-]\d\d", "", None, "[dD]", "E"),
+)
+# `0.010 s`, `-5.2°`, `time:0.12`, `angle = 4.5`: label, number, unit.
+_DRESSED = re.compile(
+    r"\s*(?:\"?([^\W\d][\w .]*?)\"?\s*[:=]\s*)?\"?([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)"
+    r"\s*([^\s\d\"][^\s\"]*)?\"?\s*"
+)
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
@@ -49,10 +66,14 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
             f"{path.name}: binary content, but none of the formats that can be read ({FORMATS})."
         )
     try:
-        text = content.decode(wide or "utf-8-sig")
+        return table_in(content.decode(wide or "utf-8-sig"), path)
     except UnicodeDecodeError:
-        text = content.decode("latin-1")
-    lines = plain_lines(text)
+        return table_in(content.decode("latin-1"), path)
+
+
+def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
+    """Rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
+    lines = _without_labels(_plain_numbers(text).splitlines())
     delimiter, start = _find_block(lines)
     if start is None:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
@@ -83,13 +104,10 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
-    return frame, header if named else None, [*lines[:start], *_texts_in(frame)]
-
-
-def _texts_in(frame: pd.DataFrame) -> list[str]:
-    """What columns of texts hold next to the first numbers, as an oscilloscope's facts."""
-    texts = frame.head(MOST_FACTS).select_dtypes(exclude="number")
-    return [" ".join(str(cell) for cell in row if cell == cell) for row in texts.to_numpy()]
+    # What columns of texts hold next to the first numbers, as an oscilloscope's facts.
+    beside = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
+    facts = [" ".join(str(cell) for cell in row if cell == cell) for row in beside]
+    return frame, header if named else None, [*lines[:start], *facts]
 
 
 def check_width(path: Path, columns: int) -> None:
@@ -105,6 +123,56 @@ def check_width(path: Path, columns: int) -> None:
             f"{path.name}: has {columns:,} columns; a record has a few, and a row for each "
             "sample: turn the table, or cut it."
         )
+
+
+def _plain_numbers(text: str) -> str:
+    """Text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
+    text = text.replace(MINUS, "-")
+    for pattern, beside, unless, sign, plain in _WRITTEN_OTHERWISE:
+        if re.search(beside, text) and not (unless and re.search(unless, text)):
+            text = _rewritten(text, pattern, sign, plain)
+    return text
+
+
+def _rewritten(text: str, pattern: str, sign: str, plain: str) -> str:
+    return re.sub(pattern, lambda match: re.sub(sign, plain, match[0].strip('"')), text, flags=re.MULTILINE)
+
+
+def _without_labels(lines: list[str]) -> list[str]:
+    """Lines with bare numbers where each row has the same labels or units: the head has them instead."""
+    # By a line in the middle: a logger may greet and say farewell.
+    middle = lines[len(lines) // 2] if lines else ""
+    for delimiter in DELIMITERS:
+        labels, _, units = _dressed(middle, delimiter) or ((), (), ())
+        if not any(labels) and not any(units):
+            continue
+        rows = [_dressed(line, delimiter) for line in lines]
+        alike = [row is not None and (row[0], row[2]) == (labels, units) for row in rows]
+        start, sign = alike.index(True), delimiter or "\t"
+        above = lines[start - 1].split(delimiter) if start else []
+        named = not any(labels) and len(above) == len(units)
+        names = above if named else labels
+        head = [f"{name.strip()} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
+        plain = [
+            sign.join(row[1]) if row and is_so else line
+            for line, row, is_so in zip(lines, rows, alike, strict=True)
+        ]
+        return [*plain[: start - named], sign.join(head), *plain[start:]]
+    return lines
+
+
+def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | None:
+    """Labels, numbers and units of the cells of a line; None if a cell is anything else.
+
+    Either each cell has a label of its own, or none has one.
+    """
+    cells = [_DRESSED.fullmatch(cell) for cell in line.strip(" \t,{}[]").split(delimiter)]
+    if not cells or None in cells:
+        return None
+    labels, numbers, units = zip(*(cell.groups(default="") for cell in cells if cell), strict=True)
+    known = all(plain_unit(unit) in TIME_UNITS or is_known_unit(unit) for unit in units if unit)
+    of_their_own = not any(labels) or len({*labels} - {""}) == len(labels)
+    return (labels, numbers, units) if known and of_their_own else None
 
 
 def _is_comment(line: str) -> bool:
@@ -130,7 +198,7 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
     """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
-    for enough in (_all_numbers, _some_numbers):
+    for whole in (True, False):
         for start, line in enumerate(lines):
             if not line.strip() or _is_comment(line):
                 continue
@@ -138,18 +206,16 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 if delimiter is not None and delimiter not in line:
                     continue
                 fields = _fields(line, delimiter)
-                if enough(fields) and _goes_on(lines[start + 1 : start + 9], delimiter, fields):
+                numeric = [is_number(item) for item in fields]
+                # Cells may be empty, but for the last one.
+                full = numeric[-1] and all(
+                    known or not item for known, item in zip(numeric, fields, strict=True)
+                )
+                if (full if whole else any(numeric)) and _goes_on(
+                    lines[start + 1 : start + 9], delimiter, fields
+                ):
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
-
-
-def _all_numbers(fields: list[str]) -> bool:
-    """True if cells are numbers; the first one may be empty."""
-    return is_number(fields[-1]) and all(not item or is_number(item) for item in fields)
-
-
-def _some_numbers(fields: list[str]) -> bool:
-    return any(map(is_number, fields))
 
 
 def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool:
@@ -197,17 +263,11 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
             break
         # Letters of a column's name.
         header.append([field[:1000] for field in fields])
-    return header_names(header[::-1])
+    return _names(header[::-1])
 
 
-def header_names(rows: list[list[str]]) -> list[str] | None:
-    """Names of columns from the last rows above the numbers, two at most; the last may hold units alone.
-
-    Parameters
-    ----------
-    rows : list of list of str
-        In the order of the file.
-    """
+def _names(rows: list[list[str]]) -> list[str] | None:
+    """Names of columns from the last rows above the numbers, two at most; the last may hold units alone."""
     if not rows:
         return None
     last, above = rows[-1], rows[-2] if len(rows) > 1 else []
@@ -230,63 +290,3 @@ def _are_units(items: list[str], known: bool = True) -> bool:
     others = [is_known_unit(item) for item in items if item and item not in times]
     enough = all if known else any
     return bool(times) and len(items) > 1 and enough(others)
-
-
-def json_content(path: Path) -> Any:
-    """What a file of JSON holds, an object a line or not; None of any other one."""
-    content = path.read_bytes().removeprefix(b"\xef\xbb\xbf").strip()
-    if not content.startswith((b"{", b"[")) or not content.endswith((b"}", b"]")):
-        return None
-    try:
-        return json.loads(content)
-    except RecursionError:
-        return None
-    except ValueError:
-        lines = content.splitlines()
-    try:
-        # Where the first line is whole, the others are rows too.
-        return [json.loads(line) for line in lines if line.strip()] if len(lines) > 1 else None
-    except (ValueError, RecursionError):
-        return None
-
-
-def json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Columns by name, as `run.theta`.
-
-    Parameters
-    ----------
-    value : dict, list or scalar
-        Of `json.loads`.
-    name : str
-        Of the group that holds it.
-    """
-    if isinstance(value, dict):
-        table = _split_table(value)
-        if table is None and value and all(key.isdigit() for key in value):
-            table = list(value.values())
-        if table is not None:
-            yield from json_columns(table, name)
-            return
-        for key, item in value.items():
-            yield from json_columns(item, f"{name}.{key}" if name else key)
-    elif isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
-        frame = pd.json_normalize(value)
-        for column in frame.columns:
-            yield (f"{name}.{column}" if name else str(column)), frame[column].to_numpy()
-    elif isinstance(value, list) and value and all(isinstance(item, list) for item in value):
-        # Rows, or a few columns.
-        frame = pd.DataFrame(value)
-        for at, column in (frame if len(frame) >= frame.shape[1] else frame.T).items():
-            yield f"{name or 'data'}[{at}]", column.to_numpy()
-    elif isinstance(value, list) and value:
-        yield name or "data", pd.Series(value).to_numpy()
-
-
-def _split_table(value: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Rows of `{"columns": [names], "data": [rows]}`, as pandas writes them."""
-    names, rows = value.get("columns"), value.get("data")
-    if not isinstance(names, list) or not isinstance(rows, list):
-        return None
-    if not all(isinstance(row, list) and len(row) == len(names) for row in rows):
-        return None
-    return [dict(zip(map(str, names), row, strict=True)) for row in rows]

@@ -1,0 +1,254 @@
+"""What files of many formats hold: vectors by their names, with units and notes; the content decides."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import pandas as pd
+
+from sysid_trib.errors import RecordError
+from sysid_trib.records.text import read_text, table_in
+
+# Attributes of HDF5 that hold a unit.
+UNIT_ATTRIBUTES = ("units", "unit")
+HDF5 = (b"\x89HDF", b"MATLAB 7.3")
+# Columns by name, in the order of the file; their units, where it states them apart from the names; and what
+# else it says: comment lines, texts and scalars as `name = value`.
+Contents: TypeAlias = tuple[dict[str, Any], dict[str, str], Sequence[str]]
+
+
+def reader_of(path: Path) -> Callable[[Path], Contents]:
+    """What reads a file, by its first bytes.
+
+    Raises
+    ------
+    RecordError
+        It is empty, or a workbook of the old format.
+    """
+    head = _head(path)
+    if not head.strip():
+        raise RecordError(f"{path.name}: the file is empty.")
+    if head.startswith(b"\xd0\xcf\x11\xe0"):
+        raise RecordError(
+            f"{path.name}: this is a workbook of the old format (.xls); save it as .xlsx or CSV."
+        )
+    readers = {
+        HDF5: read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5,
+        (b"MATLAB 5.0",): read_matlab,
+        (b"\x93NUMPY",): read_numpy,
+        (b"CDF",): read_netcdf,
+        # Bytes of an archive in which the name of its first member is.
+        (b"PK",): read_numpy if b".npy" in head[:128] else read_excel,
+        (b"PAR1",): read_parquet,
+        (b"TDSm",): read_tdms,
+    }
+    for starts, reader in readers.items():
+        if head.startswith(starts):
+            return reader
+    return read_matlab if path.suffix == ".mat" and b"\0" in head else read_lines
+
+
+def _head(path: Path) -> bytes:
+    """The first bytes of a file; of HDF5 behind a block of 512 bytes those after it."""
+    with path.open("rb") as file:
+        head = file.read(1024)
+    return head[512:] if head[512:516] == b"\x89HDF" else head
+
+
+def is_hdf5(path: Path) -> bool:
+    """True if a file is one of HDF5, by its beginning."""
+    return _head(path).startswith(HDF5)
+
+
+def read_lines(path: Path) -> Contents:
+    """Tables in text, and JSON."""
+    content = _json_content(path)
+    if content is None:
+        return _from_frame(*read_text(path))
+    return dict(_json_columns(content)), {}, _notes(content)
+
+
+def _json_content(path: Path) -> Any:
+    """What a file of JSON holds, an object a line or not; None of any other one."""
+    content = path.read_bytes().removeprefix(b"\xef\xbb\xbf").strip()
+    if not content.startswith((b"{", b"[")) or not content.endswith((b"}", b"]")):
+        return None
+    lines = content.splitlines()
+    # Where the first line is whole, the others are rows too.
+    for parts in ([content], lines if len(lines) > 1 else []):
+        with suppress(ValueError, RecursionError):
+            values = [json.loads(part) for part in parts if part.strip()]
+            return values[0] if parts[:1] == [content] else values or None
+    return None
+
+
+def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Columns of objects, of rows of objects or of cells, or of a plain list, named like `run.theta`."""
+    if isinstance(value, dict):
+        names, rows = value.get("columns"), value.get("data")
+        if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
+            # As pandas writes a table that is split.
+            yield from _json_columns([dict(zip(map(str, names), row, strict=False)) for row in rows], name)
+        elif value and all(key.isdigit() for key in value):
+            yield from _json_columns(list(value.values()), name)
+        else:
+            for key, item in value.items():
+                yield from _json_columns(item, f"{name}.{key}" if name else key)
+    elif isinstance(value, list) and value:
+        objects, rows = (all(isinstance(item, kind) for item in value) for kind in (dict, list))
+        frame = pd.json_normalize(value) if objects else pd.DataFrame(value)
+        # Rows, or a few columns.
+        frame = frame.T if rows and len(frame) < frame.shape[1] else frame
+        for key, column in frame.items():
+            place = f"{name or 'data'}[{key}]" if rows else name or "data"
+            yield f"{name}.{key}".removeprefix(".") if objects else place, column.to_numpy()
+
+
+def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[str] = ()) -> Contents:
+    """Columns by their names, or else by number from 0."""
+    columns: dict[str, Any] = {}
+    for index, name in zip(range(frame.shape[1]), names or map(str, range(frame.shape[1])), strict=False):
+        columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
+    return columns, {}, notes
+
+
+def read_excel(path: Path) -> Contents:
+    """The sheet with the most rows of numbers, read as text."""
+    tables = []
+    for sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).values():
+        cells = sheet.dropna(how="all").dropna(axis=1, how="all").to_numpy()
+        lines = [
+            "\t".join("" if cell != cell else " ".join(str(cell).split()) for cell in row) for row in cells
+        ]
+        with suppress(RecordError):
+            tables.append(table_in("\n".join(lines), path))
+    if not tables:
+        raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
+    return _from_frame(*max(tables, key=lambda table: len(table[0])))
+
+
+def read_parquet(path: Path) -> Contents:
+    """The columns of a Parquet file."""
+    frame = pd.read_parquet(path)
+    # Times may be its index.
+    frame = frame.reset_index(drop=isinstance(frame.index, pd.RangeIndex))
+    return _from_frame(frame, list(map(str, frame.columns)))
+
+
+def read_netcdf(path: Path) -> Contents:
+    """The vectors of a netCDF file, of either version."""
+    import xarray as xr
+
+    with path.open("rb") as file:
+        engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
+    # Of HDF5 without dimensions, so that it has some.
+    named: dict[str, Any] = {"phony_dims": "sort"} if engine == "h5netcdf" else {}
+    with xr.open_dataset(path, engine=engine, decode_times=False, **named) as dataset:
+        columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
+        units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
+    return columns, units, ()
+
+
+def read_matlab(path: Path) -> Contents:
+    """The vectors in the variables of a MATLAB file."""
+    from scipy.io import loadmat
+
+    content = {k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")}
+    return dict(_flatten(content)), {}, _notes(content)
+
+
+def read_numpy(path: Path) -> Contents:
+    """The vectors in the array of a .npy, or in the arrays of an .npz; what they pickled is not read."""
+    loaded = np.load(path, allow_pickle=False)
+    arrays = {"data": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+    scalars = {name: array.item() for name, array in arrays.items() if array.size == 1}
+    return dict(_flatten(arrays)), {}, _notes(scalars)
+
+
+def _notes(content: Any, name: str = "") -> list[str]:
+    """Scalars and texts, as `name = value`."""
+    if isinstance(content, dict):
+        return [note for key, item in content.items() for note in _notes(item, str(key))]
+    return [f"{name} = {content}"] if isinstance(content, (str, int, float, np.number)) else []
+
+
+def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Vectors in structs, cells and matrices, named like `data.Y[0]`; samples run along the longer side."""
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        value = {field: value[field] for field in value.dtype.names}
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _flatten(item, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for index, item in enumerate(value):
+            yield from _flatten(item, f"{name}[{index}]")
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiubmM":
+        value = np.squeeze(value)
+        if value.ndim == 1:
+            yield name, value
+        elif value.ndim == 2:
+            for index, row in enumerate(value if value.shape[1] > value.shape[0] else value.T):
+                yield f"{name}[{index}]", row
+
+
+def read_hdf5(path: Path) -> Contents:
+    """The vectors in the datasets of an HDF5 file, MATLAB's 7.3 among them."""
+    import h5py
+
+    units: dict[str, str] = {}
+    notes: list[str] = []
+
+    def content(item: Any, file: Any) -> Any:
+        facts = {key: _plain(value) for key, value in item.attrs.items() if np.ndim(value) == 0}
+        unit = next((value for key, value in facts.items() if key.lower() in UNIT_ATTRIBUTES), "")
+        notes.extend(f"{key} = {value}" for key, value in facts.items() if key.lower() not in UNIT_ATTRIBUTES)
+        if isinstance(item, h5py.Group):
+            return {key: content(item[key], file) for key in item if not key.startswith("#")}
+        if h5py.check_ref_dtype(item.dtype) is not None:
+            return [content(file[reference], file) for reference in np.ravel(item[()])]
+        name = item.name.strip("/").replace("/", ".")
+        if unit:
+            units[name] = str(unit)
+        if item.attrs.get("MATLAB_class") == b"char" or item.shape is None:
+            return None
+        values = item[()]
+        if np.size(values) == 1:
+            notes.append(f"{name.rpartition('.')[2]} = {_plain(np.ravel(values)[0])}")
+        return _named_columns(values, item.attrs)
+
+    with h5py.File(path, "r") as file:
+        columns = dict(_flatten(content(file, file)))
+    return columns, units, notes
+
+
+def _plain(value: Any) -> Any:
+    return value.decode(errors="replace") if isinstance(value, bytes) else value
+
+
+def _named_columns(values: Any, attrs: Any) -> Any:
+    """The columns of a table by the names that an attribute of it lists; else the table."""
+    for names in attrs.values():
+        if np.ndim(values) == 2 and np.ndim(names) == 1 and np.asarray(names).dtype.kind in "OSU":
+            for table in (values, values.T):
+                if table.shape[1] == len(names):
+                    return {str(_plain(name)): column for name, column in zip(names, table.T, strict=True)}
+    return values
+
+
+def read_tdms(path: Path) -> Contents:
+    """The channels of a TDMS file."""
+    from nptdms import TdmsFile
+
+    columns: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for group in TdmsFile.read(path).groups():
+        for channel in group.channels():
+            name = f"{group.name}/{channel.name}"
+            if "wf_increment" in channel.properties and f"{group.name}/time" not in columns:
+                columns[f"{group.name}/time"] = channel.time_track()
+            columns[name] = channel[:]
+            units[name] = str(channel.properties.get("unit_string", ""))
+    return columns, units, ()
