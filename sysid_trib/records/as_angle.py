@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.equilibrium import find_swing
-from sysid_trib.records.signal import clamped_knots
+from sysid_trib.records.signal import Piece, clamped_knots
 from sysid_trib.records.units import ACCELEROMETER, INTEGRATIONS, METRES, STANDARD_GRAVITY, SignalUnit
 
 _AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<=acc)[xyz]$|(?<=gyro)[xyz]$")
@@ -157,7 +157,7 @@ def as_position(
         measured = f"{position}/s" if times == 1 else f"{position}/s^2"
         long_name = f"{unit.quantity} as measured"
         record[unit.quantity] = ("time", values, {"units": measured, "long_name": long_name})
-        swing = find_swing(time, values)
+        swing = find_swing(Piece(time, values))
         bias = float(np.median(values)) if swing is None else swing.equilibrium
         period = float(np.ptp(time)) if swing is None else swing.oscillation.period
         values = values - bias
@@ -189,7 +189,7 @@ def as_felt(time: Array, values: Array, attrs: dict[str, Any], distance: float) 
     It feels g sin(x) + r x'' along its path. Without friction x'' = -w^2 sin(x): the angle is the arcsine of
     what it feels over g - r w^2.
     """
-    swing = find_swing(time, values)
+    swing = find_swing(Piece(time, values))
     source = attrs["source"]
     if swing is None:
         raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")

@@ -6,18 +6,11 @@ from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, RecordError, UsageError
+from sysid_trib.records import units as lab
 from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.tables import Column, FileTable
-from sysid_trib.records.units import (
-    OFFERED_TIME_UNITS,
-    STANDARD_GRAVITY,
-    TIME_UNITS,
-    SignalUnit,
-    plain_unit,
-    signal_unit,
-)
 
 # Two columns lie on a circle about the origin if their radius scatters by less than this part of it,
 ROUND = 0.02
@@ -47,23 +40,23 @@ def time_factor(table: FileTable, time: Column, given: str | None) -> tuple[str 
     """
     if time.is_dated:
         return "s", 1.0, ""
-    stated = plain_unit(time.stated)
+    stated = lab.plain_unit(time.stated)
     stated = "" if stated in ("1", "none", "-") else stated
-    if given and TIME_UNITS.get(stated, TIME_UNITS[given]) != TIME_UNITS[given]:
+    if given and lab.TIME_UNITS.get(stated, lab.TIME_UNITS[given]) != lab.TIME_UNITS[given]:
         raise UsageError(
             f"{time.source}: the header of column {time.name} says {stated}, but --time-units says {given} "
             "(time_units= in Python); leave the option out or correct the header."
         )
     unit = given or stated or {"millis": "ms", "micros": "us"}.get(time.base)
-    if unit and unit not in TIME_UNITS:
+    if unit and unit not in lab.TIME_UNITS:
         raise RecordError(
             f"{time.source}: the unit {unit!r} of column {time.name} is unknown; give --time-units "
-            f"(time_units= in Python): {OFFERED_TIME_UNITS}."
+            f"(time_units= in Python): {lab.OFFERED_TIME_UNITS}."
         )
     if unit is None:
         unit, why = _by_steps(table, time)
-        return unit, TIME_UNITS[unit or "s"], why
-    return unit, TIME_UNITS[unit], ""
+        return unit, lab.TIME_UNITS[unit or "s"], why
+    return unit, lab.TIME_UNITS[unit], ""
 
 
 def _by_steps(table: FileTable, time: Column) -> tuple[str | None, str]:
@@ -75,11 +68,11 @@ def _by_steps(table: FileTable, time: Column) -> tuple[str | None, str]:
     steps = np.diff(stamps)
     usual = float(np.median(steps)) if steps.size else 0.0
     for other in table.columns:
-        unit = plain_unit(other.stated)
-        if other.base in ("dt", "delta t", "step") and unit in TIME_UNITS and other.is_numeric:
-            stated = float(np.nanmedian(other.numbers)) * TIME_UNITS[unit]
+        unit = lab.plain_unit(other.stated)
+        if other.base in ("dt", "delta t", "step") and unit in lab.TIME_UNITS and other.is_numeric:
+            stated = float(np.nanmedian(other.numbers)) * lab.TIME_UNITS[unit]
             for text in ("s", "ms", "us"):
-                if np.isclose(usual * TIME_UNITS[text], stated, rtol=0.01):
+                if np.isclose(usual * lab.TIME_UNITS[text], stated, rtol=0.01):
                     return text, f"time in {text}, by its steps in column {other.name}"
     middle = float(np.median(stamps)) if steps.size else 0.0
     for text, low, high in EPOCH_STAMPS:
@@ -122,13 +115,13 @@ def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
         raise RecordError(
             f"{source}: nothing states the unit of its times: the period would be {periods[0]:.3g} s in s, "
             f"{1e-3 * periods[0]:.3g} s in ms, {1e-6 * periods[0]:.3g} s in us; give it, --time-units "
-            f"{OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, --sampling-rate HZ."
+            f"{lab.OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, --sampling-rate HZ."
         )
 
 
 def assumed_unit(
     table: FileTable, signal: Column, time: Array, values: Array, meant: str | None
-) -> tuple[SignalUnit, str]:
+) -> tuple[lab.SignalUnit, str]:
     """Unit of a signal that nothing states, and the evidence for it.
 
     Parameters
@@ -165,7 +158,7 @@ def assumed_unit(
         text = "g" if REST_IN_G[0] < abs(rest) < REST_IN_G[1] else "m/s^2"
         gravity = f", since it swings about {rest:.3g}, as gravity would" if text == "g" else ""
         why = f"taken as {text}{gravity}"
-    unit = signal_unit(text)
+    unit = lab.signal_unit(text)
     assert unit is not None
     return unit, f"unit not stated: {why}"
 
@@ -223,7 +216,7 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
     periods = dominant_periods(time, values)
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
-        if abs(gravity * metres / STANDARD_GRAVITY - 1.0) < GRAVITY_TOLERANCE:
+        if abs(gravity * metres / lab.STANDARD_GRAVITY - 1.0) < GRAVITY_TOLERANCE:
             return text, (
                 f"in {text}, since it moves on a circle of radius {radius:.4g} and swings "
                 f"as a pendulum of {radius:.4g} {text} does (its angle: --angle 'atan2(...)')"

@@ -93,20 +93,16 @@ def unwrapped(angle: Array, turn: float) -> tuple[Array, int]:
     Parameters
     ----------
     angle : (sample,) array of float
-        Within one turn where it was cut; missing values are nan.
+        Within one turn where it was cut.
     turn : float
         A whole turn in its unit.
     """
-    good = np.isfinite(angle)
-    jumps = np.abs(np.diff(angle[good])) > WRAP_SHARE * turn
-    if not jumps.any() or np.ptp(angle[good]) > turn * (1.0 + 1e-6):
+    jumps = np.abs(np.diff(angle)) > WRAP_SHARE * turn
+    if not jumps.any() or np.ptp(angle) > turn * (1.0 + 1e-6):
         return angle, 0
-    whole = angle.copy()
-    whole[good] = np.unwrap(angle[good], period=turn)
+    whole = np.unwrap(angle, period=turn)
     # A spike of a whole turn and back is none.
-    if np.ptp(whole[good]) > 2.0 * turn:
-        return angle, 0
-    return whole, int(np.count_nonzero(jumps))
+    return (angle, 0) if np.ptp(whole) > 2.0 * turn else (whole, int(np.count_nonzero(jumps)))
 
 
 def _step_within_cubic() -> Array:

@@ -9,16 +9,15 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import are_axes, in_phase, is_magnitude
 from sysid_trib.records.cleaning import unwrapped, unwrapped_anywhere
 from sysid_trib.records.clock import read_clock
 from sysid_trib.records.equilibrium import Swing
 from sysid_trib.records.free_decay import swing_within
-from sysid_trib.records.headers import names_quantity
 from sysid_trib.records.numbers import without_sentinels
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, Column, FileTable
-from sysid_trib.records.units import INTEGRATIONS
 
 FEWEST_NUMBERS = 3
 DERIVATIVE_TOLERANCE = 0.2
@@ -178,9 +177,9 @@ def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> t
     if signal is not None:
         pool = [c for c in pool if c.column.quantity == signal] or pool
     # A position is worth more than its rate, and that than its acceleration: what need not be integrated.
-    integrations = {c: INTEGRATIONS.get(c.column.quantity, 0) for c in pool}
+    integrations = {c: lab.INTEGRATIONS.get(c.column.quantity, 0) for c in pool}
     pool = [c for c in pool if integrations[c] == min(integrations.values())]
-    named = [c for c in pool if c.column.quantity == names_quantity(c.column.base) == "angle"]
+    named = [c for c in pool if c.column.quantity == lab.names_quantity(c.column.base) == "angle"]
     others = f"of {len(candidates)} columns" if len(candidates) > 1 else ""
     if len(pool) == 1:
         _ask_of_larger(pool[0], moving, source)

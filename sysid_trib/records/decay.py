@@ -1,7 +1,7 @@
 """A decay cut from a record where its motion is free, or is too short to prove it; several runs as a list."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -20,25 +20,9 @@ from sysid_trib.records.inputs import refuse_inputs
 from sysid_trib.records.signal import Piece, checked_signal, unit_of_signal
 
 
-@dataclass(frozen=True)
-class CutDecay:
-    """A decay within a piece: free are the samples `start` to `stop` and the swing's run.
-
-    `before` and `after` say what was cut, `stop_time` when it stopped for good (nan if not).
-    """
-
-    piece: Piece
-    swing: Swing
-    start: int
-    stop: int
-    before: str = ""
-    after: str = ""
-    stop_time: float = float("nan")
-
-
-def free_part(piece: Piece, swing: Swing) -> CutDecay:
-    """The free part of the swing of a piece."""
-    time, halves, run = piece.time, swing.halves, swing.run
+def free_part(swing: Swing) -> Swing:
+    """The free part of a swing: what is cut of its piece before and after, and when it stopped for good."""
+    time, halves, run = swing.piece.time, swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
     if run.start > 1 or not _mirrors(smoothed, centred, swing, leading=True):
@@ -46,22 +30,20 @@ def free_part(piece: Piece, swing: Swing) -> CutDecay:
         top = smoothed[inside][np.argmax(np.abs(centred[inside]))]
         start = int(np.searchsorted(time, top))
         before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
-    if run.stop == halves.sign.size - 1 and _mirrors(smoothed, centred, swing, leading=False):
-        return CutDecay(piece, swing, start, time.size, before)
-    free = checks.before_the_hand(swing)
-    if free is not None:
-        stop = int(np.searchsorted(time, halves.crossing[free.stop]))
-        cut = f"the last {time[-1] - time[stop - 1]:.4g} s, in which it leaves the course of the decay"
-        return CutDecay(piece, swing, start, stop, before, cut)
-    stop, stop_time = _find_stop(time, piece.signal - swing.equilibrium, swing)
-    if np.isfinite(stop_time):
-        after = f"the {time[-1] - stop_time:.4g} s after it stopped for good"
-        return CutDecay(piece, swing, start, stop, before, after, stop_time)
-    stop = int(np.searchsorted(time, halves.crossing[run.stop]))
-    small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
-    reason = "in which it is lost in the noise" if small else "in which it does not swing freely"
-    after = f"the last {time[-1] - time[stop - 1]:.4g} s {reason}"
-    return CutDecay(piece, swing, start, stop, before, after)
+    stop, after, stop_time = time.size, "", np.nan
+    if run.stop < halves.sign.size - 1 or not _mirrors(smoothed, centred, swing, leading=False):
+        free = checks.before_the_hand(swing)
+        if free is None:
+            stop, stop_time = _find_stop(swing)
+        if free is None and np.isfinite(stop_time):
+            after = f"the {time[-1] - stop_time:.4g} s after it stopped for good"
+        else:
+            stop = int(np.searchsorted(time, halves.crossing[(free or run).stop]))
+            small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
+            lost = "is lost in the noise" if small else "does not swing freely"
+            reason = ", in which it leaves the course of the decay" if free else f" in which it {lost}"
+            after = f"the last {time[-1] - time[stop - 1]:.4g} s{reason}"
+    return replace(swing, free=slice(start, stop), before=before, after=after, stop_time=float(stop_time))
 
 
 def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
@@ -89,8 +71,9 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
     return bool(np.all(np.abs(angle[outside] - mirrored) < allowed))
 
 
-def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
+def _find_stop(swing: Swing) -> tuple[int, float]:
     """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
+    time, angle = swing.piece.time, swing.piece.signal - swing.equilibrium
     halves, run = swing.halves, swing.run
     end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
     first, last = np.searchsorted(time, (end + duration, end + 12.0 * duration))
@@ -123,14 +106,14 @@ def _find_stop(time: Array, angle: Array, swing: Swing) -> tuple[int, float]:
     return (stop, float(time[stop])) if seen else (time.size, np.nan)
 
 
-def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
+def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     """The decay as a part of its record, on the record's own samples where nothing was changed.
 
     Parameters
     ----------
     record : Dataset
         With `angle(time)`, and the rate or acceleration that is to be integrated (attribute `measured`).
-    decay : CutDecay
+    swing : Swing
         Found in the angle, or in what was measured.
     said : str
         What was done to the samples before.
@@ -140,8 +123,8 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
     Dataset
         As `free_decay` returns it.
     """
-    piece, swing, chosen = decay.piece, decay.swing, slice(decay.start, decay.stop)
-    time, signal = piece.time[chosen], piece.signal[chosen] - swing.equilibrium
+    piece = swing.piece
+    time, signal = piece.time[swing.free], piece.signal[swing.free] - swing.equilibrium
     attrs = record["angle"].attrs
     units = centred_in = unit_of_signal(record)
     equilibrium = swing.equilibrium, swing.standard_error
@@ -166,11 +149,11 @@ def decay_dataset(record: xr.Dataset, decay: CutDecay, said: str) -> xr.Dataset:
     cut["angle"] = ("time", signal, attrs)
     cut = cut.assign(variables)
     cut = cut.assign(with_standard_error((), "equilibrium", *equilibrium, units, "equilibrium"))
-    if np.isfinite(decay.stop_time):
+    if np.isfinite(swing.stop_time):
         stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}
-        cut["stop_time"] = ((), decay.stop_time, stop_attrs)
+        cut["stop_time"] = ((), swing.stop_time, stop_attrs)
     mended = "; ".join(text for text in (said, piece.sentence) if text)
-    cut.attrs["free_decay"] = _sentence(decay, centred_in, mended)
+    cut.attrs["free_decay"] = _sentence(swing, centred_in, mended)
     return cut
 
 
@@ -183,9 +166,9 @@ def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Datase
     return xr.Dataset(coords={"time": ("time", time, record["time"].attrs)}, attrs=record.attrs)
 
 
-def _sentence(decay: CutDecay, units: str, mended: str) -> str:
-    swing, time = decay.swing, decay.piece.time[decay.start : decay.stop]
-    cut = " and ".join(text for text in (decay.before, decay.after) if text)
+def _sentence(swing: Swing, units: str, mended: str) -> str:
+    time = swing.piece.time[swing.free]
+    cut = " and ".join(text for text in (swing.before, swing.after) if text)
     kept = f"kept {time[0]:.6g} s to {time[-1]:.6g} s ({time.size} samples)"
     error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
     middle = f"centred on {swing.equilibrium:.6g}{error} {units}"
@@ -197,7 +180,7 @@ def _sentence(decay: CutDecay, units: str, mended: str) -> str:
 FIRST_EXPONENTS = -0.02, 0.02, 0.2, 0.6
 
 
-def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> CutDecay:
+def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing:
     """The swing of a piece about a given value, or about the constant of the damped sine that fits it best.
 
     Raises
@@ -205,27 +188,18 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> CutDe
     DecayError
         The refusal, which says why it is no proven decay, if nothing swings.
     """
-    swing = find_swing(piece.time, piece.signal, value)
+    swing = find_swing(piece, value)
     if swing is None:
         raise refusal
-    decay = _before_the_stop(piece, swing)
-    chosen = slice(decay.start, decay.stop)
-    fitted = _damped_sine(piece.time[chosen], piece.signal[chosen], swing.oscillation.period)
+    # Half periods from which a stop for good can be seen.
+    if swing.peaks.size >= 3 and swing.peaks[-1] <= swing.peaks[0]:
+        seen = free_part(swing)
+        if np.isfinite(seen.stop_time):
+            swing = replace(seen, free=slice(0, seen.free.stop), before="")
+    fitted = _damped_sine(piece.time[swing.free], piece.signal[swing.free], swing.oscillation.period)
     if fitted is None:
         raise refusal
-    if value is None:
-        swing = replace(swing, equilibrium=fitted[0], standard_error=fitted[1])
-    return replace(decay, swing=swing)
-
-
-def _before_the_stop(piece: Piece, swing: Swing) -> CutDecay:
-    """All of a piece, or what comes before a stop for good."""
-    whole, peak = CutDecay(piece, swing, 0, piece.time.size), swing.peaks
-    # Half periods from which a stop for good can be seen.
-    if peak.size < 3 or peak[-1] > peak[0]:
-        return whole
-    seen = free_part(piece, swing)
-    return replace(seen, start=0, before="") if np.isfinite(seen.stop_time) else whole
+    return replace(swing, equilibrium=fitted[0], standard_error=fitted[1]) if value is None else swing
 
 
 def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, float] | None:

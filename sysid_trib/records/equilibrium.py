@@ -16,7 +16,7 @@ from sysid_trib.records.half_periods import (
     regular_run,
     smooth,
 )
-from sysid_trib.records.signal import checked_signal
+from sysid_trib.records.signal import Piece, checked_signal
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 DRIFT_BLOCKS = 8
@@ -28,37 +28,54 @@ HALF_PERIODS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class Swing:
-    """The regular part of an oscillation, split about its equilibrium.
+    """The regular part of an oscillation, split about its equilibrium, and what is cut of its piece.
 
     Attributes
     ----------
+    piece : the signal.
     oscillation : the smoothed signal, not centred.
-    halves : all half periods of the record, about the equilibrium.
+    halves : all half periods of the piece, about the equilibrium.
     run : those of them that belong to the regular swing.
     equilibrium, standard_error : in the signal's unit; the error is nan where the equilibrium was given.
+    free : the samples in which it swings freely.
+    before, after : what is cut, and why.
+    stop_time : s, when it stopped for good; nan if it did not.
     """
 
+    piece: Piece
     oscillation: Oscillation
     halves: HalfPeriods
     run: slice
     equilibrium: float
     standard_error: float
+    free: slice
+    before: str = ""
+    after: str = ""
+    stop_time: float = float("nan")
 
     @property
     def peaks(self) -> Array:
         """Largest absolute value of each half period of the run."""
         return self.halves.peak[self.run]
 
+    @property
+    def extrema(self) -> Array:
+        """Size of each extremum of the run, from all samples."""
+        centred = self.piece.signal - self.equilibrium
+        return np.abs(signed_extrema(self.piece.time, centred, self.halves.select(self.run)))
 
-def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> Swing | None:
+    @property
+    def scatter(self) -> float:
+        """Generous for an extremum's own: noise that averages over a third of a period leave, and steps."""
+        return 3.0 * self.oscillation.smoothed_noise + 0.5 * self.oscillation.step
+
+
+def find_swing(piece: Piece, equilibrium: float | None = None) -> Swing | None:
     """Find the regular swing of a signal and, unless it is given, its equilibrium.
 
     None if the signal holds no oscillation that stands out of its noise.
     """
-    swings = [
-        _settle(time, signal, smooth(time, signal, period), equilibrium)
-        for period in dominant_periods(time, signal)
-    ]
+    swings = [_settle(piece, period, equilibrium) for period in dominant_periods(piece.time, piece.signal)]
     travels = max(swings, key=lambda swing: float(swing.peaks.sum()), default=None)
     if travels is None:
         return None
@@ -112,12 +129,14 @@ def with_half_periods(
 
 @lru_cache(maxsize=KEPT_DECAYS)
 def _whole_half_periods(time: bytes, angle: bytes, equilibrium: float | None) -> HalfPeriods | None:
-    swing = find_swing(np.frombuffer(time), np.frombuffer(angle), equilibrium)
+    swing = find_swing(Piece(np.frombuffer(time), np.frombuffer(angle)), equilibrium)
     return None if swing is None else swing.halves.select(swing.run)
 
 
-def _settle(time: Array, signal: Array, oscillation: Oscillation, equilibrium: float | None) -> Swing:
+def _settle(piece: Piece, period: float, equilibrium: float | None) -> Swing:
     """Split and centre in turn: the split depends on the centre and the centre on the split."""
+    time, signal = piece.time, piece.signal
+    oscillation = smooth(time, signal, period)
     centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
     error = np.nan
     halves, run = _split(oscillation, centre)
@@ -129,7 +148,7 @@ def _settle(time: Array, signal: Array, oscillation: Oscillation, equilibrium: f
         # The cosine rests on four times as many samples as an averaged point, unevenly.
         centre, error = robust_mean(extrema, 0.6 * oscillation.smoothed_noise)
         halves, run = _split(oscillation, centre)
-    return Swing(oscillation, halves, run, centre, error)
+    return Swing(piece, oscillation, halves, run, centre, error, slice(0, time.size))
 
 
 def _split(oscillation: Oscillation, centre: float) -> tuple[HalfPeriods, slice]:

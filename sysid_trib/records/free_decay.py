@@ -7,7 +7,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks
 from sysid_trib.records.cleaning import new_frames, outliers, pulses, spikes
-from sysid_trib.records.decay import CutDecay, decay_dataset, free_part, short_decay
+from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_pieces
@@ -167,11 +167,11 @@ def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index
     return calm, said
 
 
-def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[CutDecay]:
+def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Swing]:
     """The decays of all pieces; where there is none, the reason why the longest is none."""
     longest = max(pieces, key=lambda piece: piece.time.size)
     waiting = [longest, *(piece for piece in pieces if piece is not longest)]
-    decays: list[CutDecay] = []
+    decays: list[Swing] = []
     refusals: list[DecayError] = []
     while waiting and len(decays) < MOST_DECAYS:
         piece = waiting.pop(0)
@@ -182,22 +182,22 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Cu
         except DecayError as refusal:
             refusals.append(refusal)
             continue
-        if decays and not _alike(decay.swing, decays[0].swing):
+        if decays and not _alike(decay, decays[0]):
             continue
         decays.append(decay)
         # What comes after it and before it.
-        piece, ends = decay.piece, (slice(decay.stop, None), slice(decay.start))
+        piece, ends = decay.piece, (slice(decay.free.stop, None), slice(decay.free.start))
         waiting = [*(Piece(piece.time[end], piece.signal[end], piece.sentence) for end in ends), *waiting]
     if not decays:
         raise refusals[0]
-    return sorted(decays, key=lambda decay: decay.piece.time[decay.start])
+    return sorted(decays, key=lambda decay: decay.piece.time[decay.free.start])
 
 
-def _may_hold_another(piece: Piece, decays: list[CutDecay]) -> bool:
+def _may_hold_another(piece: Piece, decays: list[Swing]) -> bool:
     """True if a piece is long enough, and moves far enough, for a decay like the first one."""
     if piece.time.size < 20 or not decays:
         return piece.time.size >= 20
-    period = decays[0].swing.oscillation.period
+    period = decays[0].oscillation.period
     far = np.ptp(piece.signal) >= SMALLEST_FURTHER * np.ptp(decays[0].piece.signal)
     return bool(far and piece.time[-1] - piece.time[0] >= 4.0 * period)
 
@@ -207,26 +207,23 @@ def _alike(swing: Swing, first: Swing) -> bool:
     return bool(alike and swing.peaks.max() > SMALLEST_FURTHER * first.peaks.max())
 
 
-def _first(piece: Piece, value: float | None, source: str) -> CutDecay:
+def _first(piece: Piece, value: float | None, source: str) -> Swing:
     """The decay that a piece holds, or the reason why it holds none."""
-    time, signal = piece.time, piece.signal
-    if pulses(signal):
+    if pulses(piece.signal):
         raise DecayError(
             f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier "
             "does: it is not a displacement, from which a decay could be read; choose another column."
         )
-    swing = find_swing(time, signal, value)
+    swing = find_swing(piece, value)
     if swing is None:
         raise DecayError(
             f"{source}: no oscillation stands out of the noise; check the column and the window."
         )
-    first, clipped = checks.end_of_clipping(time, signal, swing, source)
+    first, clipped = checks.end_of_clipping(swing, source)
     if first:
         sentence = "; ".join(text for text in (piece.sentence, clipped) if text)
-        return _first(Piece(time[first:], signal[first:], sentence), value, source)
-    swing = checks.after_the_drive(time, signal, swing)
-    swing = checks.after_the_largest(time, signal, swing, source)
-    return free_part(piece, swing)
+        return _first(Piece(piece.time[first:], piece.signal[first:], sentence), value, source)
+    return free_part(checks.after_the_largest(checks.after_the_drive(swing), source))
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
@@ -245,10 +242,9 @@ def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
     if not periods:
         return None, "no oscillation stands out of the noise"
     try:
-        decays = _decays_of(uniform_pieces(time[kept], signal[kept], periods[0]), None, "")
+        swings = _decays_of(uniform_pieces(time[kept], signal[kept], periods[0]), None, "")
     except DecayError as error:
         return None, str(error).removeprefix(": ").partition(";")[0].rstrip(".")
-    swings = (decay.swing for decay in decays)
     return max(swings, key=lambda swing: float(swing.peaks.sum())), ""
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
-from sysid_trib.records.equilibrium import Swing, signed_extrema
+from sysid_trib.records.equilibrium import Swing
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
@@ -25,15 +25,14 @@ CLIPPED_NOISE, FLAT_PART, FEWEST_CLIPPED = 6.0, 0.75, 2
 PACE_TOLERANCE = 0.03
 
 
-def after_the_drive(time: Array, angle: Array, swing: Swing) -> Swing:
+def after_the_drive(swing: Swing) -> Swing:
     """Leave out what comes before the decay if the amplitude is held until there, as a drive holds it."""
     run = swing.run
     if run.stop - run.start < DRIVEN_HALF_PERIODS + FEWEST_EXTREMA:
         return swing
-    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
-    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
+    peak = swing.extrema
     held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
-    allowed = DRIVEN_TOLERANCE * held + scatter
+    allowed = DRIVEN_TOLERANCE * held + swing.scatter
     away = np.abs(peak - held) > allowed
     end = int(np.argmax(away)) if away.any() else peak.size
     if end < DRIVEN_HALF_PERIODS or end > peak.size - FEWEST_EXTREMA:
@@ -46,9 +45,9 @@ def after_the_drive(time: Array, angle: Array, swing: Swing) -> Swing:
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
-def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> Swing:
+def after_the_largest(swing: Swing, source: str) -> Swing:
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
-    run = swing.run
+    run, time = swing.run, swing.piece.time
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
     # Each half-sine has two unknowns.
     if per_half_period < 2.5:
@@ -60,10 +59,7 @@ def after_the_largest(time: Array, angle: Array, swing: Swing, source: str) -> S
             f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
             "record longer or widen the window, or name the forces that act (--forces) to take it as it is."
         )
-    peak = np.abs(signed_extrema(time, angle - swing.equilibrium, swing.halves.select(run)))
-    # Generous for an extremum's own scatter: by noise, which averaging over a third of a period would leave,
-    # and steps.
-    scatter = 3.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step
+    peak, scatter = swing.extrema, swing.scatter
     largest = int(np.argmax(peak))
     first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
     quarter = max(1, (count - first) // 4)
@@ -166,7 +162,7 @@ def _refuse_rises(peak: Array, swing: Swing, source: str) -> None:
         )
 
 
-def end_of_clipping(time: Array, angle: Array, swing: Swing, source: str) -> tuple[int, str]:
+def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     """First sample after the last half period that the end of the sensor's range cuts off, and a sentence.
 
     Returns
@@ -181,10 +177,10 @@ def end_of_clipping(time: Array, angle: Array, swing: Swing, source: str) -> tup
     DecayError
         Too little is left.
     """
-    halves = swing.halves
+    time = swing.piece.time
     last, limits = -1, []
     for side in (-1, 1) if swing.run.stop - swing.run.start >= FEWEST_EXTREMA else ():
-        reached, limit = _clipped(time, angle, swing, side)
+        reached, limit = _clipped(swing, side)
         if reached.size:
             last = max(last, int(reached[-1]))
             limits.append(f"{limit:.6g}")
@@ -195,18 +191,18 @@ def end_of_clipping(time: Array, angle: Array, swing: Swing, source: str) -> tup
             f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end; "
             "record with a wider range."
         )
-    first = int(np.searchsorted(time, halves.crossing[last + 1]))
+    first = int(np.searchsorted(time, swing.halves.crossing[last + 1]))
     cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"
     return first, cut
 
 
-def _clipped(time: Array, angle: Array, swing: Swing, side: int) -> tuple[Index, float]:
+def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
     """Half periods of one sign that reach the extreme value, if some stay there too long; that value.
 
     Exactly, or within the noise, which may come after what clips.
     """
-    halves, run = swing.halves, swing.run
-    starts, stops = halves.samples(time)
+    halves, run, angle = swing.halves, swing.run, swing.piece.signal
+    starts, stops = halves.samples(swing.piece.time)
     part = slice(int(starts[run.start]), int(stops[run.stop - 1]))
     limit = float(side * np.max(side * angle[part]))
     height = max(side * (limit - swing.equilibrium), 1e-300)

@@ -40,25 +40,19 @@ def numbers(values: Any, name: str, source: str) -> Array:
     values = np.asarray(values)
     if values.dtype.kind == "O" and all(isinstance(value, datetime) for value in values):
         values = values.astype("datetime64[us]")
-    if values.dtype.kind == "M":
-        return np.asarray((values - values[0]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
-    if values.dtype.kind == "m":
-        return np.asarray(values / np.timedelta64(1, "ns"), dtype=float) * 1e-9
+    if values.dtype.kind in "mM":
+        elapsed = values - values[0] if values.dtype.kind == "M" else values
+        return np.asarray(elapsed / np.timedelta64(1, "ns"), dtype=float) * 1e-9
     if values.dtype.kind not in "fiub":
         values = _of_texts(values, name, source)
     values = values.astype(np.float64)
-    vast = np.flatnonzero(np.isfinite(values) & (np.abs(np.nan_to_num(values)) > LARGEST_NUMBER))
-    if vast.size:
-        raise RecordError(
-            f"{source}: row {vast[0] + 1} of column {name} holds {values[vast[0]]:g}, too much for an "
-            "oscillation or its time; scale it."
-        )
-    infinite = np.flatnonzero(np.isinf(values))
-    if infinite.size:
-        raise RecordError(
-            f"{source}: row {infinite[0] + 1} of column {name} is infinite ({infinite.size} such rows); "
-            "cut them out, or keep the part between them."
-        )
+    wrong = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
+    if wrong.size:
+        row, count = wrong[0], np.count_nonzero(np.isinf(values))
+        vast = f"holds {values[row]:g}, too much for an oscillation or its time; scale it."
+        infinite = f"is infinite ({count} such rows); cut them out, or keep the part between them."
+        is_infinite = np.isinf(values[row])
+        raise RecordError(f"{source}: row {row + 1} of column {name} {infinite if is_infinite else vast}")
     return values
 
 
@@ -123,7 +117,17 @@ def _of_texts(values: Any, name: str, source: str) -> Array:
         seconds = _of_dates(texts) if seconds is None else seconds
         if seconds is not None:
             return seconds
-    return np.array([_number(value, name, row, source) for row, value in enumerate(values, 1)])
+    found = []
+    for row, value in enumerate(values, 1):
+        try:
+            text = str(value).replace(",", ".").replace(MINUS, "-")
+            found.append(np.nan if is_missing(text) else float(text))
+        except ValueError:
+            raise RecordError(
+                f"{source}: row {row} of column {name} holds {str(value)[:30]!r}, not a number; "
+                "correct it or cut it out."
+            ) from None
+    return np.array(found)
 
 
 def _of_the_day(texts: list[str]) -> Array | None:
@@ -154,20 +158,3 @@ def _of_dates(texts: list[str]) -> Array | None:
             continue
         return np.asarray((dates - dates[0]).total_seconds(), dtype=float)
     return None
-
-
-def _number(value: object, name: str, row: int, source: str) -> float:
-    if value is None or is_missing(str(value)):
-        return float("nan")
-    try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        # A whole number of 400 digits is infinite as a text.
-        pass
-    try:
-        return float(str(value).replace(",", ".").replace(MINUS, "-"))
-    except ValueError:
-        raise RecordError(
-            f"{source}: row {row} of column {name} holds {str(value)[:30]!r}, not a number; "
-            "correct it or cut it out."
-        ) from None

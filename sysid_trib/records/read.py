@@ -12,26 +12,17 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError, readable
+from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.assumed_units import assumed_unit
 from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.expression import is_expression, with_expression
-from sysid_trib.records.headers import names_quantity, noted_unit
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.records.numbers import without_sentinels
 from sysid_trib.records.reading import Reading, opened
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.tables import Column, FileTable, read_table
-from sysid_trib.records.units import (
-    ACCELEROMETER,
-    INTEGRATIONS,
-    OFFERED_ANGLES,
-    OFFERED_UNITS,
-    SignalUnit,
-    plain_unit,
-    signal_unit,
-)
 
 POSITIONS = ("angle", "displacement")
 LARGEST_AMPLITUDE = 4.0 * np.pi
@@ -39,7 +30,7 @@ LARGEST_AMPLITUDE = 4.0 * np.pi
 
 def _unit_of(
     table: FileTable, column: Column, how: Reading, time: Array, values: Array
-) -> tuple[SignalUnit, str]:
+) -> tuple[lab.SignalUnit, str]:
     """Unit of a signal without bad samples, and why that one where neither user nor file says it.
 
     Raises
@@ -49,14 +40,14 @@ def _unit_of(
     RecordError
         An amplitude that no oscillation has in this unit.
     """
-    stated = column.unit or signal_unit(noted_unit(table.notes))
+    stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes))
     header = f"{table.source}: the header of column {column.name} says {stated.text if stated else ''}"
-    given = signal_unit(how.units or "")
+    given = lab.signal_unit(how.units or "")
     if given and how.signal and given.quantity in POSITIONS:
         # "deg" of a rate is deg/s.
         given = replace(given, quantity=how.signal)
     if given and stated and stated.known and _differs(stated, given):
-        known = "" if given.known else f", which is none of those that are known ({OFFERED_UNITS})"
+        known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
         raise UsageError(
             f"{header}, but --units says {how.units} (units= in Python){known}; leave the option out or "
             "correct the header."
@@ -65,14 +56,14 @@ def _unit_of(
         # In whatever it is, no coefficient would have its size.
         raise UsageError(
             f"{table.source}: --units '{how.units}' (units= in Python) is no unit of an angle that is known; "
-            f"give {OFFERED_ANGLES}."
+            f"give {lab.OFFERED_ANGLES}."
         )
     unit, why = given or stated, ""
     if unit is None:
-        meant = how.quantity or names_quantity(column.base) or how.usual
+        meant = how.quantity or lab.names_quantity(column.base) or how.usual
         unit, why = assumed_unit(table, column, time, values, meant)
     if how.quantity not in (None, unit.quantity):
-        if unit.quantity in POSITIONS and (times := INTEGRATIONS[how.quantity]):
+        if unit.quantity in POSITIONS and (times := lab.INTEGRATIONS[how.quantity]):
             unit = replace(unit, text=f"{unit.text}{'/s' if times == 1 else '/s^2'}", quantity=how.quantity)
         elif stated is not None and stated.known:
             article = "an" if stated.quantity[0] == "a" else "a"
@@ -81,7 +72,8 @@ def _unit_of(
                 "leave the option out."
             )
     if not unit.known:
-        why = f"unit {unit.text} is none of those that are known ({OFFERED_UNITS}): coefficients are in it"
+        known = f"none of those that are known ({lab.OFFERED_UNITS})"
+        why = f"unit {unit.text} is {known}: coefficients are in it"
     swing = 0.5 * float(np.ptp(values)) * unit.factor
     if unit.quantity == "angle" and swing > LARGEST_AMPLITUDE and unit.text.lower().startswith("rad"):
         raise RecordError(
@@ -92,11 +84,10 @@ def _unit_of(
     return unit, why
 
 
-def _differs(stated: SignalUnit, given: SignalUnit) -> bool:
-    same_kind = stated.position == given.position and np.isclose(stated.factor, given.factor)
-    return not (
-        same_kind and (stated.quantity == given.quantity or plain_unit(stated.text) == plain_unit(given.text))
-    )
+def _differs(stated: lab.SignalUnit, given: lab.SignalUnit) -> bool:
+    plain = {lab.plain_unit(unit.text) for unit in (stated, given)}
+    alike = stated.quantity == given.quantity or len(plain) == 1
+    return not (alike and stated.position == given.position and np.isclose(stated.factor, given.factor))
 
 
 def read_record(
@@ -257,7 +248,7 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
     }
     if clock.breaks:
         attrs["breaks"] = list(clock.breaks)
-    if how.signal == ACCELEROMETER:
+    if how.signal == lab.ACCELEROMETER:
         record = as_felt(time, values, attrs, float(how.distance or 0.0))
     else:
         record = as_position(time, values, unit, attrs, how.length)

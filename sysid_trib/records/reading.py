@@ -12,15 +12,8 @@ from pathlib import Path
 from typing import IO
 
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.records import units as lab
 from sysid_trib.records.inputs import BETWEEN_SAMPLES
-from sysid_trib.records.units import (
-    ACCELEROMETER,
-    OFFERED_TIME_UNITS,
-    OFFERED_UNITS,
-    SIGNALS,
-    TIME_UNITS,
-    signal_unit,
-)
 
 # Variables of a record that no input may be.
 TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
@@ -67,17 +60,17 @@ class Reading:
     between: str = "smooth"
 
     def __post_init__(self) -> None:
-        if self.signal is not None and self.signal not in SIGNALS:
-            raise UsageError(f"signal {self.signal!r} is unknown: give {', '.join(SIGNALS)}.")
+        if self.signal is not None and self.signal not in lab.SIGNALS:
+            raise UsageError(f"signal {self.signal!r} is unknown: give {', '.join(lab.SIGNALS)}.")
         if self.between not in BETWEEN_SAMPLES:
             raise UsageError(f"between {self.between!r} is unknown: give {', '.join(BETWEEN_SAMPLES)}.")
         for name in self.inputs:
             if not name.isidentifier() or name in TAKEN_NAMES:
                 raise UsageError(f"{name!r} cannot name an input; write u=COLUMN, as forces hold it.")
-        if self.time_units is not None and self.time_units not in TIME_UNITS:
-            raise UsageError(f"time units {self.time_units!r} are unknown: give {OFFERED_TIME_UNITS}.")
-        if self.units is not None and signal_unit(self.units) is None:
-            raise UsageError(f"units {self.units!r} are unknown: give {OFFERED_UNITS}.")
+        if self.time_units is not None and self.time_units not in lab.TIME_UNITS:
+            raise UsageError(f"time units {self.time_units!r} are unknown: give {lab.OFFERED_TIME_UNITS}.")
+        if self.units is not None and lab.signal_unit(self.units) is None:
+            raise UsageError(f"units {self.units!r} are unknown: give {lab.OFFERED_UNITS}.")
         for name in ("sampling_rate", "length", "distance"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, Real):
@@ -86,7 +79,7 @@ class Reading:
             raise UsageError(
                 f"sampling rate {self.sampling_rate:g}: give a positive number of samples a second."
             )
-        if (self.signal == ACCELEROMETER) != (self.distance is not None):
+        if (self.signal == lab.ACCELEROMETER) != (self.distance is not None):
             raise UsageError(
                 "An accelerometer on a pendulum is read by its distance from the axis in m: give both "
                 "--signal accelerometer and --distance M (signal= and distance= in Python), or neither."
@@ -99,7 +92,7 @@ class Reading:
     @property
     def quantity(self) -> str | None:
         """What is measured, if it is given; what an accelerometer feels is in units of an acceleration."""
-        return "acceleration" if self.signal == ACCELEROMETER else self.signal
+        return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
 
 
 STANDARD_INPUT = "-"

@@ -38,34 +38,27 @@ def as_record(given: Any) -> Any:
     UsageError
         It is not clear what the signal is.
     """
-    record = given
-    if isinstance(given, np.ndarray):
-        if given.ndim != 2 or given.shape[1] != 2:
+    if isinstance(given, pd.DataFrame):
+        table = given.set_index("time") if "time" in given.columns else given
+        if "angle" not in table.columns and table.shape[1] != 1:
+            names = ", ".join(map(str, table.columns))
+            raise UsageError(f"Which column is the signal? Name it angle; there are {names}.")
+        given = table["angle"] if "angle" in table.columns else table.iloc[:, 0]
+    record = given.to_xarray() if isinstance(given, pd.Series) else given
+    if isinstance(record, np.ndarray):
+        if record.ndim != 2 or record.shape[1] != 2:
             raise UsageError(
-                f"An array is a record as (sample, 2), times and angles; this one is {given.shape}."
+                f"An array is a record as (sample, 2), times and angles; this one is {record.shape}."
             )
-        record = xr.Dataset({"angle": ("time", given[:, 1])}, {"time": given[:, 0]})
-    elif isinstance(given, xr.DataArray):
-        if given.ndim != 1:
-            raise UsageError(f"A DataArray is a record over time alone; this one is over {given.dims}.")
-        record = given.rename({given.dims[0]: "time"}).rename("angle").to_dataset()
-    elif isinstance(given, pd.Series | pd.DataFrame):
-        record = _of_table(given)
+        record = xr.Dataset({"angle": ("time", record[:, 1])}, {"time": record[:, 0]})
+    if isinstance(record, xr.DataArray):
+        if record.ndim != 1:
+            raise UsageError(f"A DataArray is a record over time alone; this one is over {record.dims}.")
+        record = record.rename({record.dims[0]: "time"}).rename("angle").to_dataset()
     if isinstance(record, xr.Dataset) and "time" in record and record["time"].dtype.kind in "mM":
         elapsed = (record["time"] - record["time"][0]) / np.timedelta64(1, "s")
         record = record.assign_coords(time=elapsed.values)
     return record
-
-
-def _of_table(table: Any) -> xr.Dataset:
-    """A Series or a DataFrame of pandas as a record."""
-    frame = table.to_frame("angle") if isinstance(table, pd.Series) else table
-    frame = frame.set_index("time") if "time" in frame.columns else frame
-    names = [str(name) for name in frame.columns]
-    if "angle" not in names and len(names) != 1:
-        raise UsageError(f"Which column is the signal? Name it angle; there are {', '.join(names)}.")
-    column = frame["angle"] if "angle" in names else frame.iloc[:, 0]
-    return xr.Dataset({"angle": ("time", column.to_numpy())}, {"time": frame.index.to_numpy()})
 
 
 def checked_signal(record: Any, *names: str) -> None:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError, did_you_mean
+from sysid_trib.records import units as lab
 from sysid_trib.records.formats import read_lines, reader_of
-from sysid_trib.records.headers import is_time, names_quantity, noted_rate, split_header
 from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.text import check_width
-from sysid_trib.records.units import LAB_WORDS, TIME_UNITS, SignalUnit, plain_unit, signal_unit
 
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
@@ -49,7 +48,7 @@ class Column:
     @classmethod
     def of_file(cls, name: str, cells: Any, source: str, unit: str = "") -> "Column":
         """A column by its header, and the unit that the file states apart from it."""
-        base, in_header = split_header(name)
+        base, in_header = lab.split_header(name)
         # With the capitals that the header has: `mT`, where `split_header` says `mt`.
         at = name.lower().rfind(in_header)
         in_header = name[at : at + len(in_header)] if at >= 0 else in_header
@@ -64,14 +63,14 @@ class Column:
         return numbers(self.cells, self.name, self.source)
 
     @property
-    def unit(self) -> SignalUnit | None:
+    def unit(self) -> lab.SignalUnit | None:
         """Unit that the file states of it; None where it states none."""
-        return signal_unit(self.stated)
+        return lab.signal_unit(self.stated)
 
     @property
     def quantity(self) -> str:
         """What is measured in its unit, or what its name usually means; or nothing."""
-        return self.unit.quantity if self.unit and self.unit.known else names_quantity(self.base)
+        return self.unit.quantity if self.unit and self.unit.known else lab.names_quantity(self.base)
 
     @cached_property
     def is_numeric(self) -> bool:
@@ -96,16 +95,16 @@ class Column:
     @cached_property
     def is_time(self) -> bool:
         """True if it is one of times by its header; `t run 2`, `host time (s)` only if it rises."""
-        unit = plain_unit(self.stated)
-        if is_time(self.base, unit) or self.is_dated:
+        unit = lab.plain_unit(self.stated)
+        if lab.is_time(self.base, unit) or self.is_dated:
             return True
         like = re.match(r"(?:time|t|zeit)\b", self.base) is not None
-        return self.rises and (unit in TIME_UNITS and self.base.endswith(" time") if unit else like)
+        return self.rises and (unit in lab.TIME_UNITS and self.base.endswith(" time") if unit else like)
 
     @property
     def counts_rows(self) -> bool:
         """True if its header is that of a number of the row, such as `frame`."""
-        return self.base in LAB_WORDS["counter"]
+        return self.base in lab.LAB_WORDS["counter"]
 
     @cached_property
     def rises(self) -> bool:
@@ -148,7 +147,7 @@ class FileTable:
     @cached_property
     def rate(self) -> float | None:
         """Sampling rate (Hz) that its notes state, or that its rows have over a duration they state."""
-        return noted_rate(self.notes, max(column.cells.size for column in self.columns))
+        return lab.noted_rate(self.notes, max(column.cells.size for column in self.columns))
 
     @cached_property
     def times(self) -> list[Column]:

@@ -1,7 +1,9 @@
-"""Units as laboratories write them: which quantity a signal is, and its factor to the unit that is used."""
+"""What files say as laboratories write it: units and their factors, names of columns, sampling rates."""
 
 import re
 import tomllib
+import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,3 +119,140 @@ def plain_unit(text: str) -> str:
 def _per_second(match: "re.Match[str]") -> str:
     base, power = (text for text in match.groups() if text is not None)
     return f"{base}/s" + ("^2" if power == "2" else "")
+
+
+# Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
+_KNOWN = (TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}) - {"h", "d"}
+
+_NAMING_UNITS = {unit for unit in ANGLE_UNITS.keys() | POSITION_UNITS.keys() if len(unit) > 1} - {
+    *("in", "turn", "turns", "raw", "adc", "count", "counts", "arb")
+}
+
+
+def split_header(name: str) -> tuple[str, str]:
+    """Name and unit of a header such as `angle (deg)`, `Time [ms]`, `t / s`, `time_ms` or `Winkel in Grad`.
+
+    Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
+    """
+    # Patterns take the square of the time for blanks in a row.
+    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(name.lower().split()).replace("μ", "µ"))
+    bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
+    if bracket is not None and not bracket[2].isdigit():
+        base, unit = bracket[1], plain_unit(bracket[2])
+    else:
+        base, unit = _without_bracket(text)
+    *groups, base = re.split(r"[./](?=\D)|:\s+", base)
+    # `angular_velocity.x`
+    if base in ("x", "y", "z") and groups and names_quantity(groups[-1].replace("_", " ")):
+        base = f"{groups[-1]} {base}"
+    return re.sub(r"^\d+\s+", "", base.replace("_", " ").strip()), unit
+
+
+def _without_bracket(text: str) -> tuple[str, str]:
+    per = re.fullmatch(r"(.+?)[_ ](m?rad|deg|degrees|°|[cmuµ]?m)(?:/|[_ ](?:per[_ ])?)s(?:ec)?(\^?2)?", text)
+    if per is not None:
+        return per[1], f"{per[2]}/s{'^2' if per[3] else ''}"
+    for pattern in (r"(.+?)\s*/\s*(\S+)", r"(.+) in (\S+)", r"(.+)[_ ](\S+)"):
+        match = re.fullmatch(pattern, text)
+        if match is not None and (plain_unit(match[2]) in _KNOWN or is_known_unit(match[2])):
+            return match[1], plain_unit(match[2])
+    # `Volt`, `deg`: a unit is all the name there is.
+    return text, plain_unit(text) if plain_unit(text) in _NAMING_UNITS else ""
+
+
+def names_quantity(base: str) -> str:
+    """The quantity that a name usually means (`angle`, `rate`, ...), or nothing.
+
+    Parameters
+    ----------
+    base : str
+        Of `split_header`. The axis at its end does not count: `gyroscope y`.
+    """
+    base = _without_accents(base)
+    first = base.split(" ")[0]
+    for text in (base, re.sub(r"[ _]?(?:[xyz]|\d+|left|right)$", "", base), first if len(first) > 2 else ""):
+        for quantity, names in LAB_WORDS["quantities"].items():
+            if text in names:
+                return quantity
+    # `p1 x`: a coordinate of anything.
+    return "displacement" if re.search(r"\w [xyz]$", base) else ""
+
+
+def is_time(base: str, unit: str) -> bool:
+    """True if a header is that of a time column."""
+    base = _without_accents(base)
+    named = {re.sub(r"\s*\d+$", "", base), base} & set(LAB_WORDS["time"])
+    return bool(named) or (unit in TIME_UNITS and base.startswith("time"))
+
+
+def _without_accents(text: str) -> str:
+    """Letters without their accents: `angulo` for `ángulo`."""
+    parted = unicodedata.normalize("NFD", text)
+    return "".join(letter for letter in parted if not unicodedata.combining(letter))
+
+
+_VALUE = r"(?P<value>\d[\d.]*(?:,\d+)?(?:e[+-]?\d+)?)"
+_SECOND = r"s(?:ec(?:ond)?)?\b"
+_RATES = (
+    # `fs = 200 Hz`, `Sampling rate (kHz): 2`
+    r"\b(?:fs|f_s|fps|sampl(?:e|ing)[ _]?(?:rate|frequency)|samplerate|abtast(?:rate|frequenz)|"
+    r"(?:frame|data|scan|actual|acq(?:uisition)?|daq|adc|clock|update)[ _]?rate|(?<![\w ])rate)\b"
+    r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"\s*(?P<after>k?hz)?",
+    # `30 fps`, `65 samples/s`
+    r"(?<![\w.,])"
+    + _VALUE
+    + r"\s*(?:(?:k?sa|k?s)/s|k?sps|fps|(?:samples?|frames?)\s*(?:/|per)\s*"
+    + _SECOND
+    + ")",
+)
+# `dt = 5 ms`, LabVIEW's `Delta_X`
+_STEP = (
+    r"\b(?:dt|ts|delta[ _]?[tx]|(?:sampl(?:e|ing)|time)[ _]?(?:interval|step|period|time)|"
+    r"abtast(?:intervall|zeit))\b"
+    r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"(?:\s*(?P<after>[mµu]?s)\b)?"
+)
+_DURATION = (
+    r"\b(?:duration|record(?:ing)?[ _]?length|acquisition[ _]?time)\b\W{0,4}" + _VALUE + r"\s*(?:s\b|$)"
+)
+_UNIT = (
+    r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:=\t])"
+    r"\s*['\"]?(?P<unit>[^\s'\",;]+)"
+)
+
+
+def noted_rate(notes: Sequence[str], rows: int = 0) -> float | None:
+    """Sampling rate (Hz) that a file states, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
+
+    So many rows have one over a duration that it states, too.
+    """
+    for note in notes:
+        for pattern in _RATES:
+            if value := _value(match := re.search(pattern, note, re.IGNORECASE)):
+                return value * (1e3 if _unit_of(match, "hz").startswith("k") else 1.0)
+        if value := _value(match := re.search(_STEP, note, re.IGNORECASE)):
+            return 1.0 / (value * TIME_UNITS.get(_unit_of(match, "s"), 1.0))
+    for note in notes if rows else ():
+        if duration := _value(re.search(_DURATION, note, re.IGNORECASE)):
+            # The last sample may be at the end.
+            return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration
+    return None
+
+
+def _value(match: "re.Match[str] | None") -> float:
+    """The positive number that a note states; 0 where it states none."""
+    try:
+        return max(0.0, float(match["value"].replace(",", "."))) if match else 0.0
+    except ValueError:
+        return 0.0
+
+
+def _unit_of(match: "re.Match[str] | None", usual: str) -> str:
+    """The unit that stands behind a value, or in brackets before it."""
+    units = match.groupdict() if match else {}
+    return str(units.get("after") or units.get("before") or usual).lower()
+
+
+def noted_unit(notes: Sequence[str]) -> str:
+    """Unit that comments or texts of a file state, `unit: rad`; nothing where none does."""
+    matches = (re.search(_UNIT, note, re.IGNORECASE) for note in notes)
+    return next((match["unit"] for match in matches if match), "")
