@@ -108,8 +108,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
     RecordError
         With the period, and what to give.
     """
-    good = np.isfinite(values)
-    periods = dominant_periods(time[good], values[good]) if np.count_nonzero(good) > 1 else []
+    periods = dominant_periods(time, values)
     longest = LONGEST_OF_WHOLE if whole else LONGEST_PERIOD
     if periods and not SHORTEST_PERIOD < periods[0] < longest:
         raise RecordError(

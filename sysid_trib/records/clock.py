@@ -21,6 +21,7 @@ SIGNIFICANT_DIGITS = range(3, 8)
 WITHIN, WITHIN_UNEQUAL = 1.02, 1.5
 # A row follows at once if it comes within this part of the mean step; in packets most do.
 AT_ONCE = 0.5
+INSTEAD = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
 # Longest steps by which packets are late, and most by which the long and the short steps differ.
 LATE, LARGEST_RATIO = 1.5, 100.0
 
@@ -48,11 +49,7 @@ class Clock:
 
 
 def read_clock(
-    stamps: Array,
-    factor: float,
-    source: str,
-    values: Array | None = None,
-    numbered: Index | None = None,
+    stamps: Array, factor: float, source: str, values: Array | None = None, numbered: Index | None = None
 ) -> Clock:
     """Times from stamps.
 
@@ -80,11 +77,22 @@ def read_clock(
         raise RecordError(f"{source}: a single sample is not a record.")
     sentences: list[str] = []
     back = np.zeros(0, dtype=np.int64)
-    counted = rows if numbered is None else numbered[rows]
-    even = None if _is_even(given) else even_rows(given, counted, None if values is None else values[rows])
+    steps = np.diff(given)
+    even = None
+    if np.ptp(steps) > UNEVEN_PART * steps[0] + 4e-16 * np.abs(given).max():
+        counted = rows if numbered is None else numbered[rows]
+        even = even_rows(given, counted, None if values is None else values[rows])
     if even is None:
-        rows, given, sentences = _without_repeated(rows, given, source)
-        given, back = _rising(given, source)
+        kept = np.append(True, steps != 0.0)
+        if 2 * np.count_nonzero(kept) < given.size:
+            raise RecordError(
+                f"{source}: most time stamps are repeated: the clock is coarser than the sampling; {INSTEAD}"
+            )
+        if not kept.all():
+            repeated = np.count_nonzero(~kept)
+            sentences.append(f"{_rows(repeated)} with a repeated time stamp left out")
+        rows = rows[kept]
+        given, back = _rising(given[kept], source)
     if back.size:
         where = ", ".join(f"{given[b - 1] * factor:.6g} s" for b in back[:3])
         sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
@@ -106,30 +114,11 @@ def read_clock(
         row = int(rows[still[0] + 1]) + 1
         raise RecordError(
             f"{source}: its times do not rise by as much as their digits show, first in row {row}; correct "
-            "them, or give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
+            f"them, or {INSTEAD}"
         )
+    rate = f"{1.0 / usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
-    return Clock(time, rows, breaks, (*sentences, _said_rate(time, said)))
-
-
-def _is_even(given: Array) -> bool:
-    """True if all steps are the same."""
-    steps = np.diff(given)
-    return bool(np.ptp(steps) <= UNEVEN_PART * steps[0] + 4e-16 * np.abs(given).max())
-
-
-def _without_repeated(rows: Index, given: Array, source: str) -> tuple[Index, Array, list[str]]:
-    """Rows and stamps without those that repeat the stamp before, and a sentence on them."""
-    repeated = np.flatnonzero(np.diff(given) == 0.0) + 1
-    if 2 * repeated.size > given.size:
-        raise RecordError(
-            f"{source}: most time stamps are repeated: the clock is coarser than the sampling; "
-            "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
-        )
-    if not repeated.size:
-        return rows, given, []
-    said = [f"{_rows(repeated.size)} with a repeated time stamp left out"]
-    return np.delete(rows, repeated), np.delete(given, repeated), said
+    return Clock(time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate))
 
 
 def _rows(count: int) -> str:
@@ -146,11 +135,8 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
             f"{source}: time must rise, but {given[row - 1]:.9g} s in row {row} is followed by "
             f"{given[row]:.9g} s, and so {back.size} times; sort the rows, or give the sampling rate instead."
         )
-    if not back.size:
-        return given, back
-    usual = float(np.median(steps))
     shift = np.zeros(given.size)
-    shift[back] = usual - steps[back - 1]
+    shift[back] = np.median(steps) - steps[back - 1]
     return given + np.cumsum(shift), back
 
 
@@ -185,12 +171,6 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
         return given, lack
     jitter = f"stamps jitter by up to {100.0 * worst / slope:.2g} % of a step, and are used as they are"
     return given, jitter
-
-
-def _said_rate(time: Array, said: str) -> str:
-    kind = "on average" if "jitter" in said else "clock"
-    rate = f"{1.0 / usual_step(np.diff(time)):.6g} Hz {kind}"
-    return f"{rate} ({said})" if said else rate
 
 
 def even_rows(given: Array, rows: Index, values: Array | None) -> tuple[Array, str] | None:
@@ -258,8 +238,7 @@ def _shows_period(step: float | Array, line: Array, values: Array | None) -> boo
     """True if a clock with such steps moves within half a period; without a signal, within two rows."""
     if values is None:
         return bool(np.max(step) < 2.0 * np.median(np.diff(line)))
-    good = np.isfinite(values)
-    periods = dominant_periods(line[good], values[good]) if np.count_nonzero(good) > 1 else []
+    periods = dominant_periods(line, values)
     return bool(periods) and bool(np.max(step) < 0.5 * periods[0])
 
 

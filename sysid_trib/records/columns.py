@@ -90,7 +90,8 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
     beside = [(time, group[at]) for time, group in runs]
     # Runs that hold no decay where others do are left out, and named.
-    still = [signal for time, signal in beside if not _swings(signal, time)]
+    candidates = {signal: _candidate(signal, time) for time, signal in beside}
+    still = [signal for signal, seen in candidates.items() if seen is None or seen.swing is None]
     still = [] if len(still) == len(runs) else still
     left_out = f", {', '.join(signal.name for signal in still)} left out: no decay" if still else ""
     return [(time, signal, f"runs side by side{left_out}") for time, signal in beside if signal not in still]
@@ -130,11 +131,6 @@ def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[
     }
     fit = all(c.cells.size == time.cells.size for time, group in runs for c in group)
     return runs if len(runs) > 1 and len(patterns) == 1 and fit and runs[0][1] else []
-
-
-def _swings(signal: Column, time: Column | None) -> bool:
-    candidate = _candidate(signal, time)
-    return candidate is not None and candidate.swing is not None
 
 
 def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> Chosen:

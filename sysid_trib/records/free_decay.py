@@ -1,5 +1,7 @@
 """The free decays within a record: from the release to the stop, about their equilibrium."""
 
+from contextlib import suppress
+
 import numpy as np
 import xarray as xr
 
@@ -249,13 +251,10 @@ def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
 
 
 def _given(equilibrium: float | str) -> float:
-    try:
-        value = float(equilibrium)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise UsageError(f"equilibrium {equilibrium!r}: give a number, or auto.")
-    return value
+    with suppress(ValueError):
+        if np.isfinite(value := float(equilibrium)):
+            return value
+    raise UsageError(f"equilibrium {equilibrium!r}: give a number, or auto.")
 
 
 def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], source: str) -> xr.Dataset:
@@ -267,14 +266,11 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))
     inside = record.isel(time=slice(first, last))
     if (count := inside.sizes["time"]) < 20:
-        few = f"only {count} sample{'s' * (count != 1)}"
-        if window == (None, None):
-            raise DecayError(
-                f"{source}: {few} in {np.ptp(time):.3g} s, of which no decay can be told; record longer."
-            )
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
-        raise DecayError(
-            f"{source}: {few} in the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); "
-            "widen the window."
+        where = (
+            f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen the window."
         )
+        if window == (None, None):
+            where = f"{np.ptp(time):.3g} s, of which no decay can be told; record longer."
+        raise DecayError(f"{source}: only {count} sample{'s' * (count != 1)} in {where}")
     return inside

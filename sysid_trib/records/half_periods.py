@@ -137,6 +137,10 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
     line stands out of the spectrum's median, as it does not in noise.
     """
+    good = np.isfinite(signal)
+    time, signal = time[good], signal[good]
+    if signal.size < 2:
+        return []
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
     # Few lines stand out: what follows is done with these alone.

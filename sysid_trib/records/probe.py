@@ -16,6 +16,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from sysid_trib.errors import RecordError
@@ -92,8 +93,8 @@ def _ask(reader: str, path: Path) -> tuple[str, str]:
         process = _processes[os.getpid()] = _started()
     assert process.stdin is not None
     assert process.stdout is not None
-    seconds, late, answer = SECONDS + SECONDS_PER_BYTE * path.stat().st_size, threading.Event(), b""
-    timer = threading.Timer(BUSY * seconds, lambda: (late.set(), _kill(process)))
+    seconds, began, answer = SECONDS + SECONDS_PER_BYTE * path.stat().st_size, monotonic(), b""
+    timer = threading.Timer(BUSY * seconds, _kill, [process])
     try:
         timer.start()
         process.stdin.write(json.dumps([reader, os.fspath(path.absolute()), seconds]).encode() + b"\n")
@@ -109,7 +110,8 @@ def _ask(reader: str, path: Path) -> tuple[str, str]:
     if answer.endswith(b"\n"):
         end, said = json.loads(answer)
         return str(end), str(said)
-    return DAMAGED, "it takes far too long" if late.is_set() else "its reader ends without a word"
+    late = monotonic() - began >= BUSY * seconds
+    return DAMAGED, "it takes far too long" if late else "its reader ends without a word"
 
 
 def _started() -> subprocess.Popen[bytes]:

@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -174,7 +173,9 @@ def _near(pattern: Path, record: Path) -> Path:
         return near if not pattern.is_file() and near.is_file() else pattern
     folder = record.parent / pattern.parent
     fitting = sorted(other for other in folder.glob(pattern.name) if other.name != record.name)
-    common = [_letters_alike(file.name, record.name) for file in fitting]
+    # Letters from the beginning of both.
+    alike = [[a == b for a, b in zip(file.name, record.name, strict=False)] for file in fitting]
+    common = [[*letters, False].index(False) for letters in alike]
     nearest = [file for file, length in zip(fitting, common, strict=True) if length == max(common)]
     if len(nearest) != 1:
         said = ", ".join(file.name for file in nearest[:2]) or "none"
@@ -182,11 +183,6 @@ def _near(pattern: Path, record: Path) -> Path:
             f"{record.name}: the input's file {pattern} must fit one file in {folder}, not {said}."
         )
     return nearest[0]
-
-
-def _letters_alike(first: str, second: str) -> int:
-    """From the beginning of both."""
-    return len(list(takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False))))
 
 
 def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading) -> xr.Dataset:

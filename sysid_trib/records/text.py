@@ -3,6 +3,7 @@
 import csv
 import re
 from io import StringIO
+from itertools import chain, pairwise
 from pathlib import Path
 
 import pandas as pd
@@ -199,33 +200,20 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
     """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
     for whole in (True, False):
-        for start, line in enumerate(lines):
-            if not line.strip() or _is_comment(line):
-                continue
+        rows = ((at, line) for at, line in enumerate(lines) if line.strip() and not _is_comment(line))
+        for (start, line), (_, below) in pairwise(chain(rows, [(0, "")])):
             for delimiter in DELIMITERS:
                 if delimiter is not None and delimiter not in line:
                     continue
                 fields = _fields(line, delimiter)
-                numeric = [is_number(item) for item in fields]
                 # Cells may be empty, but for the last one.
-                full = numeric[-1] and all(
-                    known or not item for known, item in zip(numeric, fields, strict=True)
-                )
-                if (full if whole else any(numeric)) and _goes_on(
-                    lines[start + 1 : start + 9], delimiter, fields
-                ):
+                numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
+                goes_on = not below or len(_fields(below, delimiter)) == len(fields)
+                # A lone number above the header is no row.
+                alone = len(fields) == 1 and any(sign in below for sign in ",;\t")
+                if (numbers if whole else any(map(is_number, fields))) and goes_on and not alone:
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
-
-
-def _goes_on(lines: list[str], delimiter: str | None, fields: list[str]) -> bool:
-    """True if the next row has as many fields: a lone number above the header is no row."""
-    rows = [line for line in lines if line.strip() and not _is_comment(line)]
-    if not rows:
-        return True
-    if len(fields) == 1:
-        return not any(sign in rows[0] for sign in ",;\t")
-    return len(_fields(rows[0], delimiter)) == len(fields)
 
 
 def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
@@ -263,14 +251,9 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
             break
         # Letters of a column's name.
         header.append([field[:1000] for field in fields])
-    return _names(header[::-1])
-
-
-def _names(rows: list[list[str]]) -> list[str] | None:
-    """Names of columns from the last rows above the numbers, two at most; the last may hold units alone."""
-    if not rows:
+    if not header:
         return None
-    last, above = rows[-1], rows[-2] if len(rows) > 1 else []
+    last, above = header[0], header[1] if len(header) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     named = len(above) == len(last) and not any(map(is_number, above)) and bool(above and above[-1])
     if named and (bracketed or _are_units(last, known=False)):

@@ -109,16 +109,11 @@ def plain_unit(text: str) -> str:
     plain = re.sub(r"\^[({]?(-?)([12])[)}]?", r"^\1\2", plain)
     plain = re.sub(r"\s*(?:/|\bper\b|_per_)\s*(?:sec(?:ond)?s?|s)\b", "/s", plain)
     plain = re.sub(r"/s\s*/s$|/\s*\(?s\s*[*·.]\s*s\)?$", "/s^2", plain)
-    plain = re.sub(
-        r"^(.+?)[\s_*·.]+s(?:ec)?\s*\^-([12])$|^(m?rad|deg|°|[cmuµ]?m)s\^-([12])$", _per_second, plain
-    )
+    # `rad s^-1`, `m.s^-2`, `ms^-2`, `deg s`
+    plain = re.sub(r"^(.+?)[\s_*·.]+s(?:ec)?\s*\^-([12])$", r"\1/s^\2", plain)
+    plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)s\^-([12])$", r"\1/s^\2", plain)
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)[\s_]s$", r"\1/s", plain)
     return plain.strip().removesuffix("^1")
-
-
-def _per_second(match: "re.Match[str]") -> str:
-    base, power = (text for text in match.groups() if text is not None)
-    return f"{base}/s" + ("^2" if power == "2" else "")
 
 
 # Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
