@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.equilibrium import find_swing
+from sysid_trib.records.inputs import PER_KIND
 from sysid_trib.records.signal import Piece, clamped_knots
 from sysid_trib.records.units import ACCELEROMETER, INTEGRATIONS, METRES, STANDARD_GRAVITY, SignalUnit
 
@@ -151,12 +152,13 @@ def as_position(
     Dataset
         `angle(time)`, and what was measured if that is another quantity.
     """
+    position, times, scale = unit.position, INTEGRATIONS[unit.quantity], 1.0
+    if length is not None and position in METRES:
+        position, scale, attrs = "rad", METRES[position] / length, attrs | {"length": length}
     record = xr.Dataset(coords={"time": ("time", time, {"units": "s", "long_name": "time"})}, attrs=attrs)
-    position, times = unit.position, INTEGRATIONS[unit.quantity]
     if times:
-        measured = f"{position}/s" if times == 1 else f"{position}/s^2"
-        long_name = f"{unit.quantity} as measured"
-        record[unit.quantity] = ("time", values, {"units": measured, "long_name": long_name})
+        measured = {"units": position + PER_KIND[unit.quantity], "long_name": f"{unit.quantity} as measured"}
+        record[unit.quantity] = ("time", values * scale, measured)
         swing = find_swing(Piece(time, values))
         bias = float(np.median(values)) if swing is None else swing.equilibrium
         period = float(np.ptp(time)) if swing is None else swing.oscillation.period
@@ -165,21 +167,13 @@ def as_position(
             values = integrated(time, values, period)
         record.attrs["measured"] = unit.quantity
         record.attrs[f"{unit.quantity}_bias"] = bias
-        count = "once" if times == 1 else "twice"
-        record.attrs["integrations"] = times
-        record.attrs["integration"] = (
-            f"integrated {count}, without the drift of its bias (splines, knots two periods apart)"
-        )
-    if length is not None and position in METRES:
-        values, by_length, position = values * METRES[position] / length, METRES[position] / length, "rad"
-        if times:
-            per = str(record[unit.quantity].attrs["units"]).partition("/")[2]
-            record[unit.quantity] = (record[unit.quantity] * by_length).assign_attrs(
-                record[unit.quantity].attrs | {"units": f"rad/{per}"}
-            )
-        record.attrs["length"] = length
+        said = f"integrated {'once' if times == 1 else 'twice'}, without the drift of its bias"
+        record.attrs |= {
+            "integrations": times,
+            "integration": f"{said} (splines, knots two periods apart)",
+        }
     name = "angle" if position == "rad" else "displacement"
-    record["angle"] = ("time", values, {"units": position, "long_name": name})
+    record["angle"] = ("time", values * scale, {"units": position, "long_name": name})
     return record
 
 

@@ -39,8 +39,11 @@ def spikes(time: Array, signal: Array) -> Index:
     for _ in range(4):
         if kept.size < 20:
             return np.zeros(0, dtype=np.int64)
-        off = _off_neighbours(signal[kept])
-        candidates = (off > least) & _and_back(signal[kept], off)
+        near = signal[kept]
+        off = _off_neighbours(near)
+        # The neighbours of a spike are near each other: a step is none.
+        back = np.abs(near[2:] - near[:-2])
+        candidates = (off > least) & np.concatenate([[True], off[1:-1] > 2.0 * back, [True]])
         if not candidates.any():
             break
         reach = np.lib.stride_tricks.sliding_window_view(np.pad(off, 2), 5).max(axis=1)
@@ -48,13 +51,6 @@ def spikes(time: Array, signal: Array) -> Index:
         bad[worst] = True
         kept = np.flatnonzero(~bad)
     return np.flatnonzero(bad)
-
-
-def _and_back(signal: Array, off: Array) -> Mask:
-    """True if the neighbours of a sample are near each other: a step is no spike. True of the ends."""
-    back = np.ones(signal.size, dtype=bool)
-    back[1:-1] = off[1:-1] > 2.0 * np.abs(signal[2:] - signal[:-2])
-    return back
 
 
 def _off_neighbours(signal: Array) -> Array:

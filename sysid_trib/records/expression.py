@@ -4,7 +4,6 @@ import ast
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
 from typing import TypeAlias
 
 import numpy as np
@@ -169,35 +168,28 @@ def _dimension(tree: ast.AST, units: Mapping[str, str]) -> Dimension | None:
             return units[name], 1.0
         case ast.UnaryOp(operand=operand):
             return _dimension(operand, units)
-        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=exponent)):
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() | float() as exponent)):
             base = _dimension(left, units)
-            return (
-                (base[0], base[1] * float(exponent)) if base and isinstance(exponent, int | float) else None
-            )
+            return base and (base[0], base[1] * float(exponent))
         case ast.BinOp(left=left, op=op, right=right):
-            first, second = _dimension(left, units), _dimension(right, units)
-            if first is None or second is None:
-                return None
-            if isinstance(op, ast.Add | ast.Sub):
-                return _sum(first, second)
-            return _product(first, second, -1.0 if isinstance(op, ast.Div) else 1.0)
+            name, args = type(op).__name__, [left, right]
         case ast.Call(func=ast.Name(id=name), args=args):
-            dimensions = [_dimension(arg, units) for arg in args]
-            if None in dimensions:
-                return None
-            if name in ("abs", "min", "max"):
-                return reduce(lambda a, b: a and b and _sum(a, b), dimensions)
-            if name == "sqrt" and dimensions[0] is not None:
-                return dimensions[0][0], 0.5 * dimensions[0][1]
-            return NUMBER if dimensions[0] == NUMBER or name == "sign" else None
-    return None
-
-
-def _sum(first: Dimension, second: Dimension) -> Dimension | None:
-    """The unit of a sum; a number added to a column is in its unit."""
-    if NUMBER in (first, second):
-        return second if first == NUMBER else first
-    return first if first == second else None
+            pass
+        case _:
+            return None
+    dimensions = [_dimension(arg, units) for arg in args]
+    known = [dimension for dimension in dimensions if dimension is not None]
+    if len(known) < len(dimensions) or name == "Pow":
+        return None
+    if name in ("Mult", "Div"):
+        return _product(*known, -1.0 if name == "Div" else 1.0)
+    if name in ("Add", "Sub", "abs", "min", "max"):
+        # A number that is added to a column is in its unit.
+        others = {*known} - {NUMBER}
+        return None if len(others) > 1 else next(iter(others), NUMBER)
+    if name == "sqrt":
+        return known[0][0], 0.5 * known[0][1]
+    return NUMBER if known[0] == NUMBER or name == "sign" else None
 
 
 def _product(first: Dimension, second: Dimension, sign: float) -> Dimension | None:

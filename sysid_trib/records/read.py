@@ -46,7 +46,7 @@ def _unit_of(
     if given and how.signal and given.quantity in POSITIONS:
         # "deg" of a rate is deg/s.
         given = replace(given, quantity=how.signal)
-    if given and stated and stated.known and _differs(stated, given):
+    if given and stated and stated.known and not _agree(stated, given):
         known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
         raise UsageError(
             f"{header}, but --units says {how.units} (units= in Python){known}; leave the option out or "
@@ -84,10 +84,9 @@ def _unit_of(
     return unit, why
 
 
-def _differs(stated: lab.SignalUnit, given: lab.SignalUnit) -> bool:
-    plain = {lab.plain_unit(unit.text) for unit in (stated, given)}
-    alike = stated.quantity == given.quantity or len(plain) == 1
-    return not (alike and stated.position == given.position and np.isclose(stated.factor, given.factor))
+def _agree(stated: lab.SignalUnit, given: lab.SignalUnit) -> bool:
+    alike = stated.quantity == given.quantity or lab.plain_unit(stated.text) == lab.plain_unit(given.text)
+    return alike and stated.position == given.position and bool(np.isclose(stated.factor, given.factor))
 
 
 def read_record(

@@ -5,7 +5,7 @@ import sys
 import tempfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
@@ -127,15 +127,12 @@ def opened(path: Path) -> Iterator[Path]:
 
 
 def _is_gzip(path: Path) -> bool:
-    try:
-        # A pipe would be waited for.
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(2) == b"\x1f\x8b"
-    except (OSError, ValueError):
-        # The reader says why it cannot be read.
-        return False
+    # The reader says why one cannot be read; a pipe would be waited for.
+    with suppress(OSError, ValueError):
+        if path.is_file():
+            with path.open("rb") as file:
+                return file.read(2) == b"\x1f\x8b"
+    return False
 
 
 def _copy(file: "IO[bytes] | gzip.GzipFile", copy: Path, name: str) -> None:
