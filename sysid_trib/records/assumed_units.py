@@ -7,10 +7,11 @@ from scipy.special import ellipk
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.records import units as lab
+from sysid_trib.records.column import Column
 from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.records.tables import Column, FileTable
+from sysid_trib.records.tables import FileTable
 
 # Two columns lie on a circle about the origin if their radius scatters by less than this part of it,
 ROUND = 0.02

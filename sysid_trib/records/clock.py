@@ -7,9 +7,9 @@ import numpy as np
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError
+from sysid_trib.records.column import MOST_SET_BACK
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.signal import usual_step
-from sysid_trib.records.tables import MOST_SET_BACK
 
 UNEVEN_PART = 1e-9
 # Stamps are decimal numbers: the step of their rounding is a power of ten.

@@ -13,11 +13,11 @@ from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import are_axes, in_phase, is_magnitude
 from sysid_trib.records.cleaning import unwrapped, unwrapped_anywhere
 from sysid_trib.records.clock import read_clock
+from sysid_trib.records.column import Column
 from sysid_trib.records.equilibrium import Swing
 from sysid_trib.records.free_decay import swing_within
-from sysid_trib.records.numbers import without_sentinels
 from sysid_trib.records.reading import Reading
-from sysid_trib.records.tables import LISTED, Column, FileTable
+from sysid_trib.records.tables import LISTED, FileTable
 
 FEWEST_NUMBERS = 3
 DERIVATIVE_TOLERANCE = 0.2
@@ -147,7 +147,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
 def _candidate(column: Column, time: Column | None) -> _Candidate | None:
     """A column with its swing; None if it holds a text, or next to no numbers."""
     try:
-        values, _ = without_sentinels(column.numbers)
+        values, _ = column.signal
     except SysidTribError:
         return None
     if np.count_nonzero(np.isfinite(values)) < FEWEST_NUMBERS:

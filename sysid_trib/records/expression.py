@@ -11,7 +11,8 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.formulas import Formula, parse
-from sysid_trib.records.tables import Column, FileTable
+from sysid_trib.records.column import Column
+from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import METRES, RADIANS, signal_unit
 
 # What makes a text an expression and no name.

@@ -16,13 +16,13 @@ from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.assumed_units import assumed_unit
 from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
+from sysid_trib.records.column import Column
 from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.expression import is_expression, with_expression
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.records.numbers import without_sentinels
 from sysid_trib.records.reading import Reading, opened
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
-from sysid_trib.records.tables import Column, FileTable, read_table
+from sysid_trib.records.tables import FileTable, read_table
 
 POSITIONS = ("angle", "displacement")
 LARGEST_AMPLITUDE = 4.0 * np.pi
@@ -214,7 +214,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
 
 def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
     time_column, column, why_this = columns
-    values, absent = without_sentinels(column.numbers)
+    values, absent = column.signal
     clock, time_unit, said = row_times(table, time_column, column, values, how)
     kept = np.isfinite(values[clock.rows])
     missing = int(np.count_nonzero(~kept))

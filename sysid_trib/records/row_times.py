@@ -15,11 +15,12 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
 from sysid_trib.records.clock import Clock, read_clock
+from sysid_trib.records.column import Column
 from sysid_trib.records.columns import own_time
 from sysid_trib.records.expression import evaluated, is_expression
 from sysid_trib.records.inputs import ROLE
 from sysid_trib.records.reading import Reading, opened
-from sysid_trib.records.tables import Column, FileTable, read_table
+from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import SignalUnit
 
 RATE_TOLERANCE = 0.01

@@ -9,121 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError, did_you_mean
 from sysid_trib.records import units as lab
+from sysid_trib.records.column import Column
 from sysid_trib.records.formats import read_lines, reader_of
-from sysid_trib.records.numbers import is_clock_time, is_numeric, numbers
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.text import check_width
 
-# A clock that is set back this often is none: the rows are in no order.
-MOST_SET_BACK = 20
 # Columns that a refusal lists.
 LISTED = 12
-
-
-@dataclass(frozen=True, eq=False)
-class Column:
-    """A column of a file, or one that a formula makes of its columns.
-
-    Attributes
-    ----------
-    name : str
-        As the file has it.
-    cells : (row,) array
-        Numbers, texts, dates, or times of the day.
-    source : str
-        Name of the file, for messages.
-    base, stated : str
-        Name in lower case without its unit, and that unit; nothing where the file states none.
-    """
-
-    name: str
-    cells: NDArray[Any]
-    source: str
-    base: str
-    stated: str
-
-    @classmethod
-    def of_file(cls, name: str, cells: Any, source: str, unit: str = "") -> "Column":
-        """A column by its header, and the unit that the file states apart from it."""
-        base, in_header = lab.split_header(name)
-        # With the capitals that the header has: `mT`, where `split_header` says `mt`.
-        at = name.lower().rfind(in_header)
-        in_header = name[at : at + len(in_header)] if at >= 0 else in_header
-        # In the machine's own order of bytes: not all that follows knows the other one.
-        return cls(
-            name, cells.astype(cells.dtype.newbyteorder("="), copy=False), source, base, unit or in_header
-        )
-
-    @cached_property
-    def numbers(self) -> Array:
-        """Its numbers (see `numbers`)."""
-        return numbers(self.cells, self.name, self.source)
-
-    @property
-    def unit(self) -> lab.SignalUnit | None:
-        """Unit that the file states of it; None where it states none."""
-        return lab.signal_unit(self.stated)
-
-    @property
-    def quantity(self) -> str:
-        """What is measured in its unit, or what its name usually means; or nothing."""
-        return self.unit.quantity if self.unit and self.unit.known else lab.names_quantity(self.base)
-
-    @cached_property
-    def is_numeric(self) -> bool:
-        """True if it could hold a signal."""
-        return is_numeric(self.cells)
-
-    @cached_property
-    def is_dated(self) -> bool:
-        """True if it holds dates, or times of the day."""
-        return is_clock_time(self.cells)
-
-    @property
-    def is_plain(self) -> bool:
-        """True if the file has it as numbers."""
-        return self.cells.dtype.kind in "fiu"
-
-    @property
-    def is_empty(self) -> bool:
-        """True if it holds nothing, as that of the times where a logger leaves them out."""
-        return self.cells.dtype.kind == "f" and not np.isfinite(self.cells).any()
-
-    @cached_property
-    def is_time(self) -> bool:
-        """True if it is one of times by its header; `t run 2`, `host time (s)` only if it rises."""
-        unit = lab.plain_unit(self.stated)
-        if lab.is_time(self.base, unit) or self.is_dated:
-            return True
-        like = re.match(r"(?:time|t|zeit)\b", self.base) is not None
-        return self.rises and (unit in lab.TIME_UNITS and self.base.endswith(" time") if unit else like)
-
-    @property
-    def counts_rows(self) -> bool:
-        """True if its header is that of a number of the row, such as `frame`."""
-        return self.base in lab.LAB_WORDS["counter"]
-
-    @cached_property
-    def rises(self) -> bool:
-        """True if it never falls, and rises at all."""
-        if not self.is_plain:
-            return False
-        steps = np.diff(self.cells[np.isfinite(self.cells)].astype(float))
-        return bool(steps.size and np.all(steps >= 0) and np.any(steps > 0))
-
-    @property
-    def starts_anew(self) -> bool:
-        """True if it rises and starts anew where it began, for each of a few runs."""
-        if not self.is_plain or not np.isfinite(self.cells).all():
-            return False
-        column = self.cells.astype(float)
-        back = np.flatnonzero(np.diff(column) <= 0.0) + 1
-        # Of the range of times: runs below each other begin as near to each other as this.
-        begins = np.abs(column[back] - column[0]) <= 0.01 * np.ptp(column)
-        return bool(0 < back.size <= MOST_SET_BACK and begins.all())
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from sysid_trib.errors import RecordError
-from sysid_trib.records.numbers import MINUS, is_missing, is_number
+from sysid_trib.records.column import MINUS, is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"

@@ -1,0 +1,241 @@
+"""A column of a file: its name, unit and numbers, of texts, dates and times of the day too."""
+
+import re
+from dataclasses import dataclass
+from datetime import datetime, time as clock_time
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import RecordError
+from sysid_trib.records import units as lab
+from sysid_trib.records.signal import LARGEST_NUMBER
+
+# A clock that is set back this often is none: the rows are in no order.
+MOST_SET_BACK = 20
+MISSING_TEXTS = frozenset(lab.LAB_WORDS["missing"])
+DAY = 86400.0
+# The minus sign of Swedish and Norwegian settings.
+MINUS = "\u2212"
+# What loggers write where they have no value, and how many times as large as any other value it is.
+SENTINELS = (-999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -999.25)
+FAR_OUTSIDE = 2.0
+_CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of a file, or one that a formula makes of its columns.
+
+    Attributes
+    ----------
+    name : str
+        As the file has it.
+    cells : (row,) array
+        Numbers, texts, dates, or times of the day.
+    source : str
+        Name of the file, for messages.
+    base, stated : str
+        Name in lower case without its unit, and that unit; nothing where the file states none.
+    """
+
+    name: str
+    cells: NDArray[Any]
+    source: str
+    base: str
+    stated: str
+
+    @classmethod
+    def of_file(cls, name: str, cells: Any, source: str, unit: str = "") -> "Column":
+        """A column by its header, and the unit that the file states apart from it."""
+        base, in_header = lab.split_header(name)
+        # With the capitals that the header has: `mT`, where `split_header` says `mt`.
+        at = name.lower().rfind(in_header)
+        in_header = name[at : at + len(in_header)] if at >= 0 else in_header
+        # In the machine's own order of bytes: not all that follows knows the other one.
+        return cls(
+            name, cells.astype(cells.dtype.newbyteorder("="), copy=False), source, base, unit or in_header
+        )
+
+    @cached_property
+    def numbers(self) -> Array:
+        """Finite numbers, of dates and clock times in s; nan where a value is missing.
+
+        Raises
+        ------
+        RecordError
+            A text that is no number, or an infinite value, with its row (from 1, below the header).
+        """
+        values = self.cells
+        if values.dtype.kind == "O" and all(isinstance(value, datetime) for value in values):
+            values = values.astype("datetime64[us]")
+        if values.dtype.kind in "mM":
+            elapsed = values - values[0] if values.dtype.kind == "M" else values
+            return np.asarray(elapsed / np.timedelta64(1, "ns"), dtype=float) * 1e-9
+        if values.dtype.kind not in "fiub":
+            values = self._of_texts()
+        values = values.astype(np.float64)
+        wrong = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
+        if wrong.size:
+            row, infinite = wrong[0], np.isinf(values)
+            said = f"holds {values[row]:g}, too much for an oscillation or its time; scale it."
+            if infinite[row]:
+                count = np.count_nonzero(infinite)
+                said = f"is infinite ({count} such rows); cut them out, or keep the part between them."
+            raise RecordError(f"{self.source}: row {row + 1} of column {self.name} {said}")
+        return values
+
+    def _of_texts(self) -> Array:
+        if self.is_dated:
+            texts = [str(value).strip().replace(",", ".") for value in self.cells]
+            seconds = _of_the_day(texts)
+            seconds = _of_dates(texts) if seconds is None else seconds
+            if seconds is not None:
+                return seconds
+        found = []
+        for row, value in enumerate(self.cells, 1):
+            try:
+                text = str(value).replace(",", ".").replace(MINUS, "-")
+                found.append(np.nan if is_missing(text) else float(text))
+            except ValueError:
+                raise RecordError(
+                    f"{self.source}: row {row} of column {self.name} holds {str(value)[:30]!r}, not a "
+                    "number; correct it or cut it out."
+                ) from None
+        return np.array(found)
+
+    @property
+    def signal(self) -> tuple[Array, str]:
+        """Its numbers with nan in place of -999 and its like, and a sentence on them.
+
+        A sentinel is one of theirs that no other value comes near.
+        """
+        for sentinel in SENTINELS:
+            marked = self.numbers == sentinel
+            others = np.abs(self.numbers[~marked & np.isfinite(self.numbers)])
+            if marked.any() and others.size and abs(sentinel) > FAR_OUTSIDE * others.max():
+                said = f"{np.count_nonzero(marked)} values of {sentinel:g} taken as missing"
+                return np.where(marked, np.nan, self.numbers), said
+        return self.numbers, ""
+
+    @property
+    def unit(self) -> lab.SignalUnit | None:
+        """Unit that the file states of it; None where it states none."""
+        return lab.signal_unit(self.stated)
+
+    @property
+    def quantity(self) -> str:
+        """What is measured in its unit, or what its name usually means; or nothing."""
+        return self.unit.quantity if self.unit and self.unit.known else lab.names_quantity(self.base)
+
+    @cached_property
+    def is_numeric(self) -> bool:
+        """True if it could hold a signal: numbers, most of the first ones."""
+        # Rows of a column by which its kind is judged.
+        first = self.cells[:1000].tolist()
+        plain = self.is_plain or self.cells.dtype.kind == "b"
+        return plain or (not self.is_dated and sum(map(is_number, first)) * 2 > len(first))
+
+    @cached_property
+    def is_dated(self) -> bool:
+        """True if it holds dates, durations or times of the day, `12:00:01.250`."""
+        first = [value for value in self.cells[:5] if value == value and value is not None]
+        return self.cells.dtype.kind in "Mm" or (
+            bool(first)
+            and all(
+                isinstance(value, (datetime, clock_time)) or (isinstance(value, str) and ":" in value)
+                for value in first
+            )
+        )
+
+    @property
+    def is_plain(self) -> bool:
+        """True if the file has it as numbers."""
+        return self.cells.dtype.kind in "fiu"
+
+    @property
+    def is_empty(self) -> bool:
+        """True if it holds nothing, as that of the times where a logger leaves them out."""
+        return self.cells.dtype.kind == "f" and not np.isfinite(self.cells).any()
+
+    @cached_property
+    def is_time(self) -> bool:
+        """True if it is one of times by its header; `t run 2`, `host time (s)` only if it rises."""
+        unit = lab.plain_unit(self.stated)
+        if lab.is_time(self.base, unit) or self.is_dated:
+            return True
+        like = re.match(r"(?:time|t|zeit)\b", self.base) is not None
+        return self.rises and (unit in lab.TIME_UNITS and self.base.endswith(" time") if unit else like)
+
+    @property
+    def counts_rows(self) -> bool:
+        """True if its header is that of a number of the row, such as `frame`."""
+        return self.base in lab.LAB_WORDS["counter"]
+
+    @cached_property
+    def rises(self) -> bool:
+        """True if it never falls, and rises at all."""
+        if not self.is_plain:
+            return False
+        steps = np.diff(self.cells[np.isfinite(self.cells)].astype(float))
+        return bool(steps.size and np.all(steps >= 0) and np.any(steps > 0))
+
+    @property
+    def starts_anew(self) -> bool:
+        """True if it rises and starts anew where it began, for each of a few runs."""
+        if not self.is_plain or not np.isfinite(self.cells).all():
+            return False
+        column = self.cells.astype(float)
+        back = np.flatnonzero(np.diff(column) <= 0.0) + 1
+        # Of the range of times: runs below each other begin as near to each other as this.
+        begins = np.abs(column[back] - column[0]) <= 0.01 * np.ptp(column)
+        return bool(0 < back.size <= MOST_SET_BACK and begins.all())
+
+
+def is_missing(text: str) -> bool:
+    """True if a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
+    plain = text.strip().lower()
+    return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
+
+
+def is_number(value: object) -> bool:
+    """True if a text is a number, with a decimal point or comma."""
+    try:
+        float(str(value).replace(",", ".", 1).replace(MINUS, "-"))
+    except ValueError:
+        return False
+    return True
+
+
+def _of_the_day(texts: list[str]) -> Array | None:
+    """Seconds of times such as `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`; else None."""
+    matches = [_CLOCK_TIME.fullmatch(text) for text in texts]
+    if not all(matches):
+        return None
+    seconds = np.array([_seconds(match) for match in matches if match])
+    # A new day starts where the clock goes back by more than half a day.
+    return seconds + DAY * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * DAY)
+
+
+def _seconds(match: "re.Match[str]") -> float:
+    hours, minutes, seconds, thousandths, half = match.groups()
+    hour = int(hours or 0)
+    if half:
+        hour = hour % 12 + (12 if half.lower().startswith("p") else 0)
+    return 3600.0 * hour + 60.0 * int(minutes) + float(seconds) + 1e-3 * int(thousandths or 0)
+
+
+def _of_dates(texts: list[str]) -> Array | None:
+    """Seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
+    texts = [re.sub(r"(:\d\d:\d\d):(?=\d+$)", r"\1.", text) for text in texts]
+    for style in ("ISO8601", "mixed"):
+        try:
+            dates = pd.to_datetime(texts, format=style, utc=True)
+        except (ValueError, OverflowError):
+            continue
+        return np.asarray((dates - dates[0]).total_seconds(), dtype=float)
+    return None
