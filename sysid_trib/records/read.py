@@ -1,6 +1,5 @@
 """Records: an angle or displacement over time from a file, with its unit, and how it was understood."""
 
-import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import RecordError, UsageError, readable
+from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.assumed_units import assumed_unit
@@ -20,7 +19,7 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.expression import is_expression, with_expression
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.records.reading import Reading, opened
+from sysid_trib.records.reading import Reading
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.tables import FileTable, read_table
 
@@ -195,9 +194,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     how = replace(how, inputs=inputs_near(how.inputs, path))
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
-    with opened(path) as file:
-        table = read_table(file, readable(path.name if path.name != "-" else file.name))
-        checksum = hashlib.sha256(file.read_bytes()).hexdigest()
+    table = read_table(path)
     if is_expression(table, how.angle):
         table = with_expression(table, str(how.angle), how.units)
     chosen = choose_columns(table, how, input_columns(how.inputs, table))
@@ -208,7 +205,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
         records = [_read(table, *pair) for pair in zip(chosen, hows, strict=True)]
     for number, record in enumerate(records, 1):
         # Two runs of one file are two records.
-        record.attrs["record_checksum"] = checksum if len(chosen) == 1 else f"{checksum}-{number}"
+        record.attrs["record_checksum"] = table.checksum + f"-{number}" * (len(chosen) > 1)
     return records
 
 

@@ -1,17 +1,10 @@
-"""How a file is to be read, as its user says, and what stands for a file."""
+"""How a file is to be read, as its user says."""
 
-import gzip
-import sys
-import tempfile
-import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
-from pathlib import Path
-from typing import IO
 
-from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.errors import UsageError
 from sysid_trib.records import units as lab
 from sysid_trib.records.inputs import BETWEEN_SAMPLES
 
@@ -93,54 +86,3 @@ class Reading:
     def quantity(self) -> str | None:
         """What is measured, if it is given; what an accelerometer feels is in units of an acceleration."""
         return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
-
-
-STANDARD_INPUT = "-"
-# Bytes; more is no record but a bomb.
-LARGEST_CONTENT = 2**30
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[Path]:
-    """The file itself; of `-` what comes by standard input, of a .gz its content, in a folder of its own.
-
-    Raises
-    ------
-    RecordError
-        The .gz is damaged, or its content vast.
-    """
-    if str(path) != STANDARD_INPUT and not _is_gzip(path):
-        yield path
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        if str(path) == STANDARD_INPUT:
-            copy = Path(folder) / "standard input"
-            _copy(sys.stdin.buffer, copy, copy.name)
-        else:
-            copy = Path(folder) / path.name.removesuffix(".gz")
-            try:
-                with gzip.open(path) as file:
-                    _copy(file, copy, path.name)
-            except (OSError, EOFError, zlib.error) as error:
-                raise RecordError(f"{path.name}: cannot be unpacked, it seems damaged ({error}).") from None
-        yield copy
-
-
-def _is_gzip(path: Path) -> bool:
-    # The reader says why one cannot be read; a pipe would be waited for.
-    with suppress(OSError, ValueError):
-        if path.is_file():
-            with path.open("rb") as file:
-                return file.read(2) == b"\x1f\x8b"
-    return False
-
-
-def _copy(file: "IO[bytes] | gzip.GzipFile", copy: Path, name: str) -> None:
-    """Copy a stream, and refuse to go on beyond the largest content."""
-    room = LARGEST_CONTENT
-    with copy.open("wb") as target:
-        while part := file.read(2**20):
-            room -= len(part)
-            if room < 0:
-                raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
-            target.write(part)

@@ -19,7 +19,7 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.columns import own_time
 from sysid_trib.records.expression import evaluated, is_expression
 from sysid_trib.records.inputs import ROLE
-from sysid_trib.records.reading import Reading, opened
+from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import SignalUnit
 
@@ -265,8 +265,7 @@ def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array,
     """Times, values and unit of a column of another file."""
     if not path.is_file():
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
-    with opened(path) as file:
-        table = read_table(file, path.name)
+    table = read_table(path)
     column = table.find(wanted)
     clock, _, _ = row_times(table, own_time(table, column), column, column.numbers, replace(how, time=None))
     return clock.time, column.numbers[clock.rows], column.unit

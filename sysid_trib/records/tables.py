@@ -1,21 +1,31 @@
 """A file as a table: columns with their names, units and numbers, and what else it says."""
 
+import gzip
+import hashlib
 import re
+import sys
+import tempfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.errors import RecordError, UsageError, did_you_mean
+from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
 from sysid_trib.records import units as lab
 from sysid_trib.records.column import Column
-from sysid_trib.records.formats import read_lines, reader_of
+from sysid_trib.records.formats import Contents, read_lines, reader_of
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.text import check_width
 
+STANDARD_INPUT = "-"
+# Bytes; more is no record but a bomb.
+LARGEST_CONTENT = 2**30
 # Columns that a refusal lists.
 LISTED = 12
 
@@ -32,11 +42,14 @@ class FileTable:
         In the order of the file.
     notes : tuple of str
         What else it says: comment lines, texts and scalars as `name = value`.
+    checksum : str
+        SHA-256 of its content.
     """
 
     source: str
     columns: tuple[Column, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+    checksum: str
 
     @cached_property
     def rate(self) -> float | None:
@@ -110,29 +123,43 @@ class FileTable:
         )
 
 
-def read_table(path: Path, source: str) -> FileTable:
-    """Read every column of a file.
+def read_table(path: Path) -> FileTable:
+    """Read every column of a file, of what a .gz holds, or, by the path `-`, of standard input.
 
     Parameters
     ----------
     path : path
         The file; its content decides how it is read.
-    source : str
-        Its name, for messages.
 
     Raises
     ------
     UsageError
         There is no such file.
     RecordError
-        The file is empty, binary, truncated or holds no table; the message names it.
+        The file is empty, binary, truncated, vast or holds no table; the message names it.
     """
+    with _opened(path) as file:
+        source = readable(path.name if str(path) != STANDARD_INPUT else file.name)
+        cells, units, notes = _contents(file)
+        check_width(file, len(cells))
+        arrays = {name: np.asarray(values) for name, values in cells.items()}
+        columns = tuple(
+            Column.of_file(name, values, source, units.get(name, ""))
+            for name, values in arrays.items()
+            if not _is_nested(values)
+        )
+        if not any(column.cells.size for column in columns):
+            raise RecordError(f"{file.name}: there are no numbers in it.")
+        return FileTable(source, columns, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def _contents(path: Path) -> Contents:
     check_is_file(path)
     try:
         reader = reader_of(path)
         if reader is not read_lines:
             check_binary(path, reader.__name__)
-        cells, units, notes = reader(path)
+        return reader(path)
     except (RecordError, UsageError):
         raise
     except ImportError as error:
@@ -147,16 +174,6 @@ def read_table(path: Path, source: str) -> FileTable:
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
-    check_width(path, len(cells))
-    arrays = {name: np.asarray(values) for name, values in cells.items()}
-    columns = tuple(
-        Column.of_file(name, values, source, units.get(name, ""))
-        for name, values in arrays.items()
-        if not _is_nested(values)
-    )
-    if not any(column.cells.size for column in columns):
-        raise RecordError(f"{path.name}: there are no numbers in it.")
-    return FileTable(source, columns, tuple(notes))
 
 
 def _is_nested(values: NDArray[Any]) -> bool:
@@ -186,3 +203,49 @@ def check_is_file(path: Path) -> None:
         raise RecordError(
             f"{path}: this is a pipe or a device, not a file; save what it gives as a file first."
         )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Path]:
+    """The file itself; of `-` what comes by standard input, of a .gz its content, in a folder of its own.
+
+    Raises
+    ------
+    RecordError
+        The .gz is damaged, or its content vast.
+    """
+    if str(path) != STANDARD_INPUT and not _is_gzip(path):
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        if str(path) == STANDARD_INPUT:
+            copy = Path(folder) / "standard input"
+            _copy(sys.stdin.buffer, copy, copy.name)
+        else:
+            copy = Path(folder) / path.name.removesuffix(".gz")
+            try:
+                with gzip.open(path) as file:
+                    _copy(file, copy, path.name)
+            except (OSError, EOFError, zlib.error) as error:
+                raise RecordError(f"{path.name}: cannot be unpacked, it seems damaged ({error}).") from None
+        yield copy
+
+
+def _is_gzip(path: Path) -> bool:
+    # The reader says why one cannot be read; a pipe would be waited for.
+    with suppress(OSError, ValueError):
+        if path.is_file():
+            with path.open("rb") as file:
+                return file.read(2) == b"\x1f\x8b"
+    return False
+
+
+def _copy(file: "IO[bytes] | gzip.GzipFile", copy: Path, name: str) -> None:
+    """Copy a stream, and refuse to go on beyond the largest content."""
+    room = LARGEST_CONTENT
+    with copy.open("wb") as target:
+        while part := file.read(2**20):
+            room -= len(part)
+            if room < 0:
+                raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
+            target.write(part)
