@@ -1,7 +1,7 @@
 """What stamps say of the clock: uniform and rounded, jittering, doubled, set back, with rows missing."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,26 +26,9 @@ INSTEAD = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in
 LATE, LARGEST_RATIO = 1.5, 100.0
 
 
-@dataclass(frozen=True)
-class Clock:
-    """Times of a record.
-
-    Attributes
-    ----------
-    time : (sample,) array of float, s
-        Rising.
-    rows : (sample,) array of int
-        Rows of the file that they belong to.
-    breaks : tuple of float, s
-        Times at which the clock was set back: what comes after is a piece of its own.
-    sentences : tuple of str
-        What was seen.
-    """
-
-    time: Array
-    rows: Index
-    breaks: tuple[float, ...] = ()
-    sentences: tuple[str, ...] = ()
+# Times of a record (s, rising), rows of the file that they belong to, times at which the clock was set back:
+# what comes after is a piece of its own; and what was seen.
+Clock: TypeAlias = tuple[Array, Index, tuple[float, ...], tuple[str, ...]]
 
 
 def read_clock(
@@ -118,7 +101,7 @@ def read_clock(
         )
     rate = f"{1.0 / usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
-    return Clock(time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate))
+    return time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate)
 
 
 def _rows(count: int) -> str:

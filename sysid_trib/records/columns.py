@@ -156,11 +156,11 @@ def _candidate(column: Column, time: Column | None) -> _Candidate | None:
         stamps = np.arange(values.size) if time is None else time.numbers
         if stamps.size != values.size:
             return _Candidate(column, values, None)
-        clock = read_clock(stamps.astype(float), 1.0, column.source, values)
-        good = np.isfinite(values[clock.rows])
+        clock, rows, _, _ = read_clock(stamps.astype(float), 1.0, column.source, values)
+        good = np.isfinite(values[rows])
         turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-        whole, _ = unwrapped(values[clock.rows][good], turn)
-        return _Candidate(column, values, *swing_within(clock.time[good], unwrapped_anywhere(whole)[0]))
+        whole, _ = unwrapped(values[rows][good], turn)
+        return _Candidate(column, values, *swing_within(clock[good], unwrapped_anywhere(whole)[0]))
     except SysidTribError:
         return _Candidate(column, values, None)
 

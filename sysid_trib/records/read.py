@@ -213,12 +213,14 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
     time_column, column, why_this = columns
     values, absent = column.signal
     clock, time_unit, said = row_times(table, time_column, column, values, how)
-    kept = np.isfinite(values[clock.rows])
+    time, rows, breaks, seen = clock
+    kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
     said = [why_this, *said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
-    time, values = clock.time[kept], values[clock.rows][kept]
+    time, rows = time[kept], rows[kept]
+    values = values[rows]
     if values.size < 2:
         raise RecordError(f"{table.source}: a single sample is not a record.")
     # A bad sample says nothing of the unit.
@@ -239,13 +241,13 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
         "time_unit_in_file": time_unit,
         "angle_column": column.name,
         "angle_unit_in_file": unit.text,
-        "clock": "; ".join(clock.sentences),
+        "clock": "; ".join(seen),
         "reading": "; ".join(text for text in (*said, why) if text),
     }
-    if clock.breaks:
-        attrs["breaks"] = list(clock.breaks)
+    if breaks:
+        attrs["breaks"] = list(breaks)
     if how.signal == lab.ACCELEROMETER:
         record = as_felt(time, values, attrs, float(how.distance or 0.0))
     else:
         record = as_position(time, values, unit, attrs, how.length)
-    return with_inputs(record, table, clock.rows[kept], how)
+    return with_inputs(record, table, rows, how)

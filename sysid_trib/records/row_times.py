@@ -71,7 +71,7 @@ def row_times(
             raise RecordError(table.no_clock)
         rows, said = np.arange(values.size), "" if given else f"sampling rate of {rate:g} Hz from its notes"
         counted = rows if numbered is None else numbered
-        return Clock(counted / rate, rows, (), (f"{rate:g} Hz",)), "s", [said, gaps]
+        return (counted / rate, rows, (), (f"{rate:g} Hz",)), "s", [said, gaps]
     stamps = time.numbers
     if stamps.size != values.size:
         raise RecordError(
@@ -81,10 +81,10 @@ def row_times(
     if given is not None:
         rows = np.flatnonzero(np.isfinite(stamps))
         _check_rate(stamps[rows] * factor, given, time)
-        return Clock(rows / given, rows, (), (f"{given:g} Hz as given",)), unit or "s", []
+        return (rows / given, rows, (), (f"{given:g} Hz as given",)), unit or "s", []
     clock = read_clock(stamps, factor, source, values, numbered)
     if unit is None:
-        check_period(clock.time, values[clock.rows], are_whole(stamps), source)
+        check_period(clock[0], values[clock[1]], are_whole(stamps), source)
     return clock, unit or "s", ["; ".join(text for text in (why, gaps) if text)]
 
 
@@ -267,5 +267,6 @@ def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array,
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
     table = read_table(path)
     column = table.find(wanted)
-    clock, _, _ = row_times(table, own_time(table, column), column, column.numbers, replace(how, time=None))
-    return clock.time, column.numbers[clock.rows], column.unit
+    how = replace(how, time=None)
+    (time, rows, _, _), _, _ = row_times(table, own_time(table, column), column, column.numbers, how)
+    return time, column.numbers[rows], column.unit
