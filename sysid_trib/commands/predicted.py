@@ -204,7 +204,7 @@ def plan(
     with working(given.records) as tell:
         from sysid_trib.commands import checks
         from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.printing.planned import plan_blocks, plan_json
+        from sysid_trib.printing.next_step import plan_blocks, plan_json
         from sysid_trib.results import files
         from sysid_trib.validation.identify import identify
         from sysid_trib.validation.next_run import plan

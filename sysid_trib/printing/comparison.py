@@ -153,14 +153,14 @@ def _prediction(tree: xr.DataTree) -> str:
 
 def _effective(tree: xr.DataTree) -> list[str]:
     """What coefficients are where no method explains the record."""
-    if _ratio_of_best(tree["comparison"].to_dataset()) <= LARGE:
+    if ratio_of_best(tree["comparison"].to_dataset()) <= LARGE:
         return []
     if stochastic := _with_random_force(tree):
         return [STOCHASTIC_METHODS.format(", ".join(stochastic))]
     return [f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."]
 
 
-def _ratio_of_best(table: xr.Dataset) -> float:
+def ratio_of_best(table: xr.Dataset) -> float:
     """What the method that predicts best leaves of the part held out, or of the whole, over the noise."""
     best = table.sel({"method": table.attrs["best"]})
     ratio = best.holdout_over_noise.item()
@@ -204,7 +204,7 @@ def _noise(table: xr.Dataset) -> str:
     factor, unit = small_units(signal_units(table))
     sizes = " and ".join(f"{factor * level:.2g}" for level in levels.tolist())
     noise = f"The noise is that of {whose}: {sizes} {unit} a sample, from {table.attrs['noise_from']}."
-    ratio = _ratio_of_best(table)
+    ratio = ratio_of_best(table)
     if ratio <= LARGE:
         return noise
     if np.isnan(ratio):

@@ -33,8 +33,8 @@ def force_table(library: ForceLibrary) -> Table:
     rows = []
     for force in library:
         power = "" if force.kind == "sensor" else loses_power(force)
-        unit = "" if force.units == "1" else force.units
-        kind = filter(None, (force.parity, force.character, POWER_WORDS.get(power, power), unit))
+        words = (force.parity, force.character, POWER_WORDS.get(power, power), force.units)
+        kind = (word for word in words if word not in ("", "1"))
         words = "\n".join(fill(line, WORDS) for line in (force.name, *equations_of(force)))
         averaged = (text.removesuffix(AT_TWO).replace(", ", "\n") for text in signature_text(force))
         cells = (force.symbol, words, "\n".join(kind), *averaged)
@@ -146,10 +146,9 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
     next_command : str
         To copy.
     """
-    decays = _decays(tree)
-    blocks = [Block(list(dict.fromkeys(sources)))]
+    decays, blocks = _decays(tree), [Block(list(dict.fromkeys(sources)))]
     for count, decay in enumerate(decays, 1):
-        heading = [f"Decay {count}:"] if len(decays) > 1 else []
+        heading = [f"Decay {count}:"] * (len(decays) > 1)
         blocks.append(Block([*heading, str(decay.attrs.get("free_decay", "")), *_sentences(decay)]))
     return [*blocks, Block([f"Next: {next_command}"])]
 
@@ -181,10 +180,9 @@ def pointed_options(tree: xr.DataTree, system_given: bool) -> dict[str, str]:
     # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
     forces = [s for s in library.symbols if s in pointed | library.damping_factors.keys()]
     # Of another system the frequency is another one's, and so are its forces.
-    options = {} if system_given or not pointed else {"forces": ",".join(forces)}
-    return options | (
-        {"system": systems.pop()} if not system_given and len(systems) == 1 and all(systems) else {}
-    )
+    options = {"forces": ",".join(forces)} if pointed else {}
+    options |= {"system": systems.pop()} if len(systems) == 1 and all(systems) else {}
+    return {} if system_given else options
 
 
 def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
@@ -192,57 +190,47 @@ def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
 
 
 def _sentences(decay: xr.Dataset) -> list[str]:
+    """The facts about a decay, what limits what it tells, and what it points to."""
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
     step = f"step of the sensor {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
     step = step if np.isfinite(value["sensor_step"]) else "no step of the sensor is seen"
+    first, last = value["first_damping_ratio"], value["last_damping_ratio"]
+    rates = f", its rate over w is {first:.3g} at the start and {last:.3g} at the end"
     fall = value["first_amplitude"] / value["last_amplitude"]
-    sentences = [
-        f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
-        f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}{_rates(value)}.",
-        f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
-    ]
-    limits = []
-    if value["samples_per_period"] < FEW_SAMPLES:
-        limits.append(f"fewer than {FEW_SAMPLES:g} samples a period make few equations: sample faster")
-    if fall < LEAST_FALL:
-        limits.append(
-            f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping "
-            "from another: record longer"
-        )
-    if abs(value["drift"]) > DRIFTS * value["last_amplitude"]:
-        limits.append(
-            f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or "
-            "by forces that differ between the two sides"
-        )
-    limits += _law(value, fall)
-    sentences += [f"{'; '.join(limits).capitalize()}."] if limits else []
+    limits = {
+        f"fewer than {FEW_SAMPLES:g} samples a period make few equations: sample faster": (
+            value["samples_per_period"] < FEW_SAMPLES
+        ),
+        f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping from "
+        "another: record longer": fall < LEAST_FALL,
+        f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or by "
+        "forces that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
+    }
+    said = [limit for limit, applies in limits.items() if applies]
+    if fall >= LEAST_FALL and first > 0.0 and last > 0.0:
+        said.append(_law(float(np.log(first / last) / np.log(fall))))
     pointed = decay.attrs["points_to"]
-    return [*sentences, f"{pointed[0].upper()}{pointed[1:]}."] if pointed else sentences
-
-
-def _rates(value: dict[str, float]) -> str:
-    """The rate of decay at either end; nothing where there is none."""
-    first, last = value["first_damping_ratio"], value["last_damping_ratio"]
-    if not np.isfinite(first + last):
-        return ""
-    return f", its rate over w is {first:.3g} at the start and {last:.3g} at the end"
-
-
-def _law(value: dict[str, float], fall: float) -> list[str]:
-    """What the change of the rate of decay with amplitude speaks for."""
-    first, last = value["first_damping_ratio"], value["last_damping_ratio"]
-    if fall < LEAST_FALL or not (first > 0.0 and last > 0.0):
-        return []
-    power = float(np.log(first / last) / np.log(fall))
-    if power < -CLEAR_POWER:
-        return ["the smaller the amplitude the faster it falls, as by dry friction"]
-    if power > CLEAR_POWER:
-        return ["the larger the amplitude the faster it falls, as by drag"]
     return [
+        f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
+        f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}"
+        f"{rates if np.isfinite(first + last) else ''}.",
+        f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
+        *([f"{'; '.join(said).capitalize()}."] if said else []),
+        *([f"{pointed[0].upper()}{pointed[1:]}."] if pointed else []),
+    ]
+
+
+def _law(power: float) -> str:
+    """What the power of the amplitude with which the rate of decay changes speaks for."""
+    if power < -CLEAR_POWER:
+        return "the smaller the amplitude the faster it falls, as by dry friction"
+    if power > CLEAR_POWER:
+        return "the larger the amplitude the faster it falls, as by drag"
+    return (
         f"the rate goes with the amplitude to the power of {power:.2g}: nearest to viscous friction, which "
         "has 0 (dry friction -1, drag 1)"
-    ]
+    )
 
 
 def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str]) -> list[Block]:

@@ -103,7 +103,7 @@ def physics_json(
             data["energy"].append({"amplitude": a} | mapped(energy, ENERGY))
         data["crossovers"] = [
             mapped(pair, CROSSOVER) | per_label(pair, "rule", "amplitude±")
-            for pair in _pairs(crossovers(result))
+            for pair in by_label(crossovers(result), "pair").values()
         ]
         largest = ends[0][0]
         data["arrest"] = {"amplitude": largest} | mapped(arrest_time(result, largest), arrest)
@@ -159,26 +159,20 @@ def _ends(amplitude: ArrayLike, time: ArrayLike) -> list[tuple[float, float]]:
     return sorted({(float(a[end]), float(at[end])) for end in (a.argmax(), a.argmin())}, reverse=True)
 
 
-def _pairs(values: xr.Dataset) -> list[xr.Dataset]:
-    """The pairs of forces of `crossovers`."""
-    return [values.isel(pair=at) for at in range(values.sizes["pair"])]
-
-
-def _significant(result: xr.Dataset) -> list[str]:
+def _significant(result: xr.Dataset) -> set[str]:
     """Symbols of the forces that differ from zero."""
-    return result.force.values[significant(result)].tolist()
+    return set(result.force.values[significant(result)].tolist())
 
 
 def _weights(result: xr.Dataset, amplitude: float, time: float) -> list[str]:
-    by_force = by_label(weights(result, amplitude, time=time), "force")
-    by_force = {symbol: by_force[symbol] for symbol in _significant(result) if symbol in by_force}
-    parts = []
+    known, parts = _significant(result), []
+    acting = [f for s, f in by_label(weights(result, amplitude, time=time), "force").items() if s in known]
     for weight, what in SHARES.items():
         # NaN, where no force acts, is not larger than anything.
-        kept = [symbol for symbol, force in by_force.items() if abs(force[weight].item()) > SMALL]
-        kept.sort(key=lambda symbol: -abs(by_force[symbol][weight].item()))
+        kept = [force for force in acting if abs(force[weight].item()) > SMALL]
+        kept.sort(key=lambda force: -abs(force[weight].item()))
         if kept:
-            texts = [f"{symbol} {quantity(by_force[symbol], weight, ' %', 100.0)}" for symbol in kept]
+            texts = [f"{force.force.item()} {quantity(force, weight, ' %', 100.0)}" for force in kept]
             parts.append(f"the {what} comes from {', '.join(texts)}")
     return [f"At {amplitude:.3g} {signal_units(result)}, {'; '.join(parts)}."] if parts else []
 
@@ -202,8 +196,8 @@ def _energy(result: xr.Dataset, amplitude: float, time: float, si: xr.Dataset | 
 
 def _crossovers(result: xr.Dataset, ends: list[float]) -> list[str]:
     """Where two significant forces weigh the same; what the motion does not pass is extrapolated."""
-    sentences, known, unit = [], set(_significant(result)), signal_units(result)
-    for pair in _pairs(crossovers(result)):
+    sentences, known, unit = [], _significant(result), signal_units(result)
+    for pair in by_label(crossovers(result), "pair").values():
         first, second = pair["first"].item(), pair["second"].item()
         finite = [rule for rule in RULE_WORDS if np.isfinite(pair.amplitude.sel(rule=rule).item())]
         if not finite or not {first, second} <= known:
@@ -227,7 +221,7 @@ def _arrest(result: xr.Dataset, amplitude: float) -> list[str]:
         for force in library_of(result)
         if force.character == "dissipative" and force.degree is not None and force.degree < 1.0
     }
-    if not stopping <= set(_significant(result)):
+    if not stopping <= _significant(result):
         return []
     values = arrest_time(result, amplitude)
     start = f"From {values.amplitude.item():.3g} {signal_units(result)}, the averaged motion"
