@@ -14,7 +14,7 @@ from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
-from sysid_trib.printing.blocks import Layer
+from sysid_trib.printing import Layer
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.validation import contour, curve_bands, posterior, profile, sensitivity
 from sysid_trib.validation.profiles import free_likelihood

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, option, switch
 from sysid_trib.commands.terminal import command_line, print_blocks, print_written, progress
 from sysid_trib.errors import RecordError, UsageError, printable
-from sysid_trib.printing.blocks import Block, Layer
+from sysid_trib.printing import Block, Layer
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -248,7 +248,7 @@ def _deliver(
 ) -> None:
     """Print and write an identification, of free decays or with inputs."""
     from sysid_trib.commands.terminal import record_sentences
-    from sysid_trib.printing.blocks import ALWAYS, Block
+    from sysid_trib.printing import ALWAYS, Block
     from sysid_trib.printing.driven import driven_blocks, driven_json, prediction_json, prediction_sentences
     from sysid_trib.printing.identification import identification_blocks
     from sysid_trib.printing.json_results import identification_json

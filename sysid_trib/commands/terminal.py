@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from sysid_trib.errors import Tell
-    from sysid_trib.printing.blocks import Block, Layer
+    from sysid_trib.printing import Block, Layer
     from sysid_trib.printing.next_step import NextStep
 
 
@@ -42,7 +42,7 @@ def print_table(table: "Table") -> None:
 
 def print_blocks(blocks: "Iterable[Block]", layer: "Layer") -> None:
     """Print the blocks of a layer, with an empty line between two; `--explain` has headings."""
-    from sysid_trib.printing.blocks import Layer
+    from sysid_trib.printing import Layer
 
     shown = [block for block in blocks if layer in block.layers and (block.sentences or block.table)]
     section = ""

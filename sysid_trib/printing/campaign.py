@@ -11,7 +11,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.campaigns.variables import EFFECT_P_VALUE, TIED
-from sysid_trib.printing.blocks import USUALLY, Block
+from sysid_trib.printing import USUALLY, Block
 from sysid_trib.printing.layout import by_label, first_and_more, p_value_text, text_table, values_with_errors
 from sysid_trib.printing.plain_data import Source, per_label, same
 

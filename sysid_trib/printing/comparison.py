@@ -7,8 +7,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.printing import layout
-from sysid_trib.printing.blocks import ALWAYS, USUALLY, Block, Layer
+from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.verdict import EFFECTIVE
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.comparison_table import applied_methods, column_power

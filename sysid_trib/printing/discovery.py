@@ -7,7 +7,7 @@ import xarray as xr
 
 from sysid_trib.cycles.identifiability import inseparable
 from sysid_trib.forces.force import Force
-from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.discovery_tables import (
     RANKING,
     effects_table,

@@ -8,7 +8,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
-from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import by_label, coefficient_rows, text_table, value_with_error
 from sysid_trib.printing.plain_data import COEFFICIENT, Source, csv_of, mapped, per_label, same

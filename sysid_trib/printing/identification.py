@@ -8,8 +8,7 @@ from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.physics.si_units import si_of
-from sysid_trib.printing import layout, verdict
-from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.printing import ALWAYS, Block, Layer, layout, verdict
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.physics import physics_sentences, si_block, weight_sentences
 from sysid_trib.printing.random_force import random_force_sentences

@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.printing.blocks import Block
+from sysid_trib.printing import Block
 from sysid_trib.printing.layout import text_table, value_with_error
 from sysid_trib.printing.plain_data import Source, csv_of, mapped, same
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing.blocks import ALWAYS, Block
+from sysid_trib.printing import ALWAYS, Block
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.printing.layout import by_label, name_and_unit, text_table
 from sysid_trib.printing.plain_data import per_label, same

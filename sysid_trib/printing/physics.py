@@ -12,7 +12,7 @@ from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
-from sysid_trib.printing.blocks import ALWAYS, Block
+from sysid_trib.printing import ALWAYS, Block
 from sysid_trib.printing.layout import by_label, quantity, text_table
 from sysid_trib.printing.plain_data import COEFFICIENT, Source, mapped, per_label, same
 from sysid_trib.results.effects import significant

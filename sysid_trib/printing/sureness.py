@@ -9,7 +9,7 @@ import xarray as xr
 from rich.table import Table
 from scipy.stats import norm
 
-from sysid_trib.printing.blocks import ALWAYS, Block, Layer
+from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.layout import (
     by_label,
     name_and_unit,

@@ -14,7 +14,7 @@ from sysid_trib import plots
 from sysid_trib.plots.at_a_glance import drawn_overview
 from sysid_trib.plots.motion_panels import MOST_POINTS
 from sysid_trib.plots.overview_data import held_out_sentence, overview_data
-from sysid_trib.printing.blocks import Block, Layer
+from sysid_trib.printing import Block, Layer
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.driven import driven_blocks
