@@ -122,15 +122,15 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
         )
     if force.symbol in result.force:
         return result
-    limit = result.asymptotic_frequency.item()
+    limit, symbols = result.asymptotic_frequency.item(), result.force.values.tolist()
     slope = 2.0 * limit / omega0**2
-    variance = (slope * result.asymptotic_frequency_standard_error.item()) ** 2
-    variance += (slope * limit / omega0 * standard_error) ** 2
-    with_limit = slope * result.asymptotic_frequency_standard_error.item() ** 2
+    jacobian = np.diag([*np.ones(len(symbols)), slope])
+    covariance = jacobian @ stated_covariance(result, symbols) @ jacobian
+    covariance[-1, -1] += (slope * limit / omega0 * standard_error) ** 2
     numbers = {
         "coefficient": (limit / omega0) ** 2 - 1.0,
-        "standard_error": np.sqrt(variance),
-        "frequency_covariance": with_limit,
+        "standard_error": np.sqrt(covariance[-1, -1]),
+        "frequency_covariance": slope * result.asymptotic_frequency_standard_error.item() ** 2,
         "active": True,
         "refers_to": omega0,
     }
@@ -138,22 +138,17 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
         {name: ("force", [value]) for name, value in numbers.items()},
         {"force": [force.symbol]} | force_labels([force]),
     )
-    count = result.sizes["force"]
-    covariance = np.zeros((count + 1, count + 1))
-    covariance[:count, :count] = result.covariance
-    covariance[count, :count] = covariance[:count, count] = slope * result.frequency_covariance
-    covariance[count, count] = variance
     per_force = [name for name in result.variables if result[name].dims == ("force",) and name != "force"]
     longer = xr.concat(
         [result[per_force], added], "force", combine_attrs="override", data_vars="all", coords="all"
     )
-    order = [s for s in library.symbols if s in longer.force]
     rest = result.drop_vars([*per_force, "force", "other_force", "covariance"])
     whole = rest.assign(longer.data_vars).assign_coords(other_force=longer.force.values)
     whole["covariance"] = (("force", "other_force"), covariance, result.covariance.attrs)
     whole = whole.assign(
         with_error("omega0", (), (omega0, standard_error), "frequency without contact", "rad/s")
     )
+    order = [s for s in library.symbols if s in longer.force]
     return whole.sel(force=order, other_force=order)
 
 

@@ -77,31 +77,24 @@ def identification(
     kept = np.ones(count, bool) if active is None else active
     w = float(estimate.reference_frequency)
     limit, gradient = asymptotic_frequency(library, estimate.coefficients, w)
-    w_error, limit_error = _root(covariance[count, count]), _root(gradient @ covariance @ gradient)
-    noise = root_mean_square(estimate.noises)
-    w_error_name = "standard error of the reference frequency, 0 if it was given"
-    errors = np.sqrt(np.diag(covariance[:count, :count]))
+    w_error, noise = _root(covariance[count, count]), root_mean_square(estimate.noises)
+    limits = (limit, _root(gradient @ covariance @ gradient))
+    of_force, unit = covariance[:count, :count], PER_FORCE_UNIT
+    errors, with_limit = np.sqrt(np.diag(of_force)), (covariance @ gradient)[:count]
+    rows: dict[str, tuple[Any, ...]] = {
+        "coefficient": ("force", np.where(kept, estimate.coefficients, 0.0), "coefficient", unit),
+        "standard_error": ("force", errors, "standard error of the coefficient", unit),
+        "covariance": (("force", "other_force"), of_force, "covariance", unit),
+        "active": ("force", kept, "kept in the model"),
+        "refers_to": ("force", np.full(count, w), "frequency to which the coefficient refers", "rad/s"),
+        "frequency_covariance": ("force", with_limit, "covariance with the asymptotic frequency", "rad/s"),
+        "noise": ((), noise, "standard deviation of the sensor's noise in a sample", "rad"),
+    }
     variables = {
-        "coefficient": variable(
-            "force", np.where(kept, estimate.coefficients, 0.0), "coefficient", PER_FORCE_UNIT
-        ),
-        "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
-        "covariance": variable(
-            ("force", "other_force"), covariance[:count, :count], "covariance", PER_FORCE_UNIT
-        ),
-        "active": variable("force", kept, "kept in the model"),
-        "refers_to": variable(
-            "force", np.full(count, w), "frequency to which the coefficient refers", "rad/s"
-        ),
-        "frequency_covariance": variable(
-            "force", (covariance @ gradient)[:count], "covariance with the asymptotic frequency", "rad/s"
-        ),
-        "reference_frequency": variable((), w, "reference frequency w", "rad/s"),
-        "reference_frequency_standard_error": variable((), w_error, w_error_name, "rad/s"),
-        **with_error(
-            "asymptotic_frequency", (), (limit, limit_error), "frequency at vanishing amplitude", "rad/s"
-        ),
-        "noise": variable((), noise, "standard deviation of the sensor's noise in a sample", "rad"),
+        **{name: variable(*row) for name, row in rows.items()},
+        # The error is 0 of one that was given.
+        **with_error("reference_frequency", (), (w, w_error), "reference frequency w", "rad/s"),
+        **with_error("asymptotic_frequency", (), limits, "frequency at vanishing amplitude", "rad/s"),
         **_shape_variables(method, library),
     }
     for name, (values, units, long_name) in {**run_noise(estimate.noises), **estimate.extra}.items():
@@ -135,12 +128,10 @@ def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = Non
 
 def _shape_variables(method: Any, library: ForceLibrary) -> Variables:
     """Shape parameters as they were held; nothing where the forces have none (netCDF has no empty axis)."""
-    given = dict(getattr(method, "shapes", {}))
-    shapes = library.shape_values(given)
+    shapes = library.shape_values(dict(getattr(method, "shapes", {})))
     if not shapes:
         return {}
-    held = np.full(len(shapes), np.nan)
-    dim = "shape_parameter"
+    dim, held = "shape_parameter", np.full(len(shapes), np.nan)
     return {
         dim: variable(dim, list(shapes), "shape parameter of a force"),
         "shape": variable(dim, list(shapes.values()), "shape parameter"),
