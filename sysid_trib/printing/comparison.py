@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
+from sysid_trib.arrays import Array
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.verdict import EFFECTIVE
@@ -49,25 +50,30 @@ def _coefficient_table(tree: xr.DataTree) -> Table:
     table = applied_methods(tree["comparison"].to_dataset())
     columns = {}
     for symbol, row in layout.by_label(table, "force").items():
-        power = column_power(row)
-        scale = 10.0**power
-        parts = " ".join([f"1e{power:+03d}"] * bool(power) + [row.unit.item()] * (row.unit.item() != "1"))
-        head = f"{symbol} ({parts})" if parts else symbol
-        columns[head] = layout.values_with_errors(row.coefficient / scale, row.standard_error / scale)
-    frequencies = [
-        layout.quantity(row, "asymptotic_frequency") for row in layout.by_label(table, "method").values()
-    ]
-    return _method_table(table, columns | {f"{FREQUENCY_SYMBOL} (rad/s)": frequencies})
+        power, unit = column_power(row), row.unit.item()
+        parts = " ".join([f"1e{power:+03d}"] * bool(power) + [unit] * (unit != "1"))
+        numbers = (row.coefficient / 10.0**power, row.standard_error / 10.0**power)
+        columns[f"{symbol} ({parts})" if parts else symbol] = layout.values_with_errors(*numbers)
+    frequency = (table.asymptotic_frequency, table.asymptotic_frequency_standard_error)
+    columns[f"{FREQUENCY_SYMBOL} (rad/s)"] = layout.values_with_errors(*frequency)
+    return _method_table(table, columns)
 
 
 def _difference_table(tree: xr.DataTree) -> Table:
     """Differences from the method that predicts best, over the errors of both."""
     table = applied_methods(tree["comparison"].to_dataset())
     best = table.method.values == table.attrs["best"]
-    values = dict(zip(table.force.values.tolist(), table.z.values.T, strict=True))
-    values[FREQUENCY_SYMBOL] = table.asymptotic_frequency_z.values
-    columns = {head: [_signed(*pair) for pair in zip(z, best, strict=True)] for head, z in values.items()}
+    columns = {
+        head: [_signed(*pair) for pair in zip(z.tolist(), best, strict=True)]
+        for head, z in _differences_of(table).items()
+    }
     return _method_table(table, columns)
+
+
+def _differences_of(table: xr.Dataset) -> dict[str, Array]:
+    """Differences over their errors, of each quantity by method."""
+    of_forces = dict(zip(table.force.values.tolist(), table.z.values.T, strict=True))
+    return of_forces | {FREQUENCY_SYMBOL: table.asymptotic_frequency_z.values}
 
 
 def _quality_table(tree: xr.DataTree) -> Table:
@@ -87,10 +93,11 @@ def _quality_table(tree: xr.DataTree) -> Table:
         head: [as_text(x) if np.isfinite(x) else "-" for x in np.where(given, values.values, np.nan).tolist()]
         for head, (values, as_text) in numbered.items()
     }
-    neglected = [f"neglects {text}" if text else "" for text in table.neglects.values.tolist()]
-    failed = [f"failed: {text}" if text else "" for text in table.failure.values.tolist()]
-    remarks = zip(failed, table.reason.values.tolist(), table.bias.values.tolist(), neglected, strict=True)
-    columns["remarks"] = ["; ".join(filter(None, remark)) for remark in remarks]
+    remarks = {"failure": "failed: {}", "reason": "{}", "bias": "{}", "neglects": "neglects {}"}
+    columns["remarks"] = [
+        "; ".join(said.format(row[name].item()) for name, said in remarks.items() if row[name].item())
+        for row in layout.by_label(table, "method").values()
+    ]
     return _method_table(table, columns)
 
 
@@ -232,14 +239,12 @@ def _by_accident(table: xr.Dataset) -> list[str]:
 
 def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
     """Methods that differ from the best by more than the errors, by the probable cause."""
-    best = table.attrs["best"]
+    best, applied = table.attrs["best"], applied_methods(table)
     # What the best method lacks is in each difference from it.
     lacks = table.sel({"method": best})
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
-    for label, row in layout.by_label(applied_methods(table), "method").items():
-        z = dict(zip(table.force.values.tolist(), row.z.values.tolist(), strict=True))
-        z[FREQUENCY_SYMBOL] = row.asymptotic_frequency_z.item()
-        far = ", ".join(name for name, value in z.items() if abs(value) > APART)
+    for at, (label, row) in enumerate(layout.by_label(applied, "method").items()):
+        far = ", ".join(name for name, z in _differences_of(applied).items() if abs(z[at]) > APART)
         if far:
             reasons = (row.neglects, lacks.neglects, row.bias, lacks.bias)
             cause = next((name for name, text in zip(CAUSES, reasons, strict=False) if text.item()), "form")
@@ -255,17 +260,15 @@ def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
 
 def _reference(table: xr.Dataset) -> list[str]:
     """To which frequency coefficients refer, and that none can tell a stiffness from it."""
-    owner = table.attrs["common_frequency_of"]
+    owner, symbol = table.attrs["common_frequency_of"], table.attrs["exchangeable_with_the_frequency"]
     origin = "given" if owner == "given" else f"w of {owner}"
-    sentence = (
+    inseparable = (
+        f"No method can identify {symbol}: in a single record, it cannot be separated from the frequency. "
+        "Give --omega0 (frequency without contact) to identify it."
+    )
+    return [
         f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Their differences are "
         "over the errors of both methods, taken as independent. All methods saw the same noise: these "
-        "numbers are rather too small."
-    )
-    if not (symbol := table.attrs["exchangeable_with_the_frequency"]):
-        return [sentence]
-    return [
-        sentence,
-        f"No method can identify {symbol}: in a single record, it cannot be separated from the frequency. "
-        "Give --omega0 (frequency without contact) to identify it.",
+        "numbers are rather too small.",
+        *[inseparable] * bool(symbol),
     ]

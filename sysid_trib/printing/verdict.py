@@ -1,7 +1,5 @@
 """The verdict in words: is the record explained, do its runs differ, and what that means."""
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from rich.table import Table
@@ -18,6 +16,14 @@ from sysid_trib.validation.model_error import error_parts
 GROUP = "homogeneity"
 TESTED = ("chi_square", "degrees_of_freedom", "p_value")
 
+# By the verdict on the size of the random force in all runs.
+DENSITIES = {
+    "unknown": "Whether the random force has the same size in all runs cannot be tested.",
+    "disagree": "The size of the random force differs between the runs (p {}).",
+    "agree": "No difference between the runs was found in the size of the random force (p {}): it may be a "
+    "property of the experiment.",
+}
+
 
 def runs_table(runs: xr.Dataset) -> Table:
     """What each run alone gives, and the p-value of the differences (see `run_agreement`)."""
@@ -31,33 +37,18 @@ def runs_table(runs: xr.Dataset) -> Table:
 
 def runs_sentences(runs: xr.Dataset) -> list[str]:
     """The test in sentences: as a whole, which force differs, and which run alone decides nothing."""
-    sentences = [
-        f"Run {at + 1} alone decides nothing: {reason}"
-        for at, reason in enumerate(runs.reason.values.tolist())
-        if reason
-    ]
+    reasons = runs.reason.values.tolist()
+    said = [f"Run {run} alone decides nothing: {why}" for run, why in enumerate(reasons, 1) if why]
     if runs.attrs["verdict"] == "unknown":
-        return [*sentences, "Whether the runs differ cannot be tested.", *_density_sentences(runs)]
-    p_values = runs.p_value.fillna(1.0).to_series()
-    worst = f"{p_values.idxmin()} (p {layout.p_value_text(p_values.min())})"
-    total = {name: runs[f"total_{name}"].item() for name in TESTED}
-    most = worst if runs.attrs["verdict"] == "disagree" else ""
-    return [*sentences, _sentence(total, most), *_density_sentences(runs)]
-
-
-def _density_sentences(runs: xr.Dataset) -> list[str]:
-    """Sentences on the random force's size in all runs; nothing where there is none."""
-    if "density_verdict" not in runs.attrs:
-        return []
-    if runs.attrs["density_verdict"] == "unknown":
-        return ["Whether the random force has the same size in all runs cannot be tested."]
-    test = f"p {layout.p_value_text(runs.density_p_value.item())}"
-    if runs.attrs["density_verdict"] == "disagree":
-        return [f"The size of the random force differs between the runs ({test})."]
-    return [
-        f"No difference between the runs was found in the size of the random force ({test}): it may be a "
-        "property of the experiment."
-    ]
+        said.append("Whether the runs differ cannot be tested.")
+    else:
+        p_values = runs.p_value.fillna(1.0).to_series()
+        worst = f"{p_values.idxmin()} (p {layout.p_value_text(p_values.min())})"
+        said.append(_test_of_runs(runs, worst if runs.attrs["verdict"] == "disagree" else "", "total_"))
+    if density := runs.attrs.get("density_verdict"):
+        p_value = "" if density == "unknown" else layout.p_value_text(runs.density_p_value.item())
+        said.append(DENSITIES[density].format(p_value))
+    return said
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
@@ -65,15 +56,13 @@ def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
     if GROUP not in tree.children:
         return []
     last = tree[GROUP].to_dataset().isel(model=-1)
-    return [_sentence({name: last[name].item() for name in TESTED}, last.most.item() if last.differ else "")]
+    return [_test_of_runs(last, last.most.item() if last.differ else "")]
 
 
 def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
     """That runs which differ would explain as much as the effect of a step."""
-    if GROUP not in tree.children:
-        return []
-    before = tree[GROUP].to_dataset().isel(model=at)
-    if before.chi_square < before.gain:
+    before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
+    if before is None or before.chi_square < before.gain:
         return []
     return [
         f"Runs that differ (most in {before.most.item()}) would explain as much or more: chi-square "
@@ -82,12 +71,10 @@ def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
     ]
 
 
-def _sentence(test: dict[str, Any], most: str) -> str:
+def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
     """The result of a test for runs that differ, `most` in a quantity, or in none."""
-    result = (
-        f"chi-square {test['chi_square']:.3g} for {test['degrees_of_freedom']:.0f} differences, "
-        f"p {layout.p_value_text(test['p_value'])}"
-    )
+    chi_square, degrees, p_value = (test[f"{prefix}{name}"].item() for name in TESTED)
+    result = f"chi-square {chi_square:.3g} for {degrees:.0f} differences, p {layout.p_value_text(p_value)}"
     if not most:
         return f"No difference between the runs was found: {result}."
     return (
@@ -96,19 +83,22 @@ def _sentence(test: dict[str, Any], most: str) -> str:
     )
 
 
-EXPLAINED = "The record is explained: its residual is nothing but noise."
+# By the verdict.
+EXPLAINED = {
+    "explained": "The record is explained: its residual is nothing but noise.",
+    "explained with a random force": "The record is explained with a random force: what is left depends on "
+    "neither angle, speed, amplitude nor time.",
+    "undetermined": "The record does not decide: the coefficients, alone or together, do not differ from "
+    f"zero by more than {SIGNIFICANT_ERRORS:g} standard errors, so that nothing in it could contradict these "
+    "forces.",
+}
+LACKING = "A force is missing, or one has another form."
+UNEXPLAINED = {
+    "approximate": f"The model is approximate: {{}}. {LACKING}",
+    "not explained": f"The model does not explain the record: {{}}. {LACKING}",
+}
 EXPLAINED_BUT_LINE = "The record is explained: its residual is noise and a line."
-WITH_RANDOM_FORCE = (
-    "The record is explained with a random force: what is left depends on neither angle, speed, amplitude "
-    "nor time."
-)
-APPROXIMATE = "The model is approximate: {}. A force is missing, or one has another form."
-NOT_EXPLAINED = "The model does not explain the record: {}. A force is missing, or one has another form."
 OF_A_RATE = " (The integral of a measured rate always leaves more than its noise.)"
-UNDETERMINED = (
-    "The record does not decide: the coefficients, alone or together, do not differ from zero by more than "
-    f"{SIGNIFICANT_ERRORS:g} standard errors, so that nothing in it could contradict these forces."
-)
 NOT_SEPARATED = "The record does not separate these forces: each may be zero, but not all. Fewer suffice: {}."
 EFFECTIVE = "These coefficients are effective values of a model that is not complete"
 
@@ -121,17 +111,12 @@ def answer_result(tree: xr.DataTree) -> xr.Dataset | None:
 def verdict_sentence(tree: xr.DataTree) -> str:
     """The verdict on the record, in words that no test is needed to read."""
     verdict = findings.verdict_of(tree)
-    if verdict == "undetermined":
-        return UNDETERMINED
-    if verdict == "explained":
-        return EXPLAINED_BUT_LINE if line_sentences(tree) else EXPLAINED
-    if verdict == "explained with a random force":
-        return WITH_RANDOM_FORCE
+    if verdict not in UNEXPLAINED:
+        return EXPLAINED_BUT_LINE if verdict == "explained" and line_sentences(tree) else EXPLAINED[verdict]
     if "random_force" in tree.children and (reasons := not_followed(tree)):
         return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
-    text = APPROXIMATE if verdict == "approximate" else NOT_EXPLAINED
-    return text.format(f"{_how_near(tree)}{_where(tree)}") + (OF_A_RATE if rate else "")
+    return UNEXPLAINED[verdict].format(f"{_how_near(tree)}{_where(tree)}") + OF_A_RATE * rate
 
 
 def test_sentences(tree: xr.DataTree) -> list[str]:
@@ -157,12 +142,9 @@ def calibration_sentences(tree: xr.DataTree) -> list[str]:
     result = answer_result(tree)
     if result is None or "error_of_calibration" not in result:
         return []
-    parts = zip(result.force.values, *error_parts(result), result.error_of_calibration.values, strict=True)
-    texts = [
-        f"{name} {part:.2g} (by all else {np.hypot(noise, model):.2g})"
-        for name, noise, model, part in parts
-        if part > 0.0
-    ]
+    others = np.hypot(*error_parts(result))
+    parts = zip(result.force.values, others, result.error_of_calibration.values, strict=True)
+    texts = [f"{name} {part:.2g} (by all else {other:.2g})" for name, other, part in parts if part > 0.0]
     return [f"Errors hold that of the scale: {', '.join(texts) or 'it moves none'}."]
 
 
@@ -201,7 +183,7 @@ def failure_sentences(tree: xr.DataTree) -> list[str]:
 def effective_sentences(tree: xr.DataTree) -> list[str]:
     """What coefficients of a model that is not complete are, and what their errors hold."""
     results = findings.kept_results(tree)
-    if findings.verdict_of(tree) not in ("approximate", "not explained") or not results:
+    if findings.verdict_of(tree) not in UNEXPLAINED or not results:
         return []
     result = results.get(findings.answer_of(tree), next(reversed(results.values())))
     noise, model = error_parts(result)
