@@ -3,7 +3,7 @@
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -48,38 +48,51 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 def _counts(counts: Mapping[str, int]) -> str:
     """How many records are done, and how many have no result."""
-    total = sum(counts.values())
     bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
-    return f"{counts['done']:,} of {total:,} records done{f'; {bad}' if bad else ''}."
+    return f"{counts['done']:,} of {sum(counts.values()):,} records done{f'; {bad}' if bad else ''}."
+
+
+def _reasons(store: xr.Dataset) -> dict[str, str]:
+    """Why records have no numbers, by their names."""
+    bad = store.isel(record=np.flatnonzero(store.status.values > 1))
+    return dict(zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True))
 
 
 def _refusals(store: xr.Dataset) -> list[str]:
     """Why records have no numbers: each of the first few, then how many more."""
-    bad = store.isel(record=np.flatnonzero(store.status.values > 1))
-    pairs = zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True)
     # A message on a file begins with its name.
-    sentences = [m if m.startswith(name.rpartition("/")[2]) else f"{name}: {m}" for name, m in pairs]
+    sentences = [
+        why if why.startswith(name.rpartition("/")[2]) else f"{name}: {why}"
+        for name, why in _reasons(store).items()
+    ]
     return first_and_more(sentences, REFUSALS, ": see `message` in the store")
+
+
+def _of_done(store: xr.Dataset, name: str) -> list[str]:
+    """A text of each record that is done."""
+    return store[name].values[store.status.values == 1].tolist()
+
+
+def _most_first(words: Iterable[str]) -> dict[str, int]:
+    """How often each word stands there; an empty one is none."""
+    counts = Counter(filter(None, words))
+    return dict(sorted(counts.items(), key=lambda pair: (-pair[1], pair[0])))
 
 
 def _verdicts(store: xr.Dataset) -> list[str]:
     """How often each verdict was given."""
-    verdicts = store.verdict.values[store.status.values == 1].astype(str)
-    names, counts = np.unique(verdicts[verdicts != ""], return_counts=True)
-    order = np.argsort(-counts, kind="stable")[:REFUSALS]
-    return ["; ".join(f"{counts[at]:,} {names[at]}" for at in order) + "."] if len(names) else []
+    counts = [*_most_first(_of_done(store, "verdict")).items()][:REFUSALS]
+    return ["; ".join(f"{count:,} {verdict}" for verdict, count in counts) + "."] if counts else []
 
 
 def named_counts(store: xr.Dataset) -> dict[str, int]:
     """In how many records each effect is named, or cannot be separated from one that is; most first."""
     if TIED not in store:
         return {}
-    done = store.isel(record=np.flatnonzero(store.status.values == 1))
-    texts = zip(done.named.values.tolist(), done[TIED].values.tolist(), strict=True)
+    texts = zip(_of_done(store, "named"), _of_done(store, TIED), strict=True)
     # "nu, epsilon" and "epsilon or gravity; ...", of many "or 3 more".
     words = [set(re.split(r", |; | or ", f"{named}, {tied}")) for named, tied in texts]
-    counts = Counter(word for of_record in words for word in of_record if word in store.force.values)
-    return dict(sorted(counts.items(), key=lambda pair: (-pair[1], pair[0])))
+    return _most_first(word for of_record in words for word in of_record if word in store.force.values)
 
 
 def named_sentences(store: xr.Dataset) -> list[str]:
@@ -134,11 +147,8 @@ def _interval(of_quantity: xr.Dataset, name: str) -> str:
 
 def _collinear_sentences(compared: xr.Dataset) -> list[str]:
     """Which conditions are left out of the comparison, since they go with others."""
-    return [
-        f"Condition '{name}' goes with {others} in these records: it is left out, and an effect may be of "
-        "either."
-        for name, others in _collinear(compared).items()
-    ]
+    text = "Condition '{}' goes with {} in these records: it is left out, and an effect may be of either."
+    return [text.format(name, others) for name, others in _collinear(compared).items()]
 
 
 def _collinear(compared: xr.Dataset) -> dict[str, str]:
@@ -151,11 +161,10 @@ def _outliers(compared: xr.Dataset) -> list[str]:
     z = np.abs(compared.z.transpose("run", "quantity").values)
     largest = np.nanmax(np.where(np.isnan(z), -1.0, z), axis=1)
     order = [at for at in np.argsort(-largest) if largest[at] > STANDS_OUT]
-    names, quantities = compared.run.values.tolist(), compared.quantity.values.tolist()
-    most = {at: quantities[int(np.nanargmax(z[at]))] for at in order}
     sentences = [
-        f"{names[at]} stands out: {quantity} by {largest[at]:.1f} standard deviations."
-        for at, quantity in most.items()
+        f"{compared.run.values[at]} stands out: {compared.quantity.values[np.nanargmax(z[at])]} by "
+        f"{largest[at]:.1f} standard deviations."
+        for at in order
     ]
     return first_and_more(sentences, REFUSALS)
 
@@ -164,9 +173,7 @@ def campaign_json(
     store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None
 ) -> dict[str, Any]:
     """The campaign as plain data: counts, reasons, and what varies between the records."""
-    bad = store.isel(record=np.flatnonzero(store.status.values > 1))
-    reasons = dict(zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True))
-    made: dict[str, Any] = {"records": dict(counts), "without_result": reasons}
+    made: dict[str, Any] = {"records": dict(counts), "without_result": _reasons(store)}
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
     if compared is not None:

@@ -1,6 +1,7 @@
 """A discovery: where the gap is, what closes it, what remains, and what could have been seen."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
@@ -27,6 +28,7 @@ from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import given_results, residual_of
 from sysid_trib.validation.verdict import record_noise
 
+Item = TypeVar("Item")
 # Competing effects that are named, the most probable; a file has all. And pairs of them.
 COMPETING, COMPETING_PAIRS = 10, 3
 # Odds at which one of two is outside of their 95 % credible set.
@@ -120,12 +122,35 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
     offered = candidates_of(tree)
     named = ", ".join(f"{s} ({offered[s].formula.text})" for s in others[:COMPETING])
     more = f", and {len(others) - COMPETING} more" if len(others) > COMPETING else ""
-    pairs = list(probabilities.items())[: COMPETING + 1]
-    return [
+    likely = ", ".join(f"{s} {_probability(p)}" for s, p in [*probabilities.items()][: COMPETING + 1])
+    sentences = [
         f"{symbol} cannot be separated from: {named}{more}.",
-        f"With equal prior probabilities: {', '.join(f'{s} {_probability(p)}' for s, p in pairs)}.",
-        *_remedies(tree, step, [offered[s] for s in probabilities]),
+        f"With equal prior probabilities: {likely}.",
     ]
+    # Which forces no run separates, and the measurement that would separate the others.
+    size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
+    fitted = [step[name].to_series().dropna() for name in ("shape", "competing_shape") if name in step]
+    shapes = {name: value for part in fitted for name, value in part.items()}
+    tied = [offered[s] for s in probabilities]
+    groups = _grouped(tied, lambda first, force: inseparable(first, force, size, shapes))
+    for group in groups:
+        if len(group) > 1:
+            names = " and ".join(force.symbol for force in group)
+            why = "averaged over a cycle, they do the same at every amplitude"
+            sentences.append(f"No run of this kind separates {names}: {why}.")
+    return [*sentences, *([remedy([group[0] for group in groups])] if len(groups) > 1 else [])]
+
+
+def _grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
+    """Groups in which each is like each: a chain of neighbours may have ends that are far apart."""
+    groups: list[list[Item]] = []
+    for item in items:
+        home = next((group for group in groups if all(alike(other, item) for other in group)), None)
+        if home is None:
+            groups.append([item])
+        else:
+            home.append(item)
+    return groups
 
 
 def _competing_pairs(step: xr.Dataset) -> list[str]:
@@ -135,32 +160,16 @@ def _competing_pairs(step: xr.Dataset) -> list[str]:
         return []
     more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
     odds = step.pair_odds.item()
-    how = "better" if odds > OUTSIDE_OF_SET else "as well"
     return [
-        f"Two together would do {how} in the place of {step.symbol.item()}: "
-        f"{', '.join(pairs[:COMPETING_PAIRS])}{more}; the first with odds of {odds:.2g} to "
-        "it if they were as likely before."
+        f"Two together would do {'better' if odds > OUTSIDE_OF_SET else 'as well'} in the place of "
+        f"{step.symbol.item()}: {', '.join(pairs[:COMPETING_PAIRS])}{more}; the first with odds of "
+        f"{odds:.2g} to it if they were as likely before."
     ]
 
 
 def _probability(value: float) -> str:
     """A probability of two digits, which is never nought."""
     return "< 0.01" if value < 0.01 else f"{value:.2f}"
-
-
-def _remedies(tree: xr.DataTree, step: xr.Dataset, tied: Sequence[Force]) -> list[str]:
-    """Which forces no run separates, and the measurement that would separate the others."""
-    size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
-    fitted = [step[name].to_series() for name in ("shape", "competing_shape") if name in step]
-    shapes = {name: value for part in fitted for name, value in part.dropna().items()}
-    groups: dict[str, list[Force]] = {}
-    for force in tied:
-        alike = (name for name, (first, *_) in groups.items() if inseparable(first, force, size, shapes))
-        groups.setdefault(next(alike, force.symbol), []).append(force)
-    same = (" and ".join(force.symbol for force in group) for group in groups.values() if len(group) > 1)
-    why = "averaged over a cycle, they do the same at every amplitude"
-    sentences = [f"No run of this kind separates {names}: {why}." for names in same]
-    return [*sentences, *([remedy([group[0] for group in groups.values()])] if len(groups) > 1 else [])]
 
 
 def remedy(tied: Sequence[Force]) -> str:
@@ -183,35 +192,18 @@ def remedy(tied: Sequence[Force]) -> str:
 
 def _detectability(tree: xr.DataTree) -> list[str]:
     """Candidates that look alike, cannot be tested, or were not offered."""
-    candidates = tree["detectability_after"].to_dataset()
-    sentences = [*_alike(candidates), *_untestable(candidates)]
+    candidates, sentences = tree["detectability_after"].to_dataset(), []
+    symbols = candidates.candidate.values.tolist()
+    pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()
+    groups = _grouped(symbols, lambda first, symbol: bool(pairs.at[symbol, first]))
+    if alike := "; ".join(", ".join(group) for group in groups if len(group) > 1):
+        sentences.append(f"On this record, these look alike even at {NAMED:g} standard errors: {alike}.")
+    # The reason may name the record already.
+    reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")
+    for reason, alone in reasons[reasons != ""].groupby(reasons, sort=False):
+        sentences.append(f"Not testable on this record: {', '.join(alone.index)} ({reason}).")
     if left_out := tree.attrs["left_out"]:
         sentences.append(f"Not offered, because the model has them: {', '.join(left_out)}.")
     if failed := tree.attrs["failed_fits"]:
         sentences.append(f"Tried, but not fitted: their motions could not be computed: {', '.join(failed)}.")
     return sentences
-
-
-def _alike(candidates: xr.Dataset) -> list[str]:
-    symbols = candidates.candidate.values.tolist()
-    pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").values
-    groups: dict[int, list[int]] = {}
-    for at in range(len(symbols)):
-        # Each with each: a chain of neighbours may have ends that are far apart.
-        home = (first for first, group in groups.items() if pairs[at, group].all())
-        groups.setdefault(next(home, at), []).append(at)
-    alike = "; ".join(", ".join(symbols[at] for at in group) for group in groups.values() if len(group) > 1)
-    return [f"On this record, these look alike even at {NAMED:g} standard errors: {alike}."] if alike else []
-
-
-def _untestable(candidates: xr.Dataset) -> list[str]:
-    by_reason: dict[str, list[str]] = {}
-    for symbol, reason in candidates.reason.to_series().items():
-        if reason:
-            # The reason may name the record already.
-            text = reason.removeprefix("not testable on this record: ").rstrip(".")
-            by_reason.setdefault(text, []).append(symbol)
-    return [
-        f"Not testable on this record: {', '.join(symbols)} ({reason})."
-        for reason, symbols in by_reason.items()
-    ]

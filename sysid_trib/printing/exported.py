@@ -1,7 +1,7 @@
 """The numbers of a result that leave the program: a table (CSV), one for LaTeX, and a methods section."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,8 +54,13 @@ def forces_latex(library: ForceLibrary) -> str:
         held = [rf"{name} := {formulas[value]}" for name, value in force.memory.items()]
         cells = f"${', '.join([formulas[force.formula], *states, *held])}$"
         rows.append(rf"${force.latex_symbol}$ & {_plain(force.name)} & {cells} \\")
-    head = [r"\begin{tabular}{lll}", r"\toprule", r"symbol & force & formula \\", r"\midrule"]
-    return "\n".join([*head, *rows, r"\bottomrule", r"\end{tabular}", ""])
+    return "\n".join([*_tabular("lll", r"symbol & force & formula \\", rows), ""])
+
+
+def _tabular(columns: str, head: str, rows: Sequence[str]) -> list[str]:
+    """Lines of a table of `booktabs`."""
+    begin = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"]
+    return [*begin, *rows, r"\bottomrule", r"\end{tabular}"]
 
 
 def about_the_record(tree: xr.DataTree) -> dict[str, str]:
@@ -120,12 +125,12 @@ def latex_text(tree: xr.DataTree) -> str:
     named = findings.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in library_of(result)}
     cells: dict[str, dict[str, str]] = {}
-    of_columns = {DIFFERENCE: "difference"}
     for row in _rows(tree):
         if row["quantity"] in GIVEN:
             continue
-        quantity, column, (number, mark) = row["quantity"], row["method"], layout.number_and_mark(row)
-        column = of_columns.get(column, SI_UNITS if column.endswith(SI_UNITS) else column)
+        quantity, (number, mark) = row["quantity"], layout.number_and_mark(row)
+        column = SI_UNITS if row["method"].endswith(SI_UNITS) else row["method"]
+        column = "difference" if column == DIFFERENCE else column
         letter = letters.get(quantity) or FREQUENCIES_LATEX.get(quantity) or symbol_latex(quantity)
         head = rf"$\mu_{{{letter}}}$" if row.get("name") == MU.replace("_", " ") else f"${letter}$"
         head += " (rad/s)" * (quantity in FREQUENCIES_LATEX)
@@ -139,14 +144,13 @@ def latex_text(tree: xr.DataTree) -> str:
     if len(heads) > MOST_COLUMNS:
         table = [list(row) for row in zip(*table, strict=True)]
     head, *rows = (f"{' & '.join(row)} \\\\" for row in table)
-    begin = rf"\begin{{tabular}}{{l{'c' * (len(table[0]) - 1)}}}"
-    lines = [begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", r"\end{tabular}"]
+    lines = _tabular(f"l{'c' * (len(table[0]) - 1)}", head, rows)
     caption = rf"\caption{{{_caption(tree, named)}}}"
     lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
-    if kind_of(tree) == "difference":
-        return "\n".join([*lines, ""])
-    main = findings.main_result(tree)
-    return "\n".join([*lines, "", "% no method gave a model" if main is None else equation_latex(main), ""])
+    if kind_of(tree) != "difference":
+        main = findings.main_result(tree)
+        lines += ["", "% no method gave a model" if main is None else equation_latex(main)]
+    return "\n".join([*lines, ""])
 
 
 def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
