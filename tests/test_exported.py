@@ -17,7 +17,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.printing.equation import equation_latex, equation_text
 from sysid_trib.printing.exported import cited, csv_text, latex_text, methods_text, unit_in_latex
 from sysid_trib.results.references import with_contactless_frequency
-from sysid_trib.validation.residual_force import model_force
+from sysid_trib.validation.lack_of_fit import model_force
 
 FORCES = st.load_library()
 ERRORS = np.diag([1e-6, 1e-4, 1e-3, 1e-3, 5e-3, 1e-3]) ** 2

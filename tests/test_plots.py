@@ -10,7 +10,7 @@ from sysid_trib import plots
 from sysid_trib.plots import style
 from sysid_trib.plots.motion_panels import MOST_POINTS
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.residual_force import residual_force
+from sysid_trib.validation.lack_of_fit import residual_force
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.02, 0.3), (1.1, 1.9)])

@@ -18,7 +18,7 @@ from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.findings import LAST_THIRD, answer_of, holds, is_refitted, kept_results
-from sysid_trib.validation.residual_force import residual_force
+from sysid_trib.validation.lack_of_fit import residual_force
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import run_record_noise
 

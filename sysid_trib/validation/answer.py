@@ -75,35 +75,40 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
 def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[FollowedRuns]:
     """`identifications`, each with the runs as its motion follows them."""
     runs = as_runs(decay, driven=True)
-    together = dict(enumerate(runs))
-    results = [
-        FollowedRuns(together, with_noise(method, "off").identify(decay, library)) for method in methods
-    ]
+    together, quiet = dict(enumerate(runs)), [with_noise(method, "off") for method in methods]
+    results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
     if any(inputs_of(run) for run in runs):
         return results
     residual_tests = [_residual(followed) for followed in results]
     # Decrements neglect forces: the last method of the whole motion decides.
     places = [at for at, method in enumerate(methods) if _is_open(method)]
-    open_ones = sorted(places, key=lambda at: _family(methods[at]) in DECIDING)
+    open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
     # From here on a residual may be that of a random force, which is then looked for.
     if open_ones and residual_tests[open_ones[-1]][0] < 0.05:
-        stochastic = _stochastic(decay, together, library, methods, open_ones)
+        stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
         results = [stochastic.get(at, followed) for at, followed in enumerate(results)]
-        residual_tests = [
-            (1.0, 1.0) if at in stochastic else residual for at, residual in enumerate(residual_tests)
-        ]
+        residual_tests = [(1.0, 1.0) if at in stochastic else test for at, test in enumerate(residual_tests)]
     return [
-        followed.with_result(_with_model(followed.result, with_noise(method, "off"), runs, library, residual))
-        for method, followed, residual in zip(methods, results, residual_tests, strict=True)
+        followed.with_result(with_model_in_errors(followed.result, method, runs, library, residual))
+        for method, followed, residual in zip(quiet, results, residual_tests, strict=True)
     ]
 
 
 def with_model_in_errors(
-    result: xr.Dataset, method: Method, runs: Sequence[xr.Dataset], library: ForceLibrary
+    result: xr.Dataset,
+    method: Method,
+    runs: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    residual: tuple[float, float] | None = None,
 ) -> xr.Dataset:
-    """The identification with errors that are those of the model too, where the residual is not noise."""
-    residual = _residual(FollowedRuns(dict(enumerate(runs)), result))
-    return _with_model(result, method, runs, library, residual)
+    """The identification with errors that are those of the model too, where the residual is not noise.
+
+    `residual` : of `_residual`, where it is known.
+    """
+    p_value, over_noise = residual or _residual(FollowedRuns(dict(enumerate(runs)), result))
+    if p_value < RESIDUAL_LEVEL:
+        return with_error_of_model(result, method, runs, library, over_noise)
+    return with_rounding(result, runs)
 
 
 def with_common_noise(
@@ -115,7 +120,7 @@ def with_common_noise(
     alone.
     """
     open_ones = [method for method in methods.values() if _is_open(method)]
-    direct = [method for method in open_ones if _family(method) == "direct"]
+    direct = [method for method in open_ones if scope_of(method).family == "direct"]
     option: RandomForceOption = "off"
     with suppress(SysidTribError, np.linalg.LinAlgError):
         for method in [*direct, *open_ones][:1]:
@@ -140,26 +145,9 @@ def _is_open(method: Method) -> bool:
     return getattr(method, "random_force", "off") == "auto"
 
 
-def _family(method: Method) -> str:
-    return scope_of(method).family
-
-
 def with_noise(method: Method, option: RandomForceOption) -> Method:
     """A method that leaves its noise open, with this one; any other as it is."""
     return with_random_force(method, option) if _is_open(method) else method
-
-
-def _with_model(
-    result: xr.Dataset,
-    method: Method,
-    runs: Sequence[xr.Dataset],
-    library: ForceLibrary,
-    residual: tuple[float, float],
-) -> xr.Dataset:
-    p_value, over_noise = residual
-    if p_value < RESIDUAL_LEVEL:
-        return with_error_of_model(result, method, runs, library, over_noise)
-    return with_rounding(result, runs)
 
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
@@ -170,27 +158,23 @@ def _residual(followed: FollowedRuns) -> tuple[float, float]:
 
 
 def _stochastic(
-    decay: Decays,
-    runs: Mapping[int, xr.Dataset],
-    library: ForceLibrary,
-    methods: Sequence[Method],
-    open_ones: Sequence[int],
+    decay: Decays, library: ForceLibrary, methods: Mapping[int, Method]
 ) -> dict[int, FollowedRuns]:
     """Identifications with a random force or coloured noise, by their place; none where that is refused."""
     stochastic: dict[int, FollowedRuns] = {}
-    for at in open_ones:
-        last = at == open_ones[-1]
+    runs, last = dict(enumerate(as_runs(decay, driven=True))), [*methods][-1]
+    for at, method in methods.items():
         try:
-            result = with_random_force(methods[at], "estimated").identify(decay, library)
-            followed = stochastic[at] = FollowedRuns(runs, result)
-            if last:
-                accepted = _residual(followed)[0] >= RESIDUAL_LEVEL and is_random(followed)
-                return stochastic if accepted else {}
-            # What the quicker methods refuse is not looked for by the slower ones.
-            averaging = _family(methods[at]) == "averaging" and is_found(random_force_of(result))
-            if averaging and not is_random(followed):
-                return {}
+            result = with_random_force(method, "estimated").identify(decay, library)
+            stochastic[at] = FollowedRuns(runs, result)
+            refused = False
+            if at == last:
+                refused = _residual(stochastic[at])[0] < RESIDUAL_LEVEL or not is_random(stochastic[at])
+            elif scope_of(method).family == "averaging" and is_found(random_force_of(result)):
+                # What the quicker methods refuse is not looked for by the slower ones.
+                refused = not is_random(stochastic[at])
         except (SysidTribError, np.linalg.LinAlgError):
-            if last:
-                return {}
-    return {}
+            refused = at == last
+        if refused:
+            return {}
+    return stochastic

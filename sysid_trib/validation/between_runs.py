@@ -9,18 +9,19 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.results.references import (
-    ASYMPTOTIC_FREQUENCY,
-    comparable,
-    comparison_covariance,
-    comparison_values,
+from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable
+from sysid_trib.results.variables import (
+    PER_FORCE_UNIT as UNIT,
+    Variables,
+    text_variable,
+    variable,
+    with_error,
 )
-from sysid_trib.results.variables import Variables, text_variable, variable, with_error
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
+from sysid_trib.validation.refits import at_reference
 
 # Of each quantity, over all of them (Bonferroni): below it a condition acts, or runs scatter.
 VARIES_LEVEL = 0.01
-UNIT = "see the coordinate unit"
 COMMON, UNDECIDED_RUNS = "common", "too few runs"
 
 
@@ -189,9 +190,8 @@ def between_runs(
     columns, condition_of = _columns_of(table)
     names = estimates.quantity.values.tolist()
     level = VARIES_LEVEL / len(names)
-    of_quantities = [
-        _quantity(estimates.sel(quantity=name), columns, condition_of, laboratory, level) for name in names
-    ]
+    alone = [estimates.sel(quantity=name) for name in names]
+    of_quantities = [_quantity(runs, columns, condition_of, laboratory, level) for runs in alone]
     dims = ("run", "quantity")
     values = estimates.value.transpose(*dims).values, estimates.standard_error.transpose(*dims).values
     both = with_error("value", dims, values, "value of this run by itself", UNIT)
@@ -214,8 +214,8 @@ def _estimates(results: Sequence[xr.Dataset]) -> xr.Dataset:
         listed_units = ", ".join(sorted(units[mixed[0]]))
         raise UsageError(f"The runs have {mixed[0]} in different units: {listed_units}.")
     frequency = float(np.mean([r.reference_frequency.item() for r in results]))
-    values = [comparison_values(r, kept, frequency) for r in results]
-    errors = [np.sqrt(np.diag(comparison_covariance(r, kept, frequency))) for r in results]
+    values, covariances = zip(*(at_reference(r, kept, frequency, np.nan) for r in results), strict=True)
+    errors = [np.sqrt(np.diag(covariance)) for covariance in covariances]
     sources = [", ".join(result.attrs["record_source"]) for result in results]
     dims = ("run", "quantity")
     return xr.Dataset(
@@ -262,7 +262,9 @@ def _quantity(
         verdict = _verdict(acting, p_value < level)
     made: Variables = {
         **with_error("effect", "term", (effects[0], effects[1]), "effect on the quantity", UNIT),
-        **with_error("shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", UNIT),
+        **with_error(
+            "shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", PER_FORCE_UNIT
+        ),
         "z": variable("run", off, "distance from what others let expect, over scatter and error", "1"),
         "condition_p_value": variable("condition", p_values, "p-value of no effect of the condition", "1"),
         **_with_interval("between_run", "standard deviation between runs", interval),

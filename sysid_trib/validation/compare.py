@@ -47,8 +47,7 @@ def every_method(
 
     Returns
     -------
-    dict of str to method
-        Those of `methods.METHODS` with their variants, in that order.
+    dict of str to method, those of `methods.METHODS` with their variants, in that order.
     """
     given = {"reference_frequency": reference_frequency, "shapes": dict(shapes or {})}
     methods: dict[str, Method] = {}
@@ -172,23 +171,19 @@ def _compared(
         subject = "this record" if len(runs) == 1 else "these runs together"
         label, (_, row, _) = next(iter(trials.items()))
         raise DecayError(f"No method can identify {subject}. {label}: {row['reason']}.")
-    blocks = [_samples_of_period(run, half_sines) for run, _, _, half_sines in parts]
+    # Samples of a period.
+    steps = [np.median(np.diff(run.time.values)) for run in runs]
+    halves = [np.median(np.diff(half_sines.extremum_time)) for *_, half_sines in parts]
+    blocks = [max(1, round(2.0 * half / step)) for half, step in zip(halves, steps, strict=True)]
     table = method_table(trials, [sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
         of_runs = trials[table.attrs["best"]][2].get("residual", [])
-        p_value = len(of_runs) * min(
-            (white_p_value(of_run.residual.values) for of_run in of_runs), default=0.0
-        )
+        p_value = len(of_runs) * min((white_p_value(run.residual.values) for run in of_runs), default=0.0)
         table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
     table.attrs |= _not_separable(runs, list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})
-
-
-def _samples_of_period(run: xr.Dataset, half_sines: xr.Dataset) -> int:
-    step = float(np.median(np.diff(run.time.values)))
-    return max(1, round(2 * float(np.median(np.diff(half_sines.extremum_time))) / step))
 
 
 def _try_method(

@@ -37,6 +37,7 @@ CONTRAST = "difference from the best method over the errors of both"
 
 # What came of one method: its identification; what it says of itself and of that, by the name of the column;
 # and of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
+Results: TypeAlias = Sequence[xr.Dataset | None]
 Trial: TypeAlias = tuple[xr.Dataset | None, dict[str, Any], dict[str, list[xr.Dataset]]]
 
 
@@ -108,9 +109,7 @@ def column_power(column: xr.Dataset) -> int:
     return 0 if -2 < power < 4 else power
 
 
-def _common_frequency(
-    results: Sequence[xr.Dataset | None], whole: Array, best: int
-) -> tuple[float, int | str]:
+def _common_frequency(results: Results, whole: Array, best: int) -> tuple[float, int | str]:
     """A frequency that was given to a method, else that of the best, rad/s; and whose it is.
 
     Where the best predicts by accident, as its model misses the record as a whole, it is that of the model
@@ -124,7 +123,7 @@ def _common_frequency(
     return results[owner].reference_frequency.item(), owner  # type: ignore[union-attr]
 
 
-def _forces(results: Sequence[xr.Dataset | None]) -> xr.Dataset:
+def _forces(results: Results) -> xr.Dataset:
     """The forces that any method found, in the order of the result with most of them."""
     labels: dict[str, list[str]] = {}
     for result in sorted((r for r in results if r is not None), key=lambda r: -r.sizes["force"]):
@@ -135,9 +134,7 @@ def _forces(results: Sequence[xr.Dataset | None]) -> xr.Dataset:
     return xr.Dataset(coords={"force": list(labels)} | {k: ("force", list(v)) for k, v in named})
 
 
-def _coefficients(
-    results: Sequence[xr.Dataset | None], forces: Sequence[str], reference: float
-) -> tuple[Array, Array]:
+def _coefficients(results: Results, forces: Sequence[str], reference: float) -> tuple[Array, Array]:
     """Coefficients and errors, (method, force), nan where a method has none.
 
     Those that refer to another frequency by their definition, or cannot be converted, keep theirs.
@@ -163,7 +160,7 @@ def contrast(values: Array, errors: Array, best: int) -> Array:
     return z
 
 
-def _frequencies(results: Sequence[xr.Dataset | None], best: int) -> Variables:
+def _frequencies(results: Results, best: int) -> Variables:
     """Reference and asymptotic frequencies with errors, and the difference of the latter from the best."""
     variables: Variables = {}
     for name in ("reference_frequency", "asymptotic_frequency"):

@@ -22,8 +22,8 @@ from sysid_trib.results.variables import chi_square_test, group_names, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.holdout import compared_part, fitted_motions
-from sysid_trib.validation.homogeneity import MIXED_UNITS, verdict_of
 from sysid_trib.validation.lack_of_fit import lack_of_fit
+from sysid_trib.validation.refits import MIXED_UNITS, verdict_of
 from sysid_trib.validation.residuals import residuals, with_motions
 from sysid_trib.validation.simulated_pairs import nothing_known, scatter
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
@@ -62,12 +62,13 @@ def comparison(
     # One method with and without its bias: nothing else differs.
     z = np.divide(excess, error, out=np.zeros_like(excess), where=error != 0.0)
     chi_square, p_value = known.chi_square(difference)
+    unit = MIXED_UNITS
     variables = {
-        "difference": variable("quantity", difference, "first method minus second", MIXED_UNITS),
+        "difference": variable("quantity", difference, "first method minus second", unit),
         "expected_difference": variable(
-            "quantity", known.expected, "difference of the methods' biases", MIXED_UNITS
+            "quantity", known.expected, "difference of the methods' biases", unit
         ),
-        "standard_error": variable("quantity", error, "standard error of the difference", MIXED_UNITS),
+        "standard_error": variable("quantity", error, "standard error of the difference", unit),
         "z": variable("quantity", z, "excess over its standard error", "1"),
         **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
     }
@@ -197,13 +198,11 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
     stochastic = random_force_groups(followed[names[1]])
     compared.attrs["answer"] = answer = names[better_of(first, second)]
-    records = [
-        with_motions(run, names, of_run) for run, of_run in zip(runs, zip(*motions, strict=True), strict=True)
-    ]
+    of_runs = zip(runs, zip(*motions, strict=True), strict=True)
+    records = [with_motions(run, names, of_run) for run, of_run in of_runs]
     over_motion = _residual_over_motion(records)
-    compared["residual_over_motion"] = variable(
-        "model", over_motion, "RMS of record minus motion over the record's"
-    )
+    text = "RMS of record minus motion over the record's"
+    compared["residual_over_motion"] = variable("model", over_motion, text)
     compared.attrs["verdict_on_record"] = verdict_on_record(
         compared.attrs["explained"], over_motion[names.index(answer)], followed[names[1]], stochastic
     )

@@ -185,9 +185,8 @@ def _dataset(likelihood: FreeLikelihood, values: Array) -> xr.Dataset:
     if parameters.reference_frequency is None:
         of_frequency = values[..., parameters.index(FREQUENCY)]
         variables["reference_frequency"] = variable(dims, of_frequency, "reference frequency w", "rad/s")
-    runs = np.moveaxis(
-        values[..., len(parameters.common) :].reshape(*values.shape[:2], -1, len(PER_RUN)), -1, 0
-    )
+    per_run = values[..., len(parameters.common) :].reshape(*values.shape[:2], -1, len(PER_RUN))
+    runs = np.moveaxis(per_run, -1, 0)
     for name, of_runs, units in zip(PER_RUN, runs, ("rad", "rad/s", "rad"), strict=True):
         variables[name] = variable((*dims, "run"), of_runs, name.replace("_", " "), units)
     return xr.Dataset(variables, {"force": symbols} | ({"shape_parameter": shapes} if shapes else {}))

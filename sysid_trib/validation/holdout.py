@@ -198,9 +198,7 @@ def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Seq
     swings then count as its first. Blocks are taken as independent, so that Student's t-test serves.
     """
     of_runs = zip(first, second, blocks, strict=True)
-    losses = [
-        _block_losses(one_run, block) - _block_losses(other, block) for one_run, other, block in of_runs
-    ]
+    losses = [_block_losses(own, block) - _block_losses(other, block) for own, other, block in of_runs]
     difference = np.concatenate(losses)
     if len(difference) < 3:
         return float("nan")

@@ -20,7 +20,7 @@ from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.validation.answer import check_method, identifications
 from sysid_trib.validation.cross_check import SIMULATED_RECORDS, identified_and_checked
 from sysid_trib.validation.driven import identified_driven, is_driven
-from sysid_trib.validation.homogeneity import run_agreement
+from sysid_trib.validation.refits import run_agreement
 from sysid_trib.validation.simulated_pairs import fewest_records
 
 

@@ -151,9 +151,8 @@ def _planned(
         whole, stop = _predicted(known, times, release, noise)
         lengths = np.unique(np.minimum(durations, stop))
         times = [_times(end, kept, every, in_part=in_part) for end in lengths]
-        motions = {
-            rival.name: _predicted(rival, times, release, noise)[0] for rival in rivals if rival is not known
-        }
+        others = [rival for rival in rivals if rival is not known]
+        motions = {rival.name: _predicted(rival, times, release, noise)[0] for rival in others}
         motions[known.name] = whole
         push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
         white = _in_white_noise(motions, known, kept / every, release, push)

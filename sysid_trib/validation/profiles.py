@@ -94,9 +94,8 @@ class Profile:
             near = max((other for other in self.fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
             held = {self.name: self.estimate + at * self.error}
             self.fits[at] = self.likelihood.holding(held, self.fits[near].values)
-            self.roots[at] = float(
-                np.copysign(np.sqrt(max(0.0, self.likelihood.deviance_of(self.fits[at]))), at)
-            )
+            deviance = max(0.0, self.likelihood.deviance_of(self.fits[at]))
+            self.roots[at] = float(np.copysign(np.sqrt(deviance), at))
         return abs(self.roots[at])
 
     def _by_root(self, root: float) -> float:
@@ -241,13 +240,12 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         deviance[row + reach, column + reach] = max(0.0, likelihood.deviance_of(fit))
     steps = np.arange(-reach, reach + 1)
     value = estimate[:, None, None] + np.einsum("pa,arc->prc", axes, np.meshgrid(steps, steps, indexing="ij"))
+    grid = ("row", "column")
     variables = {
         "estimate": variable("parameter", estimate, "estimate", PER_FORCE_UNIT),
         "standard_error": variable("parameter", error, "standard error", PER_FORCE_UNIT),
-        "value": variable(
-            ("parameter", "row", "column"), value, "value at which it was held", PER_FORCE_UNIT
-        ),
-        "deviance": variable(("row", "column"), deviance, "deviance there", "1"),
+        "value": variable(("parameter", *grid), value, "value at which it was held", PER_FORCE_UNIT),
+        "deviance": variable(grid, deviance, "deviance there", "1"),
         "correlation": variable((), correlation[0, 1], "correlation of both", "1"),
     }
     attrs = {"levels": list(CONTOURS), "thresholds": thresholds.tolist()}

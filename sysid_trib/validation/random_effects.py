@@ -42,7 +42,7 @@ class RandomEffects:
     scatter: float = 0.0
 
     def with_scatter(self, tau: float) -> "RandomEffects":
-        """The same, weighted with another tau."""
+        """Values and columns weighted with another tau."""
         return replace(self, scatter=tau)
 
     @property

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, qr
 from scipy.signal import lfilter
 from scipy.stats import chi2, f as f_distribution, t as t_distribution
@@ -31,10 +32,16 @@ NULL_DRAWS = 60
 MOST_SAMPLES, LEAST_PER_PERIOD = 8000, 20
 ON = ("angle", "speed", "amplitude", "time", "any")
 ASPECTS, SIZE_ON = ("force", "size"), ("amplitude", "speed", "time")
-# Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm.
-NEAR = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
-# Below these they double, down to so many e-folds; then comes none at all.
-E_FOLDS = 12.0
+NUMBERS = {
+    "p_value": ("p-value of a random force that depends on nothing", "1"),
+    "chi_square": ("gain of the likelihood by forces that go with the motion", "1"),
+    "degrees_of_freedom": ("degrees of freedom", "1"),
+    "likely_density": ("most likely density of the random force", DENSITY_UNITS),
+    "density_p_value": ("p-value of the density in the result", "1"),
+}
+# Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm;
+# below these they double, down to so many e-folds; then comes none at all.
+NEAR, E_FOLDS = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]), 12.0
 
 
 @in_units_of_the_motion
@@ -45,10 +52,8 @@ def random_force_dependence(
 
     Parameters
     ----------
-    decay : Dataset
-        `angle(time)` of a run.
-    result : Dataset
-        An identification of it with a random force.
+    decay, result : Dataset
+        `angle(time)` of a run, and an identification of it with a random force.
     run : int
         Which of the result's runs the decay is.
     seed : int
@@ -115,17 +120,17 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     density = RandomForce.density_of(null.ratio * null.variance, w)
     deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
     of_density = chi2.sf(max(0.0, deviances[0] - deviances[1]), 1)
-    numbers = {
-        "p_value": (p_value, "p-value of a random force that depends on nothing", "1"),
-        "chi_square": (chi_square, "gain of the likelihood by forces that go with the motion", "1"),
-        "degrees_of_freedom": (columns, "degrees of freedom", "1"),
-        "likely_density": (density, "most likely density of the random force", DENSITY_UNITS),
-        "density_p_value": (of_density, "p-value of the density in the result", "1"),
-    }
+    numbers = (p_value, chi_square, columns, density, of_density)
+    return dependence(numbers, p_values).assign_attrs(every=every)
+
+
+def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
+    """What `random_force_dependence` returns, of `NUMBERS` and (aspect, on) p-values; these may be nan."""
+    pairs = zip(NUMBERS.items(), numbers, strict=True)
+    variables = {name: variable((), number, *texts) for (name, texts), number in pairs}
     text = "p-value of no dependence of the random force"
-    variables = {name: variable((), *number) for name, number in numbers.items()}
     variables["dependence_p_value"] = variable(("aspect", "on"), p_values, text, "1")
-    return xr.Dataset(variables, {"aspect": list(ASPECTS), "on": list(ON)}, {"every": every})
+    return xr.Dataset(variables, {"aspect": list(ASPECTS), "on": list(ON)})
 
 
 def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> LinearModel:
@@ -172,7 +177,7 @@ def _records_of_noise(linear: LinearModel, ratio: float, random: np.random.Gener
 class TrialModel:
     """A record with the model's columns (nuisances), columns that are tried, and records of noise alone.
 
-    `linear` has all three as its columns, `nuisances` and `tried` say how many there are of the first two.
+    All three are columns of `linear`, `nuisances` and `tried` of them of the first two kinds.
     """
 
     linear: LinearModel
@@ -202,17 +207,14 @@ class TrialModel:
 
 def trial_model(linear: LinearModel, by_column: Array, records: Array) -> TrialModel:
     """A record with columns that act in each step, (step, 2, column), and records (sample, draw)."""
-    nuisances, tried = linear.start.shape[1], by_column.shape[2]
-    count = nuisances + tried + records.shape[1]
-    steps, size = linear.by_column.shape[:2]
-    start, by = np.zeros((size, count)), np.zeros((steps, size, count))
-    observed = np.zeros((len(linear.record), count))
-    start[:, :nuisances] = linear.start
-    by[:, :, :nuisances] = linear.by_column
-    observed[:, :nuisances] = linear.observed_parameters
-    by[:, : by_column.shape[1], nuisances : nuisances + tried] = by_column
-    observed[:, nuisances + tried :] = records
-    whole = replace(linear, start=start, by_column=by, observed_parameters=observed)
+    (size, nuisances), (_, states, tried), draws = linear.start.shape, by_column.shape, records.shape[1]
+    by = np.pad(by_column, ((0, 0), (0, size - states), (0, draws)))
+    whole = replace(
+        linear,
+        start=np.pad(linear.start, ((0, 0), (0, tried + draws))),
+        by_column=np.concatenate([linear.by_column, by], axis=2),
+        observed_parameters=np.hstack([np.pad(linear.observed_parameters, ((0, 0), (0, tried))), records]),
+    )
     return TrialModel(whole, nuisances, tried)
 
 
@@ -241,11 +243,12 @@ def _likelihood_gains(
         logarithms = float(np.log(null.ratio)) + error * np.concatenate([far, NEAR])
         table = [trial.deviances(list(chosen.values()), float(ratio)) for ratio in np.exp(logarithms)]
         least = np.minimum(_least(logarithms, np.array(table)), least)
-    gains = {}
+    tested = dict.fromkeys(chosen, (0.0, 0, 1.0))
     for (name, index), gain in zip(chosen.items(), np.maximum(least[0] - least[1:], 0.0), strict=True):
-        chi_square = gain[0] * len(index) / float(np.mean(gain[1:])) if len(index) else 0.0
-        gains[name] = chi_square, len(index), float(chi2.sf(chi_square, len(index))) if len(index) else 1.0
-    return gains
+        if count := len(index):
+            chi_square = float(gain[0] * count / np.mean(gain[1:]))
+            tested[name] = chi_square, count, float(chi2.sf(chi_square, count))
+    return tested
 
 
 def orthonormal(columns: Array) -> Array:

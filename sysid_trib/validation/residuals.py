@@ -28,7 +28,7 @@ from sysid_trib.simulation.initial_conditions import (
 )
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.residual_force import NO_LINE, spectral_line
+from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
@@ -64,10 +64,8 @@ def fitted_motion(
     else:
         start = first_guess(time, angle, model.reference_frequency)
     try:
-        sensitivity = None if nearby is None else nearby.sensitivity
-        return fit_start(
-            model, time, angle, start, offset=zero, sensitivity=sensitivity, most_steps=most_steps
-        )
+        near = None if nearby is None else nearby.sensitivity
+        return fit_start(model, time, angle, start, offset=zero, sensitivity=near, most_steps=most_steps)
     except SimulationError:
         return None
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -129,8 +130,7 @@ def stated_rival(result: xr.Dataset) -> Rival:
     symbols = [s for s in result.force.values.tolist() if s in model.coefficients]
     covariance, total = stated_covariance(result, symbols), result.standard_error.values
     of_noise = np.divide(error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
-    parts = dict(zip(result.force.values.tolist(), of_noise.tolist(), strict=True))
-    part = np.array([*(parts[symbol] for symbol in symbols), 1.0])
+    part = np.append(of_noise[np.isin(result.force.values, symbols)], 1.0)
     count, shapes = len(symbols), len(model.shapes)
     directions = np.zeros((count + shapes + 1, count + 1))
     at = [*range(count), count + shapes]
@@ -147,11 +147,9 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
     likely, rivals = credible_set(step), list[Rival]()
     for symbol in [symbol for symbol in likely if symbol in offered.symbols]:
         library = ForceLibrary("rival", (*rest, offered[symbol]))
-        try:
+        with suppress(SysidTribError):
             fitted = _fitted(tree, library, records)
             rivals.append(Rival(symbol, model_of(fitted), _by_records(fitted, records), likely[symbol]))
-        except SysidTribError:
-            continue
     total = sum(rival.probability for rival in rivals)
     return [replace(rival, probability=rival.probability / total) for rival in rivals]
 
@@ -243,9 +241,8 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
     axes = orthonormal(np.column_stack([column for run in apart for column in run]))
     inside = [RunPrediction(*(axes.T @ part for part in run)) for run in apart]
     spaces = [_explained_space(run)[: axes.shape[1]] for run in inside]
-    weights = [
-        np.log(rival.probability) + _sharpened(rival, run) for rival, run in zip(rivals, inside, strict=True)
-    ]
+    own = zip(rivals, inside, strict=True)
+    weights = [np.log(rival.probability) + _sharpened(rival, run) for rival, run in own]
     normal = rng.standard_normal((DRAWINGS, axes.shape[1]))
     logs = np.empty((len(rivals), DRAWINGS, len(rivals)))
     for at, truth in enumerate(inside):

@@ -15,7 +15,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.decay import RECORD_PARTS
-from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
+from sysid_trib.results.references import in_model
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import (
@@ -28,10 +28,10 @@ from sysid_trib.results.variables import (
     with_error,
 )
 from sysid_trib.validation.findings import main_result
-from sysid_trib.validation.homogeneity import HOMOGENEITY_LEVEL, weighted_mean
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, error_parts, part_fit
 from sysid_trib.validation.random_effects import RandomEffects
+from sysid_trib.validation.refits import HOMOGENEITY_LEVEL, at_reference, weighted_mean
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
@@ -90,7 +90,8 @@ def _difference(
     reference = sides[0][0].reference_frequency.item()
     members = [member for side in sides for member in side]
     symbols = list(dict.fromkeys(symbol for member in members for symbol in _forces_of(member)))
-    held = [symbol for symbol in symbols if all(_holds(member, symbol) for member in members)]
+    known = [dict(zip(m.force.values.tolist(), m.standard_error.values == 0.0, strict=True)) for m in members]
+    held = [symbol for symbol in symbols if all(of_member.get(symbol, False) for of_member in known)]
     samples = [_sample(side, symbols, reference, held) for side in sides]
     values, by_noise, by_model, between, freedoms = map(np.array, zip(*samples, strict=True))
     variables = _contrast(values, by_noise, by_model, freedoms, level=level, of_model=of_model)
@@ -147,11 +148,6 @@ def _forces_of(result: xr.Dataset) -> list[str]:
     return [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
 
 
-def _holds(result: xr.Dataset, symbol: str) -> bool:
-    """True if a coefficient has no error."""
-    return symbol in result.force and result.standard_error.sel(force=symbol).item() == 0.0
-
-
 def _sample(
     results: Sequence[xr.Dataset], symbols: Sequence[str], reference: float, held: Sequence[str]
 ) -> tuple[Array, ...]:
@@ -184,19 +180,17 @@ def _run(
     result: xr.Dataset, symbols: Sequence[str], reference: float, held: Sequence[str] = ()
 ) -> tuple[Array, Array, Array]:
     """Values of a run, their covariance by the noise, and that by the model; zero without a force."""
-    kept = _forces_of(result)
-    at = [*map(symbols.index, kept), len(symbols)]
-    values, part = np.zeros(len(symbols) + 1), np.ones(len(symbols) + 1)
-    covariance = np.zeros((len(values), len(values)))
-    values[at] = comparison_values(result, kept, reference)
-    covariance[np.ix_(at, at)] = comparison_covariance(result, kept, reference)
+    values, covariance = at_reference(result, symbols, reference, 0.0)
+    part = np.ones(len(symbols) + 1)
     for place in map(symbols.index, held):
         values[place] = result.coefficient.sel(force=symbols[place]).item()
         covariance[place], covariance[:, place] = 0.0, 0.0
     # A result has both parts of its errors, but their correlations together alone.
+    kept = _forces_of(result)
+    at = list(map(symbols.index, kept))
     of_noise, of_model = (error[np.isin(result.force.values, kept)] for error in error_parts(result))
     total = np.hypot(of_noise, of_model)
-    part[at[:-1]] = np.divide(of_noise, total, out=np.ones_like(total), where=total > 0.0)
+    part[at] = np.divide(of_noise, total, out=np.ones_like(total), where=total > 0.0)
     by_noise = covariance * np.outer(part, part)
     # A force without a degree keeps its size; its shape changes with the frequency, if only a little.
     # A force without a degree in v is compared only where the frequencies differ by less than this part.
@@ -232,15 +226,13 @@ def _contrast(
     statistic = float(scaled @ np.linalg.pinv(weights, hermitian=True) @ scaled)
     together = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
     together["p_value_of_all"] = together.pop("p_value")
-    unit = PER_FORCE_UNIT
+    unit, refused = PER_FORCE_UNIT, _holm(p_value, level)
     return {
         "difference": variable("force", contrast, "first minus second", unit),
         "standard_error": variable("force", error, "standard error of the difference", unit),
         "z": variable("force", z[:-1], "difference over its standard error", "1"),
         "p_value": variable("force", p_value, "p-value of no difference", "1"),
-        "differs": variable(
-            "force", _holm(p_value, level), "whether it differs, at a level that all forces share"
-        ),
+        "differs": variable("force", refused, "whether it differs, at a level that all forces share"),
         "covariance": variable(("force", "other_force"), covariance, "covariance", unit),
         **together,
     }

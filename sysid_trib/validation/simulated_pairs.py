@@ -193,11 +193,10 @@ def scatter(
         allowed = np.sqrt(freedoms / chi2.ppf(EXCESS_LEVEL / of_methods[0].size, freedoms))
         stated = bool(_largest_excess(results, kept, of_methods) > allowed)
         whole = both_stated if stated else covariance
-        if stochastic:
-            return Scatter(
-                bias + differences.mean(axis=0), whole + covariance / len(drawn), len(drawn), stated
-            )
-        return Scatter(bias + without_noise, whole, len(drawn), stated)
+        if not stochastic:
+            return Scatter(bias + without_noise, whole, len(drawn), stated)
+        whole, mean = whole + covariance / len(drawn), differences.mean(axis=0)
+        return Scatter(bias + mean, whole, len(drawn), stated)
 
     for draw in range(draws):
         tell(f"both methods held against each other on {draws} simulated records", draw / draws)

@@ -36,7 +36,7 @@ RESPONSE = {
     "whole_high": ("high end of the band of a sweep", "rad"),
     "phase": ("phase ahead of the drive", "1"),
 }
-CHECKS = {
+SIMULATED = {
     "check_frequency": ("angular frequency of a motion that was simulated", "rad/s"),
     "check_amplitude": ("its amplitude", "rad"),
     "simulated_amplitude": ("that of the simulation", "rad"),
@@ -127,9 +127,8 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     amplitudes = functions.grid(c, np.abs(drive))
     steady = functions.balances(c, drive, amplitudes)
     chosen = sweeps(len(w), steady.frequency, steady.amplitude, steady.stable)
-    amplitude, phase, by_lines = (
-        picked(values, chosen) for values in (steady.amplitude, steady.phase, steady.by_lines)
-    )
+    motions = (steady.amplitude, steady.phase, steady.by_lines)
+    amplitude, phase, by_lines = (picked(values, chosen) for values in motions)
     drawn = _drawn(result, model, seed)
     sums, curves = functions.over(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
     for at, (frequency, coefficients) in enumerate(drawn):
@@ -149,10 +148,9 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     # Lines are off by as much in each draw, and all by what simulations left open.
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
-    curves_of = zip(
-        RESPONSE.items(), (amplitude, *(exact * end * part for end, part in ends), phase), strict=True
-    )
-    of_checks = zip(CHECKS.items(), checks, strict=True)
+    bands = [exact * end * part for end, part in ends]
+    curves_of = zip(RESPONSE.items(), (amplitude, *bands, phase), strict=True)
+    of_checks = zip(SIMULATED.items(), checks, strict=True)
     data = {name: variable(("sweep", "frequency"), curve, *texts) for (name, texts), curve in curves_of}
     data |= {name: variable("check", values, *texts) for (name, texts), values in of_checks}
     natural, text = result.asymptotic_frequency.item(), "over that at small amplitudes"

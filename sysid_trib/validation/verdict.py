@@ -18,7 +18,7 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import determines
 from sysid_trib.results.variables import group_names, noise_of_run, record_groups, text_variable
-from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence_on_motion
+from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 
 PARTS_OF_RECORD = ("first", "second", "last")
 DIVERGES = "its motion diverges"
@@ -158,29 +158,20 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
 
 
 def _tested(followed: FollowedRuns) -> xr.Dataset:
-    tested, reasons = [], []
+    tested, reasons, nothing = [], [], np.full((len(ASPECTS), len(ON)), np.nan)
     for at in followed.runs:
+        # A run without a random force has none that depends on something.
+        of_run, reason = dependence((1.0, *[np.nan] * 4), nothing), ""
         try:
             followed.tracked(at)
-            stochastic = random_force_of(followed.result, at)
-            tested.append(dependence_on_motion(followed, at) if stochastic else _untested(1.0))
-            reasons.append("")
+            if random_force_of(followed.result, at):
+                of_run = dependence_on_motion(followed, at)
         except SysidTribError as error:
-            tested.append(_untested(np.nan))
-            reasons.append(str(error))
+            of_run, reason = dependence([np.nan] * 5, nothing), str(error)
+        tested.append(of_run)
+        reasons.append(reason)
     together = xr.concat(tested, "run", combine_attrs="override")
     return together.assign(reason=text_variable("run", reasons, "why not tested"))
-
-
-def _untested(p_value: float) -> xr.Dataset:
-    """A run without a random force, or one whose motion does not settle."""
-    scalars = ("chi_square", "degrees_of_freedom", "likely_density", "density_p_value")
-    values = dict.fromkeys(scalars, ((), np.nan)) | {"p_value": ((), p_value)}
-    nothing = np.full((len(ASPECTS), len(ON)), np.nan)
-    return xr.Dataset(
-        {**values, "dependence_p_value": (("aspect", "on"), nothing)},
-        {"aspect": list(ASPECTS), "on": list(ON)},
-    )
 
 
 def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
