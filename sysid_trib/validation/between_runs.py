@@ -10,18 +10,13 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable
-from sysid_trib.results.variables import (
-    PER_FORCE_UNIT as UNIT,
-    Variables,
-    text_variable,
-    variable,
-    with_error,
-)
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
 from sysid_trib.validation.refits import at_reference
 
 # Of each quantity, over all of them (Bonferroni): below it a condition acts, or runs scatter.
 VARIES_LEVEL = 0.01
+UNIT = PER_FORCE_UNIT
 COMMON, UNDECIDED_RUNS = "common", "too few runs"
 
 
@@ -262,9 +257,7 @@ def _quantity(
         verdict = _verdict(acting, p_value < level)
     made: Variables = {
         **with_error("effect", "term", (effects[0], effects[1]), "effect on the quantity", UNIT),
-        **with_error(
-            "shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", PER_FORCE_UNIT
-        ),
+        **with_error("shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", UNIT),
         "z": variable("run", off, "distance from what others let expect, over scatter and error", "1"),
         "condition_p_value": variable("condition", p_values, "p-value of no effect of the condition", "1"),
         **_with_interval("between_run", "standard deviation between runs", interval),
