@@ -228,10 +228,14 @@ def predict(
             f"{FEWEST_FITTED} or more, and not all."
         )
     angle = record.angle.values.astype(float)
+    fitted = counted if warm_up is None else ~counted
+    start = first_guess(time, angle, model.reference_frequency)
     try:
-        shown = _shown(model, time, angle, ~counted if warm_up is not None else counted)
+        motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
+        x = motion.x if fitted.all() else trajectory(model, time, motion.angle, motion.rate).angle
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
+    shown = x + motion.offset
     residual, unit = angle - shown, unit_of_signal(record)
     rms = float(np.sqrt(np.mean(residual[counted] ** 2)))
     data = {
@@ -243,12 +247,3 @@ def predict(
         ),
     }
     return record.assign(data).assign_attrs(warm_up=warm_up or 0.0)
-
-
-def _shown(model: Model, time: np.ndarray, angle: np.ndarray, fitted: np.ndarray) -> np.ndarray:
-    """What the sensor shows of the motion whose start fits these samples best, (sample,)."""
-    start = first_guess(time, angle, model.reference_frequency)
-    motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
-    if fitted.all():
-        return np.asarray(motion.x + motion.offset)
-    return np.asarray(trajectory(model, time, motion.angle, motion.rate).angle + motion.offset)

@@ -1,6 +1,7 @@
 """The error of a model: by how much its coefficients move between parts of a record."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -21,6 +22,7 @@ from sysid_trib.validation.holdout import carried_on
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import widening
 
+Runs: TypeAlias = Sequence[xr.Dataset]
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 
 
@@ -64,9 +66,9 @@ def with_error_of_model(
     """
     whole, stated = _values(result), np.nan_to_num(_errors(result))
     changes, errors, missed = [], [], []
-    for low, high in RECORD_PARTS.values():
-        part = part_fit(method, runs, library, low, high, result)
-        missed += [rms for run in runs for rms in _held_out(part, run, library, low, high)]
+    for limits in RECORD_PARTS.values():
+        part = part_fit(method, runs, library, limits, result)
+        missed += [rms for run in runs for rms in _held_out(part, run, library, limits)]
         if part is not None:
             changes.append(_values(part) - whole)
             errors.append(np.nan_to_num(_errors(part)))
@@ -126,22 +128,15 @@ def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
 
 
 def part_fit(
-    method: Method,
-    runs: Sequence[xr.Dataset],
-    library: ForceLibrary,
-    low: float,
-    high: float,
-    result: xr.Dataset,
+    method: Method, runs: Runs, library: ForceLibrary, limits: tuple[float, float], result: xr.Dataset
 ) -> xr.Dataset | None:
     """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
-    parts = [run.isel(time=between(run, low, high)) for run in runs]
+    parts = [run.isel(time=between(run, limits)) for run in runs]
     later = float(parts[0].time.values[0] - runs[0].time.values[0])
     return _identified(method, parts, counted_from(library, later), result)
 
 
-def _identified(
-    method: Method, parts: Sequence[xr.Dataset], library: ForceLibrary, result: xr.Dataset
-) -> xr.Dataset | None:
+def _identified(method: Method, parts: Runs, library: ForceLibrary, result: xr.Dataset) -> xr.Dataset | None:
     """The identification of some runs; None where it cannot be, or has other forces than the result."""
     try:
         part = method.identify(one_or_all(parts), library)
@@ -151,18 +146,18 @@ def _identified(
     return part if same and np.all(np.isfinite(_values(part))) else None
 
 
-def between(run: xr.Dataset, low: float, high: float) -> slice:
+def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
     """Samples between two parts of the time of a run."""
     time = run.time.values.astype(float)
-    ends = time[0] + np.array([low, high]) * (time[-1] - time[0])
+    ends = time[0] + np.array(limits) * (time[-1] - time[0])
     return slice(int(np.searchsorted(time, ends[0])), int(np.searchsorted(time, ends[1], side="right")))
 
 
 def _held_out(
-    part: xr.Dataset | None, run: xr.Dataset, library: ForceLibrary, low: float, high: float
+    part: xr.Dataset | None, run: xr.Dataset, library: ForceLibrary, limits: tuple[float, float]
 ) -> Iterator[float]:
     """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
-    kept, size = between(run, low, high), run.sizes["time"]
+    kept, size = between(run, limits), run.sizes["time"]
     for held_out in (slice(0, kept.start), slice(kept.stop, size)):
         # Fewer samples tell nothing of a motion whose start and zero are fitted.
         if held_out.stop - held_out.start < 8:
@@ -171,9 +166,7 @@ def _held_out(
         yield _missed(rest, None if part is None else carried_on(part, library, before))
 
 
-def _of_other_runs(
-    method: Method, runs: Sequence[xr.Dataset], library: ForceLibrary, result: xr.Dataset
-) -> Iterator[float]:
+def _of_other_runs(method: Method, runs: Runs, library: ForceLibrary, result: xr.Dataset) -> Iterator[float]:
     """RMS (rad) of what the model of every other run leaves of each of the rest; nothing of a single run."""
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
         if taken and others:

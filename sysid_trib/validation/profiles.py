@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -35,7 +35,7 @@ BETTER, MOST_FITS = -0.02, 3
 
 @dataclass
 class Profile:
-    """Fits with a parameter held: the signed root of their deviance, by errors from the best fit.
+    """Fits with a parameter held, at places that are counted in errors from the best fit.
 
     Attributes
     ----------
@@ -43,20 +43,21 @@ class Profile:
     name : str
     error : float
         Standard error of the parameter, the unit of places.
-    roots : dict of float to float
-        By the place; zero at the best fit, which is at zero.
     fits : dict of float to Fit
-        There.
+        By their place; the best is at zero.
     """
 
     likelihood: FreeLikelihood
     name: str
     error: float
-    roots: dict[float, float] = field(default_factory=lambda: {0.0: 0.0})
-    fits: dict[float, Fit] = field(default_factory=dict)
+    fits: dict[float, Fit]
 
-    def __post_init__(self) -> None:
-        self.fits[0.0] = self.likelihood.best
+    @property
+    def roots(self) -> Array:
+        """Places in their order, and the signed root of the deviance there, (2, place)."""
+        deviances = [(at, self.likelihood.deviance_of(fit)) for at, fit in sorted(self.fits.items())]
+        places, deviance = np.array(deviances).T
+        return np.stack([places, np.copysign(np.sqrt(np.maximum(0.0, deviance)), places)])
 
     @property
     def estimate(self) -> float:
@@ -90,19 +91,17 @@ class Profile:
 
     def _look(self, at: float) -> float:
         """The root of the deviance at a place, by a fit from the nearest one towards the best."""
-        if at not in self.roots:
+        if at not in self.fits:
             near = max((other for other in self.fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
             held = {self.name: self.estimate + at * self.error}
             self.fits[at] = self.likelihood.holding(held, self.fits[near].values)
-            deviance = max(0.0, self.likelihood.deviance_of(self.fits[at]))
-            self.roots[at] = float(np.copysign(np.sqrt(deviance), at))
-        return abs(self.roots[at])
+        return float(np.sqrt(max(0.0, self.likelihood.deviance_of(self.fits[at]))))
 
     def _by_root(self, root: float) -> float:
-        values = np.array(sorted(self.roots))
-        roots = np.maximum.accumulate([self.roots[value] for value in values])
+        places, roots = self.roots
+        roots = np.maximum.accumulate(roots)
         rising = np.concatenate([[True], np.diff(roots) > 0.0])
-        return float(PchipInterpolator(roots[rising], values[rising])(root))
+        return float(PchipInterpolator(roots[rising], places[rising])(root))
 
 
 @in_units_of_the_motion
@@ -146,7 +145,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         profiles, ends = [], np.empty((len(names), 2))
         for at, name in enumerate(names):
             tell(f"profile of {name}", at / len(names))
-            profiles.append(Profile(likelihood, name, _error(likelihood, name)))
+            profiles.append(Profile(likelihood, name, _error(likelihood, name), {0.0: likelihood.best}))
             ends[at] = [profiles[-1].end(sign) for sign in (-1.0, 1.0)]
         best = min((fit for of in profiles for fit in of.fits.values()), key=likelihood.deviance_of)
         # A fit that is better than the best is the best.
@@ -154,10 +153,9 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
             break
         likelihood = FreeLikelihood.of_fit(likelihood.problem, best)
     estimate, error = np.array([(of.estimate, of.error) for of in profiles]).T
-    points: Array = np.full((2, len(profiles), max(len(of.roots) for of in profiles)), np.nan)
+    points: Array = np.full((2, len(profiles), max(len(of.fits) for of in profiles)), np.nan)
     for at, of in enumerate(profiles):
-        places = sorted(of.roots)
-        points[:, at, : len(places)] = places, np.square([of.roots[place] for place in places])
+        points[:, at, : len(of.fits)] = of.roots[0], of.roots[1] ** 2
     low, high = (estimate + error * end for end in ends.T)
     value, unit = estimate[:, None] + error[:, None] * points[0], PER_FORCE_UNIT
     off = np.max(np.abs(np.abs(ends) - END_ROOT), axis=1) > OFF * END_ROOT

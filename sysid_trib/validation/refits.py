@@ -266,8 +266,8 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
 def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
     """Every fit: what it is, and how it is made."""
     whole = list(runs)
-    for name, (low, high) in RECORD_PARTS.items():
-        yield f"window: {name}", method, [run.isel(time=between(run, low, high)) for run in runs]
+    for name, limits in RECORD_PARTS.items():
+        yield f"window: {name}", method, [run.isel(time=between(run, limits)) for run in runs]
     # Starts: so many periods of the record are left out before it.
     for periods in (1.0, 3.0):
         later = 2.0 * np.pi * periods / reference

@@ -280,11 +280,11 @@ def _model_error_of_difference(
         return means[0] - means[1], np.sqrt(variances[0] + variances[1])
 
     (whole, stated), changes, errors = contrast(sides), [], []
-    for low, high in RECORD_PARTS.values():
+    for limits in RECORD_PARTS.values():
         parts: list[list[xr.Dataset]] = [[], []]
         for part, side, of_side in zip(parts, sides, runs, strict=True):
             for member, run in zip(side, of_side, strict=True):
-                fitted = part_fit(method_of(member), [run], library, low, high, member)
+                fitted = part_fit(method_of(member), [run], library, limits, member)
                 part += [] if fitted is None else [fitted]
         if [len(part) for part in parts] == [len(side) for side in sides]:
             change, error = contrast(parts)
