@@ -10,12 +10,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.least_squares import (
-    ConstraintMap,
-    bounds_reached,
-    white_least_squares,
-    whitened,
-)
+from sysid_trib.likelihood.least_squares import ConstraintMap, bounds_reached, white_least_squares, whitened
 from sysid_trib.likelihood.linearisation import derivatives_along, sensor_slopes
 from sysid_trib.likelihood.regression import RunRegression, Runs, update
 from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows

@@ -141,12 +141,7 @@ class RunRows:
         return excess * (both - noise) / (both - noise + excess) if excess else 0.0
 
     def smoothed_motion(
-        self,
-        residual: Array,
-        errors: Array,
-        slopes: tuple[Array, Array],
-        ratio: float,
-        part: float = 1.0,
+        self, residual: Array, errors: Array, slopes: tuple[Array, Array], ratio: float, part: float = 1.0
     ) -> Array:
         """The most likely motion at the samples, (sample,), or a part of the way there from the path.
 

@@ -75,9 +75,7 @@ class Settings:
         30.0, "standard errors from which effects that nearly cancel are named", "development set"
     )
     refuted: float = setting(
-        2.0,
-        "errors by which the hold-out is predicted worse with a name it refutes",
-        "Diebold, Mariano 1995",
+        2.0, "errors by which the hold-out is predicted worse with a name it refutes", "Diebold, Mariano 1995"
     )
     free_residual: float = setting(
         2.0,
@@ -85,9 +83,7 @@ class Settings:
         "a guess: right models leave one",
     )
     level_rows: float = setting(
-        5.0,
-        "rows as which the noise's level counts that its spectrum gives",
-        "its scatter between records",
+        5.0, "rows as which the noise's level counts that its spectrum gives", "its scatter between records"
     )
     ratio_step: float = setting(
         1.5, "distance of the ratios of both noises, in their logarithm", "the deviance is smooth: a spline"

@@ -167,11 +167,7 @@ class Direct(Constrained):
         shapes = {**self.shapes, **{k: v for k, v in asked.fixed.items() if k not in offered.symbols}}
         constraints = constraint_map(asked, offered, shapes)
         runs = begin(
-            runs_given,
-            offered,
-            constraints,
-            reference_frequency=self.reference_frequency,
-            shapes=shapes,
+            runs_given, offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
         every = np.ones(len(offered), bool)
         further: RatioAverage | None = None
