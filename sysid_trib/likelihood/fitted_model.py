@@ -83,13 +83,12 @@ class FittedModel:
     @cached_property
     def deviance(self) -> float:
         """Minus twice the logarithm of the likelihood, with what rows of other models resolve otherwise."""
-        ratios = self.likelihood.ratios.tolist()
-        excess = [
-            rows.unresolved(rows.path.tangent(self.trials, self.coefficients, self.stiffness), ratio)
-            for rows, ratio in zip(self.rows, ratios, strict=True)
-            if ratio > 0.0
-        ]
-        return self.likelihood.deviance + float(sum(excess))
+        excess = 0.0
+        for rows, ratio in zip(self.rows, self.likelihood.ratios.tolist(), strict=True):
+            if ratio > 0.0:
+                tangent = rows.path.tangent(self.trials, self.coefficients, self.stiffness)
+                excess += rows.unresolved(tangent, ratio)
+        return self.likelihood.deviance + excess
 
     @property
     def is_finite(self) -> bool:
@@ -128,9 +127,8 @@ class FittedModel:
         """Noise of the sensor in a run, its level that of what the smoothed motion leaves of the record."""
         path = self.rows[run].path
         level = root_mean_square(path.angle - self.sensor_errors(run) - path.at_samples[0])
-        return NoiseModel(
-            level / NoiseModel(1.0, path.sensor.filter_).standard_deviation, path.sensor.filter_
-        )
+        filter_ = path.sensor.filter_
+        return NoiseModel(level / NoiseModel(1.0, filter_).standard_deviation, filter_)
 
     def without_caches(self) -> "FittedModel":
         """The model without what its runs can compute again: many are kept."""
@@ -139,11 +137,9 @@ class FittedModel:
     @property
     def follows(self) -> bool:
         """True if each path is nearer to its record than rest."""
-        near = [
-            np.max(np.abs(run.path.at_samples[0] - run.path.angle)) < np.max(np.abs(run.path.angle))
-            for run in self.rows
-        ]
-        return bool(self.is_finite and all(near))
+        pairs = [(run.path.angle, run.path.at_samples[0]) for run in self.rows]
+        near = (np.max(np.abs(motion - angle)) < np.max(np.abs(angle)) for angle, motion in pairs)
+        return bool(np.isfinite(self.likelihood.deviance) and all(near))
 
     @property
     def without_values(self) -> list[str]:
@@ -189,19 +185,11 @@ class FittedModel:
 
     def shape_errors(self) -> dict[str, float]:
         """Standard errors of the shape parameters, by their names."""
-        errors = np.sqrt(np.diag(self.likelihood.covariance))
-        errors_by_name = {}
+        errors, by_name = np.sqrt(np.diag(self.likelihood.covariance)), dict[str, float]()
         for at, name, column in self.shape_columns:
             trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
-            errors_by_name[key] = float(
-                errors[column] * slope_of_unit(trial.force.shape[name], trial.shapes[key])
-            )
-        return errors_by_name
-
-    def residuals(self) -> list[Array]:
-        """What the model leaves of each run's rows, (row,)."""
-        b = self.likelihood.coefficients
-        return [rows.target - table @ b for rows, table in zip(self.rows, self.tables, strict=True)]
+            by_name[key] = float(errors[column] * slope_of_unit(trial.force.shape[name], trial.shapes[key]))
+        return by_name
 
     def white_residuals(self) -> list[Array]:
         """Residuals, white and of unit variance."""

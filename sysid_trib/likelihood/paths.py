@@ -32,7 +32,7 @@ from sysid_trib.likelihood.linearisation import (
 )
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
-from sysid_trib.likelihood.trials import SurfaceKey, TrialEffect
+from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
 from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
 from sysid_trib.records.signal import unit_of_signal
@@ -264,7 +264,8 @@ class RecordPath:
         return values
 
     @cached_property
-    def _crossings(self) -> dict[SurfaceKey, Mask]:
+    def _crossings(self) -> dict[tuple[str, tuple[float, ...]], Mask]:
+        """Cells that begin on one side of a surface and end on the other, by its text and shape values."""
         return {}
 
     @cached_property
@@ -274,11 +275,12 @@ class RecordPath:
     def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, Array, tuple[Array, Array, Array]]:
         """Cells in which a force switches, tau, and x, v and time in their parts; of the same cells once."""
         tau, x, v, _, time, _ = self.points
-        crossed = np.zeros(len(tau) - 1, dtype=bool)
-        for key, surface in trial.surfaces().items():
+        crossed, shapes = np.zeros(len(tau) - 1, dtype=bool), trial.force.shape_values(trial.shapes)
+        for surface in trial.force.surfaces:
+            key = surface.text, tuple(value for name, value in shapes.items() if name in surface.names)
             if key not in self._crossings:
-                names = {"x": x, "v": v, "t": time} | self.given_at([trial], tau)
-                self._crossings[key] = np.diff(np.signbit(surface(names)))
+                names = {"x": x, "v": v, "t": time} | self.given_at([trial], tau) | shapes
+                self._crossings[key] = np.diff(np.signbit(surface.evaluate(names) + np.zeros(len(tau))))
             crossed |= self._crossings[key]
         packed = np.packbits(crossed).tobytes()
         if packed not in self._cells:
@@ -325,10 +327,9 @@ class RecordPath:
         self, run: xr.Dataset, frequency: float, origin: float, before: xr.Dataset | None = None
     ) -> "RecordPath":
         """The path of another run of the same sensor and the same held forces; `before` as of this one."""
-        time, angle = run.time.values.astype(float), run.angle.values.astype(float)
-        path = path_of(time, angle, frequency, self.sensor, origin, self.settings)
+        path = path_of_run(run, frequency, self.sensor, origin, self.settings)
         earlier = None if before is None else self.of_run(before, frequency, origin)
-        return with_inputs(replace(path, held=self.held, before=earlier), run)
+        return replace(path, held=self.held, before=earlier)
 
 
 def _shapes_of(trials: Iterable[TrialEffect]) -> dict[str, float]:
@@ -336,9 +337,12 @@ def _shapes_of(trials: Iterable[TrialEffect]) -> dict[str, float]:
     return {name: value for trial in trials for name, value in trial.shapes.items()}
 
 
-def with_inputs(path: RecordPath, run: xr.Dataset) -> RecordPath:
-    """The path with what drives its run, and the rows in which it sticks to what moves or is at rest."""
-    inputs = inputs_of(run)
+def path_of_run(
+    run: xr.Dataset, frequency: float, sensor: NoiseModel, origin: float | None, settings: Settings
+) -> RecordPath:
+    """A run as a path, with what drives it, and the rows in which it sticks to what moves or is at rest."""
+    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
+    path, inputs = path_of(time, angle, frequency, sensor, origin, settings), inputs_of(run)
     if not inputs:
         return path
     surfaces = [name for name in inputs if run[name].attrs.get("units") == unit_of_signal(run)]

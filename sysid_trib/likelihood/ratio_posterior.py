@@ -36,6 +36,10 @@ class RatioAverage(NamedTuple):
     covariance: Array
 
 
+# Where the ratios are given, or there are none.
+NOTHING_OPEN = RatioAverage(np.zeros(1), np.zeros((1, 1)))
+
+
 def average_over_ratios(
     rows: Callable[[float], WhiteRows],
     estimate: VarianceRatio,

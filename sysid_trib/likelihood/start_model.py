@@ -20,7 +20,7 @@ from sysid_trib.likelihood.colour import (
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
-from sysid_trib.likelihood.paths import RecordPath, path_of, with_inputs
+from sysid_trib.likelihood.paths import RecordPath, path_of_run
 from sysid_trib.likelihood.run_products import RowNoise, products_of
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows, fractional_difference
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
@@ -219,10 +219,9 @@ def _parameters_of(sensor: NoiseModel) -> int:
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
     """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
-    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
-    tau = frequency * (time - time[0])
+    tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
     sensor = colour_above(angle - smooth(tau, angle).x, tau, ABOVE)
-    return with_inputs(path_of(time, angle, frequency, sensor, settings=settings), run)
+    return path_of_run(run, frequency, sensor, None, settings)
 
 
 def default_shapes(force: Force) -> dict[str, float]:

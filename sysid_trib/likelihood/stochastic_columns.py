@@ -18,7 +18,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.random_force import RandomForceOption
-from sysid_trib.likelihood.ratio_posterior import RatioAverage, average_over_ratios
+from sysid_trib.likelihood.ratio_posterior import NOTHING_OPEN, RatioAverage, average_over_ratios
 from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, motion_of_run, step_in_errors
 from sysid_trib.likelihood.regression import RunRegression, Runs, common_values
 from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, run_weights, solve, stack_rows
@@ -89,10 +89,9 @@ def regress_stochastic(
         if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
         runs = _smoothed(after, weighed, solution)
-    zero = np.zeros_like(solution.covariance)
-    further = RatioAverage(zero[0], zero)
+    further = NOTHING_OPEN
     if isinstance(option, str):
-        further = _average_by_ratios(weighed, solution, active, constraints)
+        further = _average_by_ratios(weighed, active, constraints)
     if step > 1.0:
         change = common_values(after) - common_values(runs)
         further = further._replace(covariance=further.covariance + np.outer(change, change))
@@ -146,7 +145,7 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, residual: Array) ->
 
 
 def _average_by_ratios(
-    weighed: Sequence[WeighedRun], solution: Solution, active: Mask, constraints: ConstraintMap
+    weighed: Sequence[WeighedRun], active: Mask, constraints: ConstraintMap
 ) -> RatioAverage:
     """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself."""
 
@@ -158,10 +157,9 @@ def _average_by_ratios(
         other = solve(stack_rows(runs, rows), runs[0], active, constraints)
         return common_values(other.applied_to(tuple(runs))), other.covariance
 
-    zero = np.zeros_like(solution.covariance)
-    shift, added = zero[0], zero
+    further = NOTHING_OPEN
     for at, (run, _, _, by_ratio) in enumerate(weighed):
         assert run.ratio is not None
         average = average_over_ratios(by_ratio.rows, run.ratio, len(run.time), partial(solved, at))
-        shift, added = shift + average.shift, added + average.covariance
-    return RatioAverage(shift, added)
+        further = RatioAverage(further.shift + average.shift, further.covariance + average.covariance)
+    return further

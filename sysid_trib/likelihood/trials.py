@@ -1,16 +1,14 @@
 """Candidates as trials: each force or sensor effect, at a grid of its shapes; shapes that are frequencies."""
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force, Shape
-from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.notation import reference_powers
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.simulation.stepped_states import is_stepped
@@ -47,13 +45,7 @@ def is_resonance(force: Force, name: str) -> bool:
         shapes = force.shape_values({f"{force.symbol}.{name}": value})
         rest = {"x": 0.0, "v": 0.0, "t": 0.0, **dict.fromkeys((*states, *force.memory), 0.0), **shapes}
         with np.errstate(all="ignore"):
-            jacobian = [
-                [
-                    (float(f.evaluate(rest | {z: 1e-6})) - float(f.evaluate(rest | {z: -1e-6}))) / 2e-6
-                    for z in states
-                ]
-                for f in force.state.values()
-            ]
+            jacobian = [[float(f.derivative(rest, z)) for z in states] for f in force.state.values()]
         if not np.all(np.isfinite(jacobian)):
             return False
         natural = np.abs(np.imag(np.linalg.eigvals(np.reshape(jacobian, (len(states),) * 2))))
@@ -84,8 +76,6 @@ def is_phase(force: Force, name: str) -> bool:
     return bool(np.allclose(turned[0], turned[2]) and not np.allclose(turned[0], turned[1]))
 
 
-# Text and shape values of a switching surface.
-SurfaceKey: TypeAlias = tuple[str, tuple[float, ...]]
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
 # Detunings at which a resonance is looked for where it makes no line of its own, in the swing's.
@@ -102,20 +92,6 @@ class TrialEffect:
     force: Force
     shapes: Mapping[str, float]
     starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
-
-    def surfaces(self) -> dict[SurfaceKey, Callable[[Mapping[str, Array]], Array]]:
-        """Switching surfaces of a force without states, of what formulas hold, by text and shape values."""
-        shapes = self.force.shape_values(self.shapes)
-
-        def value_of(surface: Formula) -> Callable[[Mapping[str, Array]], Array]:
-            return lambda names: np.broadcast_to(surface.evaluate({**names, **shapes}), names["x"].shape)
-
-        return {
-            (surface.text, tuple(value for name, value in shapes.items() if name in surface.names)): value_of(
-                surface
-            )
-            for surface in self.force.surfaces
-        }
 
     def referred(self, factor: float) -> "TrialEffect":
         """The effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
@@ -162,12 +138,9 @@ def trials_of(
     trials = []
     for force in candidates:
         grids = [_grid(force, name, frequencies, w, settings) for name in force.shape]
-        tried = [
-            len(grid)
-            for grid, name in zip(grids, force.shape, strict=True)
-            if is_frequency_parameter(force, name)
-        ]
-        most = max(settings.combinations, max(tried, default=0) * settings.shape_values)
+        pairs = zip(grids, force.shape, strict=True)
+        tried = max((len(grid) for grid, name in pairs if is_frequency_parameter(force, name)), default=0)
+        most = max(settings.combinations, tried * settings.shape_values)
         while np.prod([len(grid) for grid in grids], dtype=int) > most:
             longest = int(np.argmax([len(grid) for grid in grids]))
             grids[longest] = grids[longest][::2]
@@ -229,18 +202,22 @@ def is_wide(shape: Shape) -> bool:
     return shape.low > 0.0 and shape.high > 10.0 * shape.low
 
 
+def _evened(shape: Shape, value: float) -> float:
+    """What of a shape parameter is even over its range."""
+    return float(np.log(value)) if is_wide(shape) else value
+
+
 def from_unit(shape: Shape, part: Array) -> Array:
     """Values of a shape parameter from parts of its range, in which it is even."""
-    if is_wide(shape):
-        return np.asarray(shape.low * (shape.high / shape.low) ** part)
-    return np.asarray(shape.low + part * (shape.high - shape.low))
+    low, high = _evened(shape, shape.low), _evened(shape, shape.high)
+    values = low + part * (high - low)
+    return np.asarray(np.clip(np.exp(values), shape.low, shape.high) if is_wide(shape) else values)
 
 
 def to_unit(shape: Shape, value: float) -> float:
     """Part of its range at which a shape parameter is."""
-    if is_wide(shape):
-        return float(np.log(value / shape.low) / np.log(shape.high / shape.low))
-    return (value - shape.low) / (shape.high - shape.low)
+    low, high = _evened(shape, shape.low), _evened(shape, shape.high)
+    return (_evened(shape, value) - low) / (high - low)
 
 
 def slope_of_unit(shape: Shape, value: float) -> float:

@@ -21,7 +21,7 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.ratio_posterior import RatioAverage
+from sysid_trib.likelihood.ratio_posterior import NOTHING_OPEN, RatioAverage
 from sysid_trib.likelihood.refined_columns import refine_columns
 from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
 from sysid_trib.likelihood.rows import (
@@ -169,31 +169,30 @@ class Direct(Constrained):
         runs = begin(
             runs_given, offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
-        every = np.ones(len(offered), bool)
-        further: RatioAverage | None = None
+        chosen = np.ones(len(offered), bool)
         for _ in range(FIRST_ESTIMATES):
             rows = weak_regression(runs, [linearised(run) for run in runs])
-            after = solve(rows, runs[0], every, constraints).applied_to(runs)
+            after = solve(rows, runs[0], chosen, constraints).applied_to(runs)
             runs = tuple(run.along_own_path() for run in after)
-        if is_fitted(self.random_force) and self._takes_random_force:
-            runs, rows, active, refined, further = _stochastic(self, runs, constraints)
-        elif self.form == "strong":
-            rows, refined = stack_rows(runs, [strong_rows(run) for run in runs]), False
-            active = _selected(self, runs, rows, constraints)
-        else:
-            runs, rows, active, refined = _weak_form(self, runs, constraints)
-            if self.refine and not refined and (nearer := _of_first_half(self, decay, library)) is not None:
-                runs = shifted(runs, nearer - common_values(runs), constraints)
-                runs, rows, refined = refine_columns(
-                    runs, rows, [linearised(run) for run in runs], active, constraints
-                )
+        begun = runs
+        if not self._fits_random_force:
+            rows = self._first_rows(runs)
+            chosen = _selected(self, runs, rows, constraints)
+        # About the motion of the kept forces alone the choice is better founded than about all of them.
+        for _ in range(MAX_SELECTIONS):
+            active = chosen
+            runs, rows, refined, further = self._regressed(begun, runs, rows, active, constraints)
+            chosen = _selected(self, runs, rows, constraints)
+            if np.array_equal(chosen, active):
+                break
+        if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
+            runs = shifted(runs, nearer - common_values(runs), constraints)
+            operators = [linearised(run) for run in runs]
+            runs, rows, refined = refine_columns(runs, rows, operators, active, constraints)
         solution = solve(rows, runs[0], active, constraints)
-        if further is not None:
-            solution = replace(solution, covariance=solution.covariance + further.covariance)
+        solution = replace(solution, covariance=solution.covariance + further.covariance)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
-        runs = solution.applied_to(runs)
-        if further is not None:
-            runs = shifted(runs, further.shift, constraints)
+        runs = shifted(solution.applied_to(runs), further.shift, constraints)
         estimate = _estimate(runs, solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
@@ -204,6 +203,31 @@ class Direct(Constrained):
             kinds = asked.kinds(offered.symbols, [offered.symbols[i] for i in reached])
             result = result.assign_coords(constraint=("force", kinds))
         return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
+
+    @property
+    def _fits_random_force(self) -> bool:
+        return is_fitted(self.random_force) and self._takes_random_force
+
+    def _first_rows(self, runs: Runs) -> Rows:
+        if self.form == "strong":
+            return stack_rows(runs, [strong_rows(run) for run in runs])
+        return weak_regression(runs, [linearised(run) for run in runs])
+
+    def _regressed(
+        self, begun: Runs, runs: Runs, rows: Rows, active: Mask, constraints: ConstraintMap
+    ) -> tuple[Runs, Rows, bool, RatioAverage]:
+        """Runs and rows of the active forces, whether these have settled, what open ratios add."""
+        if self._fits_random_force:
+            return regress_stochastic(begun, active, constraints, self.random_force)
+        if self.form == "strong":
+            return runs, rows, False, NOTHING_OPEN
+        runs, about = solve(rows, runs[0], active, constraints).applied_to(runs), begun
+        if not self.refine:
+            return runs, rows, False, NOTHING_OPEN
+        if not active.all():
+            about = tuple(replace(run, x=at.x, v=at.v) for run, at in zip(runs, begun, strict=True))
+        operators = [linearised(run) for run in about]
+        return *refine_columns(runs, rows, operators, active, constraints), NOTHING_OPEN
 
 
 def _estimate(runs: Runs, solution: Solution) -> Estimate:
@@ -230,47 +254,13 @@ def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
     return {**random_force_variables(forces), **colour_variables([run.sensor.filter_ for run in runs])}
 
 
-def _stochastic(
-    method: Direct, begun: Runs, constraints: ConstraintMap
-) -> tuple[Runs, Rows, Mask, bool, RatioAverage]:
-    """Choose forces with a random force, until the choice stands (see `regress_stochastic`)."""
-    chosen = np.ones(len(begun[0].library), bool)
-    for _ in range(MAX_SELECTIONS):
-        active = chosen
-        runs, rows, settled, further = regress_stochastic(begun, active, constraints, method.random_force)
-        chosen = _selected(method, runs, rows, constraints)
-        if np.array_equal(chosen, active):
-            break
-    return runs, rows, active, settled, further
-
-
-def _weak_form(method: Direct, runs: Runs, constraints: ConstraintMap) -> tuple[Runs, Rows, Mask, bool]:
-    """Choose forces and refine them in turn, until the choice stands; whether the refinement settled."""
-    operators = [linearised(run) for run in runs]
-    rows = weak_regression(runs, operators)
-    chosen = _selected(method, runs, rows, constraints)
-    smoothed = runs
-    # About the motion of the kept forces alone the choice is better founded than about all of them.
-    for _ in range(MAX_SELECTIONS):
-        active = chosen
-        runs = solve(rows, runs[0], active, constraints).applied_to(runs)
-        if not active.all():
-            pairs = zip(runs, smoothed, strict=True)
-            operators = [linearised(replace(run, x=at.x, v=at.v)) for run, at in pairs]
-        refined = False
-        if method.refine:
-            runs, rows, refined = refine_columns(runs, rows, operators, active, constraints)
-        chosen = _selected(method, runs, rows, constraints)
-        if np.array_equal(chosen, active):
-            break
-    return runs, rows, active, refined
-
-
 def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:
     """Coefficients and frequency by the first half of each run, whose motion slips less; None if it does too.
 
     Over many periods a first estimate is soon out of phase.
     """
+    if not method._takes_random_force or method._fits_random_force:
+        return None
     halves = [run.isel(time=slice(run.sizes["time"] // 2)) for run in as_runs(decay, driven=True)]
     try:
         if min(np.ptp(half.time.values) * swing_frequency(half) for half in halves) < FEWEST_RADIANS:
