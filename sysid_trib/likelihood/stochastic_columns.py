@@ -23,7 +23,7 @@ from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, mot
 from sysid_trib.likelihood.regression import RunRegression, Runs, common_values
 from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, run_weights, solve, stack_rows
 from sysid_trib.likelihood.two_noises import WeighedRun, with_noises
-from sysid_trib.likelihood.variance_ratio import VarianceRatio, smoothed_rate_error
+from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.records.smoothing import least_squares_spline
 
 MAX_SMOOTHED_PATHS = 12
@@ -116,7 +116,7 @@ def _about_free_motion(
     if run.ratio is not None:
         # Friction holds a body that rests with what it takes, no more.
         near = free.x, np.where(free.v == 0.0, run.forcing, force)
-        error = smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
+        error = _smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
         expected = run.columns_along(run.x, run.v, error)
         nearby = replace(nearby, x=run.x, v=run.v, columns=expected, near=near)
     # The zero of the sensor is that of the rows, which know the random force.
@@ -163,3 +163,33 @@ def _average_by_ratios(
         average = average_over_ratios(by_ratio.rows, run.ratio, len(run.time), partial(solved, at))
         further = RatioAverage(further.shift + average.shift, further.covariance + average.covariance)
     return further
+
+
+def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
+    """Standard error of v = theta'/w of the smoothed motion, inside of a record.
+
+    Parameters
+    ----------
+    ratio : VarianceRatio
+        Growth q of the variance of v a unit of tau, over the variance of the sensor's noise in a sample.
+    step : float
+        Between two samples, in tau.
+
+    Returns
+    -------
+    float, rad
+        Zero without a random force.
+
+    Notes
+    -----
+    Of an oscillator in white acceleration of (two-sided) spectral density q, in white noise of density
+    r = variance * step, the best smoother leaves in x the spectral density 1/((1 - k^2)^2/q + 1/r)
+    (Wiener 1949), k the frequency. The integral of k^2 times that over dk/(2 pi) is
+    q / (2 sqrt(2 (sqrt(1 + q/r) - 1))): sqrt(q r)/2 where q is small.
+    """
+    by_sample = ratio.ratio / step
+    if by_sample == 0.0:
+        return 0.0
+    # sqrt(1 + z) - 1 without cancellation.
+    excess = by_sample / (np.sqrt(1.0 + by_sample) + 1.0)
+    return float(np.sqrt(ratio.ratio * ratio.variance / (2.0 * np.sqrt(2.0 * excess))))

@@ -20,56 +20,13 @@ from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.regression import RunRegression
 from sysid_trib.likelihood.rows import Rows, deviation_matrix, rows_about
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows
-from sysid_trib.likelihood.variance_ratio import (
-    VarianceRatio,
-    WhiteRows,
-    held_ratio,
-    ratio_span,
-    variance_ratio,
-)
-from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, whitened_by_both
+from sysid_trib.likelihood.variance_ratio import RowsByRatio, VarianceRatio
+from sysid_trib.likelihood.weak_form import coloured
 from sysid_trib.records.smoothing import smooth
 
 # Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
 # they count as so many samples.
 DEGREES_OF_PRIOR = 5
-
-
-class RowsByRatio(NamedTuple):
-    """Rows of one run by the ratio of its two variances, with a sensor's noise of one colour.
-
-    Attributes
-    ----------
-    band, gram : (band, row) array of float
-        Covariance of the rows by the sensor's noise and by the random force, of unit variance.
-    table : (row, column) array of float
-        Free columns, nuisances, target.
-    further : (float, float, float)
-        Further samples of the sensor's noise: how many, the sum of the squares of their innovations (rad^2),
-        and the logarithm of the determinant of their covariance.
-    """
-
-    band: Array
-    gram: Array
-    table: Array
-    further: tuple[float, float, float]
-
-    def rows(self, ratio: float) -> WhiteRows:
-        """White with this ratio."""
-        white, log_determinant = whitened_by_both(self.band, self.gram, ratio, self.table)
-        samples, squares, of_further = self.further
-        # One row has the squares of all further samples.
-        design = np.concatenate([white[:, :-1], np.zeros((1, white.shape[1] - 1))])
-        target = np.append(white[:, -1], np.sqrt(squares))
-        return WhiteRows(target, design, log_determinant + of_further, further=samples - 1.0)
-
-    def factor(self, ratio: float) -> Array:
-        """Cholesky factor of the covariance."""
-        return cholesky_factor(self.band, self.gram, ratio)
-
-    def of_no_force(self) -> VarianceRatio:
-        """A ratio of zero: the sensor's noise without a random force."""
-        return held_ratio(self.rows, 0.0, None)
 
 
 class WeighedRun(NamedTuple):
@@ -143,8 +100,7 @@ class RowsLikelihood:
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
         """Ratio of most likelihood with a sensor's noise; near `start` if that is given."""
         tau = self.run.form.tau
-        low, high = ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau))))
-        return variance_ratio(self.by_ratio(sensor).rows, low, high, start)
+        return self.by_ratio(sensor).likeliest(float(np.ptp(tau)), float(np.median(np.diff(tau))), start)
 
 
 def with_noises(
@@ -177,7 +133,7 @@ def with_noises(
     if not isinstance(option, str):
         per_tau = RandomForce(float(option)).per_tau(run.nominal_frequency)
         last = None if run.ratio is None else run.ratio.variance
-        weighed = replace(run, ratio=held_ratio(likelihood.by_ratio(run.sensor).rows, per_tau, last))
+        weighed = replace(run, ratio=likelihood.by_ratio(run.sensor).held(per_tau, last))
     else:
         likelihood, weighed = _estimated(likelihood, colour)
     by_ratio, ratio = likelihood.by_ratio(weighed.sensor), weighed.ratio
@@ -198,7 +154,7 @@ def _estimated(likelihood: RowsLikelihood, colour: bool) -> tuple[RowsLikelihood
         likelihood = replace(likelihood, shared_level=likelihood.follows)
     ratio = likelihood.ratio(sensor, start)
     if not white:
-        without = likelihood.by_ratio(sensor_alone).of_no_force()
+        without = likelihood.by_ratio(sensor_alone).held(0.0)
         gain = without.deviance - ratio.deviance
         if gain > 0.0 and ratio.ratio > 0.0:
             ratio = replace(ratio, gain=gain)
@@ -239,7 +195,7 @@ def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float 
         return likelihood.ratio(lines.noise(filter_), first.ratio).deviance
 
     def sensor_alone(filter_: Array) -> float:
-        return likelihood.by_ratio(lines.noise(filter_)).of_no_force().deviance
+        return likelihood.by_ratio(lines.noise(filter_)).held(0.0).deviance
 
     def criterion(fit: tuple[Array, float]) -> float:
         return fit[1] + penalty * (len(fit[0]) - 1)

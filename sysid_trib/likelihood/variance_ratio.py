@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
+from sysid_trib.likelihood.weak_form import cholesky_factor, log_determinant, whiten
 
 # Ratios tried: a random walk far below a noise level at the end, and impulses far above it at each sample.
 SMALLEST_WALK = 0.03
@@ -126,6 +127,54 @@ class VarianceRatio:
         return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
 
 
+@dataclass(frozen=True)
+class RowsByRatio:
+    """Rows by the ratio of two variances.
+
+    Attributes
+    ----------
+    band, gram : (band, row) array of float
+        Covariance of the rows by the sensor's noise and by the random force, of unit variance.
+    table : (row, column) array of float
+        Columns, then the target.
+    further : (float, float, float)
+        Further samples of the sensor's noise: how many, the sum of the squares of their innovations (rad^2),
+        and the logarithm of the determinant of their covariance.
+    least_variance : float
+        See `WhiteRows`.
+    """
+
+    band: Array
+    gram: Array
+    table: Array
+    further: tuple[float, float, float] | None = None
+    least_variance: float = 0.0
+
+    def factor(self, ratio: float) -> Array:
+        """Cholesky factor of the covariance."""
+        return cholesky_factor(self.band, self.gram, ratio)
+
+    def rows(self, ratio: float) -> WhiteRows:
+        """White with this ratio."""
+        factor = self.factor(ratio)
+        white, determinant = whiten(factor, self.table), log_determinant(factor)
+        if self.further is None:
+            return WhiteRows(white[:, -1], white[:, :-1], determinant, least_variance=self.least_variance)
+        samples, squares, of_further = self.further
+        # One row has the squares of all further samples.
+        white = np.pad(white, ((0, 1), (0, 0)))
+        white[-1, -1] = np.sqrt(squares)
+        return WhiteRows(white[:, -1], white[:, :-1], determinant + of_further, further=samples - 1.0)
+
+    def likeliest(self, duration: float, step: float, start: float | None = None) -> VarianceRatio:
+        """Ratio of most likelihood in a record of so many tau; see `ratio_span` and `variance_ratio`."""
+        return variance_ratio(self.rows, *ratio_span(duration, step), start)
+
+    def held(self, per_tau: float, variance: float | None = None) -> VarianceRatio:
+        """The ratio where the size of the random force is given; see `held_ratio`."""
+        return held_ratio(self.rows, per_tau, variance)
+
+
 def variance_ratio(
     rows: Callable[[float], WhiteRows], low: float, high: float, start: float | None = None
 ) -> VarianceRatio:
@@ -231,33 +280,3 @@ def _relative_error(
     # `degrees_of_freedom` of curvature.
     variance_of_log_ratio = 2.0 / profile
     return float(np.sqrt((1.0 + slope) ** 2 * variance_of_log_ratio + 2.0 / max(1, degrees_of_freedom)))
-
-
-def smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
-    """Standard error of v = theta'/w of the smoothed motion, inside of a record.
-
-    Parameters
-    ----------
-    ratio : VarianceRatio
-        Growth q of the variance of v a unit of tau, over the variance of the sensor's noise in a sample.
-    step : float
-        Between two samples, in tau.
-
-    Returns
-    -------
-    float, rad
-        Zero without a random force.
-
-    Notes
-    -----
-    Of an oscillator in white acceleration of (two-sided) spectral density q, in white noise of density
-    r = variance * step, the best smoother leaves in x the spectral density 1/((1 - k^2)^2/q + 1/r)
-    (Wiener 1949), k the frequency. The integral of k^2 times that over dk/(2 pi) is
-    q / (2 sqrt(2 (sqrt(1 + q/r) - 1))): sqrt(q r)/2 where q is small.
-    """
-    by_sample = ratio.ratio / step
-    if by_sample == 0.0:
-        return 0.0
-    # sqrt(1 + z) - 1 without cancellation.
-    excess = by_sample / (np.sqrt(1.0 + by_sample) + 1.0)
-    return float(np.sqrt(ratio.ratio * ratio.variance / (2.0 * np.sqrt(2.0 * excess))))

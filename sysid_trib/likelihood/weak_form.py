@@ -280,27 +280,6 @@ def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) 
         raise DecayError("The equations of this record are degenerate; check its sampling.") from None
 
 
-def whitened_by_both(band: Array, gram: Array, ratio: float, table: Array) -> tuple[Array, float]:
-    """A table of rows, white in the noise of the sensor and of a random force.
-
-    Parameters
-    ----------
-    band, gram : (band, row) array of float
-        Covariance of the rows by either, of unit size.
-    ratio : float
-        Of their variances.
-    table : (row, column) array of float
-
-    Returns
-    -------
-    white : (row, column) array of float
-    log_determinant : float
-        Of the covariance.
-    """
-    factor = cholesky_factor(band, gram, ratio)
-    return whiten(factor, table), log_determinant(factor)
-
-
 def log_determinant(factor: Array) -> float:
     """Logarithm of the determinant of a covariance, by its banded Cholesky factor."""
     return 2.0 * float(np.sum(np.log(factor[0])))

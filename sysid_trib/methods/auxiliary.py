@@ -11,14 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.variance_ratio import (
-    VarianceRatio,
-    WhiteRows,
-    held_ratio,
-    ratio_span,
-    variance_ratio,
-)
-from sysid_trib.likelihood.weak_form import whitened_by_both
+from sysid_trib.likelihood.variance_ratio import RowsByRatio, VarianceRatio
 from sysid_trib.methods.half_period_equations import (
     DENSITY,
     Equations,
@@ -202,15 +195,11 @@ def random_force_ratio(
     design = sp.block_diag([group.design for group in groups]).toarray()
     table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
 
-    def rows(ratio: float) -> WhiteRows:
-        columns, determinant = whitened_by_both(noise, gram, ratio, table)
-        # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
-        # half periods may look less noisy by chance: a random force would take what they lack.
-        least = measured.white_noise.item() ** 2
-        return WhiteRows(columns[:, -1], columns[:, :-1], determinant, least_variance=least)
-
+    # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
+    # half periods may look less noisy by chance: a random force would take what they lack.
+    rows = RowsByRatio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)
     if not isinstance(option, str):
-        return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
+        return rows.held(RandomForce(float(option)).per_tau(w))
     times = measured.extremum_time.values
     # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
-    return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), 0.1))
+    return rows.likeliest(w * float(times[-1] - times[0]), 0.1)
