@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,6 @@ from sysid_trib.records.inputs import KnownInput, values_of_inputs
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
-BINDING: dict[type, tuple[int, str]] = {
-    ast.Add: (1, " + "),
-    ast.Sub: (1, " - "),
-    ast.Mult: (2, " "),
-    ast.Div: (2, "/"),
-    ast.Pow: (4, "^"),
-}
 
 
 class ForceFeatures(BaseFeatureLibrary):
@@ -166,31 +160,30 @@ def readable(
     """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
     names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
     names |= {k: f"{value:g}" for k, value in force.shape_values(shapes).items()}
-    return _text(force.formula.tree, names, 2)
+    tree = _Spoken(names).visit(deepcopy(force.formula.tree))
+    text = ast.unparse(tree)
+    for sign, spoken in ((" * ", " "), (" / ", "/"), (" ** ", "^")):
+        text = text.replace(sign, spoken)
+    is_sum = text.startswith("-") or isinstance(getattr(tree, "op", None), ast.Add | ast.Sub)
+    return f"({text})" if is_sum else text
 
 
-def _text(tree: ast.AST, names: Mapping[str, str], binding: int) -> str:
-    """Text of a tree, in brackets if it binds less than `binding`."""
-    match tree:
-        case ast.Constant(value=value):
-            return f"{float(value):.12g}"  # type: ignore[arg-type]
-        case ast.Name(id=name):
-            return names.get(name, name)
-        case ast.UnaryOp(op=op, operand=operand):
-            inner = _text(operand, names, 3)
-            text = f"-{inner}" if isinstance(op, ast.USub) else inner
-            return f"({text})" if binding > 1 else text
-        case ast.BinOp(left=left, op=op, right=right):
-            binds, sign = BINDING[type(op)]
-            # Subtraction and division do not associate to the right, a power not to the left.
-            first = _text(left, names, binds + isinstance(op, ast.Pow))
-            text = first + sign + _text(right, names, binds + isinstance(op, ast.Sub | ast.Div))
-            return f"({text})" if binds < binding else text
-        case ast.Call(func=ast.Name(id=name), args=args):
-            texts = [_text(arg, names, 0) for arg in args]
-            spoken = "sgn" if name == "sign" else name
-            return f"|{texts[0]}|" if name == "abs" else f"{spoken}({', '.join(texts)})"
-    raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
+class _Spoken(ast.NodeTransformer):
+    """What names, numbers and functions of a formula are called, as names of its tree."""
+
+    def __init__(self, names: Mapping[str, str]) -> None:
+        self.names = {**names, "sign": "sgn"}
+
+    def visit_Name(self, node: ast.Name) -> ast.Name:
+        return ast.Name(self.names.get(node.id, node.id))
+
+    def visit_Constant(self, node: ast.Constant) -> ast.Name:
+        return ast.Name(f"{float(node.value):.12g}")  # type: ignore[arg-type]
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        self.generic_visit(node)
+        is_abs = isinstance(node.func, ast.Name) and node.func.id == "abs"
+        return ast.Name(f"|{ast.unparse(node.args[0])}|") if is_abs else node
 
 
 def _check_columns(x: Any, inputs: Sequence[str]) -> None:
