@@ -9,7 +9,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, NoisyRows, SmoothCurve, smooth_curve
+from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records.half_sines import envelope, half_period_responses
 from sysid_trib.records.signal import unit_of_signal
@@ -164,7 +164,9 @@ def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
             rows = period_rows(measured, slopes)
         curves = {
             name: smooth_curve(
-                NoisyRows(position, getattr(rows, name), rows.sensor[name], rows.walk[name]),
+                getattr(rows, name),
+                (rows.sensor[name], rows.walk[name]),
+                position,
                 points,
                 curves[name].bends if curves else None,
                 WALKS if turn == ROUNDS else WALKS[::2],
@@ -225,8 +227,15 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 def backbone_dataset(decay: xr.Dataset, curves: BackboneCurves) -> xr.Dataset:
     """The `backbone` of a decay of which there are the `backbone_curves` already."""
     unit, amplitude = unit_of_signal(decay), np.exp(curves.log_amplitude)
+    rows = curves.rows
+    singles = {
+        f"period_{name}": variable("period", getattr(rows, name), f"{long_name} of a period", units)
+        for name, (long_name, units) in CURVES.items()
+    }
+    amplitudes = np.exp(rows.log_amplitude)
+    singles["period_amplitude"] = variable("period", amplitudes, "amplitude of a period", unit)
     return xr.Dataset(
-        _over_amplitude(curves, amplitude, unit) | _over_time(curves, unit) | _periods(curves.rows, unit),
+        _over_amplitude(curves, amplitude, unit) | _over_time(curves, unit) | singles,
         {"amplitude": variable("amplitude", amplitude, "amplitude", unit)},
         attrs=dict(decay.attrs),
     )
@@ -265,16 +274,6 @@ def _over_time(curves: BackboneCurves, unit: str) -> Variables:
     time = variable("time", measured.extremum_time.values[2:-2], "time", "s")
     name = "amplitude_over_time"
     return _banded(name, "time", (amplitude, error, half), "amplitude over time", unit) | {"time": time}
-
-
-def _periods(rows: PeriodRows, unit: str) -> Variables:
-    """The single periods."""
-    singles = {name: (getattr(rows, name), *labels) for name, labels in CURVES.items()}
-    singles["amplitude"] = (np.exp(rows.log_amplitude), "amplitude", unit)
-    return {
-        f"period_{name}": variable("period", value, f"{long_name} of a period", units)
-        for name, (value, long_name, units) in singles.items()
-    }
 
 
 def _banded(

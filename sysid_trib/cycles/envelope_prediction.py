@@ -15,6 +15,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import CANCELLATION, ROUNDING_ERROR, averages
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import Force
+from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 
 LARGEST_ENVELOPE = 1e3
@@ -67,14 +68,13 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
     a, phase, arrest = _decay(averaged, time - time[0], float(amplitude))
     moving = a > 0
     frequency = averaged.rates(np.where(moving, a, amplitude), time - time[0])[1]
-    values = {
-        "amplitude": (a, "rad", "amplitude of the motion"),
-        "frequency": (np.where(moving, frequency, np.nan), "rad/s", "angular frequency"),
-        "phase": (np.where(moving, phase, np.nan), "rad", "phase since the first time"),
+    data = {
+        "amplitude": variable("time", a, "amplitude of the motion", "rad"),
+        "frequency": variable("time", np.where(moving, frequency, np.nan), "angular frequency", "rad/s"),
+        "phase": variable("time", np.where(moving, phase, np.nan), "phase since the first time", "rad"),
+        "arrest_time": variable((), time[0] + arrest, "time of arrest", "s"),
     }
-    data = {k: ("time", value, {"units": u, "long_name": n}) for k, (value, u, n) in values.items()}
-    end = ((), time[0] + arrest, {"units": "s", "long_name": "time of arrest"})
-    return xr.Dataset(data | {"arrest_time": end}, {"time": ("time", time, {"units": "s"})})
+    return xr.Dataset(data, {"time": ("time", time, {"units": "s"})})
 
 
 @dataclass(frozen=True)

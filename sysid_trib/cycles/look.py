@@ -1,11 +1,12 @@
 """What a record holds before any fit, and which forces its backbone points to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 import xarray as xr
 from scipy.optimize import lsq_linear, nnls
+from scipy.signal import periodogram
 from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
@@ -157,7 +158,10 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     # What was resampled or integrated since has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
-    first, last = (_damping(instants[part], amplitude[part], frequency) for part in _ends(len(instants)))
+    # Instants at either end from which the rate of decay there is taken.
+    count = min(8, max(2, len(instants) // 2))
+    ends = slice(count), slice(len(instants) - count, None)
+    first, last = (_damping(instants[part], amplitude[part], frequency) for part in ends)
     step = sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
     # A step compared with the noise of sixth differences, of a motion that takes many samples to the next
@@ -193,15 +197,6 @@ def _pointers(decay: xr.Dataset) -> dict[str, str]:
     except DecayError:
         formulas, pendulum = (), False
     forces = [force.symbol for formula in formulas if (force := library.role(formula)) is not None]
-    return {
-        "points_to_forces": ",".join(forces),
-        "points_to_system": PENDULUM if pendulum else "",
-        "points_to": _pointer_sentence(formulas, pendulum),
-    }
-
-
-def _pointer_sentence(formulas: Sequence[str], pendulum: bool) -> str:
-    """What is pointed to, in words; nothing if nothing is."""
     friction, elastic = (
         [words[formula] for formula in formulas if formula in words] for words in (FRICTION, ELASTIC)
     )
@@ -210,7 +205,11 @@ def _pointer_sentence(formulas: Sequence[str], pendulum: bool) -> str:
         parts.append("amplitude and frequency as of a pendulum under gravity")
     elif elastic:
         parts.append(f"frequency as of {_listed(elastic)}")
-    return "; ".join(parts)
+    return {
+        "points_to_forces": ",".join(forces),
+        "points_to_system": PENDULUM if pendulum else "",
+        "points_to": "; ".join(parts),
+    }
 
 
 def _without_drift(amplitude: Array) -> Array:
@@ -236,12 +235,6 @@ def _drift(curve: xr.Dataset) -> float:
     return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
 
 
-def _ends(count: int) -> tuple[slice, slice]:
-    # Instants at either end from which the rate of decay there is taken.
-    part = min(8, max(2, count // 2))
-    return slice(0, part), slice(count - part, count)
-
-
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
     """Logarithmic rate of the amplitude over w."""
     good = amplitude > 0.0
@@ -252,12 +245,8 @@ def _damping(time: Array, amplitude: Array, frequency: float) -> float:
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
     """One-sided density, averaged to so many points on a logarithmic axis."""
-    step = float(np.mean(np.diff(time)))
-    window = np.sin(np.pi * np.arange(angle.size) / angle.size) ** 2
-    line = np.fft.rfftfreq(angle.size, step)[1:]
-    power = 2.0 * step * np.abs(np.fft.rfft(window * (angle - angle.mean()))[1:]) ** 2 / np.sum(window**2)
-    # The line of the highest frequency has no mirror image.
-    power[-1] *= 0.5 if angle.size % 2 == 0 else 1.0
+    sampling_rate = 1.0 / float(np.mean(np.diff(time)))
+    line, power = (values[1:] for values in periodogram(angle, sampling_rate, "hann"))
     if line.size > SPECTRUM_POINTS:
         edges = np.unique(np.geomspace(1, line.size, SPECTRUM_POINTS).astype(int)) - 1
         counts = np.diff(np.append(edges, line.size))

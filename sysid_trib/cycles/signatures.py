@@ -21,6 +21,7 @@ from sysid_trib.cycles.steady_cycles import cycles_at
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Force, ShapeValues
 from sysid_trib.forces.formulas import Formula
+from sysid_trib.results.variables import variable
 
 QUARTER = 0.5 * np.pi
 # So much of an average may be rounding of its formula,
@@ -228,13 +229,12 @@ def signature(
         raise UsageError("The amplitude of a signature must be a number or one row of numbers.")
     sine, cosine = averages(force, np.atleast_1d(a), shapes, time)
     dims = ("amplitude",) * a.ndim
-    values = {"sine": sine.reshape(a.shape), "cosine": cosine.reshape(a.shape)}
-    names = {"sine": "mean of h sin phi", "cosine": "mean of h cos phi"}
-    return xr.Dataset(
-        {k: (dims, value, {"units": "rad", "long_name": names[k]}) for k, value in values.items()},
-        {"amplitude": (dims, a, {"units": "rad", "long_name": "amplitude of the cycle"})},
-        {"force": force.symbol, "formula": force.formula.text},
-    )
+    data = {
+        "sine": variable(dims, sine.reshape(a.shape), "mean of h sin phi", "rad"),
+        "cosine": variable(dims, cosine.reshape(a.shape), "mean of h cos phi", "rad"),
+    }
+    at = {"amplitude": variable(dims, a, "amplitude of the cycle", "rad")}
+    return xr.Dataset(data, at, {"force": force.symbol, "formula": force.formula.text})
 
 
 def averages(

@@ -28,25 +28,6 @@ ROUNDING_PART = 1e-10
 
 
 @dataclass(frozen=True)
-class NoisyRows:
-    """Values of a curve along a coordinate, with noise.
-
-    Attributes
-    ----------
-    position : (row,) array of float
-        From 0 to 1.
-    target : (row,) array of float
-    sensor, walk : (row, draw) sparse array of float
-        How unit draws move the rows: of the sensor's noise, which is at least of size one, and of a walk.
-    """
-
-    position: Array
-    target: Array
-    sensor: sp.csr_matrix
-    walk: sp.csr_matrix
-
-
-@dataclass(frozen=True)
 class SmoothCurve:
     """A curve at points, with its errors.
 
@@ -96,33 +77,40 @@ class _WhitePeriods:
         determinant = self.determinant + np.log1p(information).sum(axis=1) - 0.5 * np.log(bends)
         return count * np.log(variance) + squares / variance + determinant, variance
 
+    def curve(self, at: Array, bend: float) -> tuple[Array, Array]:
+        """The curve at points with bends of a size: a root of its covariance at unit noise, and its gain.
 
-@dataclass(frozen=True)
-class _Likely:
-    """One size of the bends and one ratio that are likely: their weight, variance, and curve."""
+        Both (point, direction); the gain takes `across` to the curve.
+        """
+        shrunk = bend / (1.0 + bend * self.information)
+        along = (at[:, 2:] - at[:, :2] @ self.line[:, 2:]) @ self.axes
+        line = at[:, :2] @ self.line[:, :2]
+        return np.hstack([along * np.sqrt(shrunk), line]), np.hstack([along * shrunk, line])
 
-    weight: float
-    variance: float
-    root: Array
-    gain: Array
-    rows: _WhitePeriods
-
-    @property
-    def mean(self) -> Array:
-        return self.gain @ self.rows.across
+    def expected_bends(self, bend: float, variance: float) -> Array:
+        """Expected squares of the bends, given the rows."""
+        shrunk = bend / (1.0 + bend * self.information)
+        return (self.axes @ (shrunk * self.score)) ** 2 + variance * (self.axes**2 @ shrunk)
 
 
 def smooth_curve(
-    rows: NoisyRows, points: Array, bends: Array | None = None, walks: Array = WALKS
+    target: Array,
+    noise: tuple[sp.csr_matrix, sp.csr_matrix],
+    position: Array,
+    points: Array,
+    bends: Array | None = None,
+    walks: Array = WALKS,
 ) -> SmoothCurve:
     """The curve through rows, its standard error, and the band that holds all of it.
 
     Parameters
     ----------
-    rows : NoisyRows
-        Three at least.
-    points : (point,) array of float
-        Positions at which it is wanted.
+    target : (row,) array of float
+        Values of the curve with noise; three at least.
+    noise : two (row, draw) sparse arrays of float
+        How unit draws move the rows: of the sensor's noise, which is at least of size one, and of a walk.
+    position, points : (row,) and (point,) arrays of float
+        Where the rows are along the curve, and where it is wanted, from 0 to 1.
     bends : (bend,) array of float, optional
         Relative variances of the bends, from a round before; all alike without it.
     walks : (walk,) array of float
@@ -130,12 +118,12 @@ def smooth_curve(
     """
     relative = np.ones(CURVE_SPLINES - 2) if bends is None else bends
     scale = np.concatenate([[1.0, 1.0], np.sqrt(relative)])
-    columns, at = (_line_and_bends(where) * scale for where in (rows.position, points))
-    sensor, walk = _bands(rows.sensor, rows.walk)
-    count = len(rows.target) - 2
-    unit = float(np.median(sensor[0]) / np.median(np.sum(_line_and_bends(rows.position)[:, 2:] ** 2, axis=1)))
+    columns, at = (_line_and_bends(where) * scale for where in (position, points))
+    sensor, walk = _bands(*noise)
+    count = len(target) - 2
+    unit = float(np.median(sensor[0]) / np.median(np.sum(_line_and_bends(position)[:, 2:] ** 2, axis=1)))
     per_walk = float(np.median(sensor[0] / np.maximum(walk[0], np.finfo(float).tiny)))
-    white = [_whitened(sensor + ratio * per_walk * walk, columns, rows.target) for ratio in walks]
+    white = [_whitened(sensor + ratio * per_walk * walk, columns, target) for ratio in walks]
     tried = [part.deviances(BENDS * unit, count) for part in white]
     # A walk as well is of a prior flat in its standard deviation.
     prior = 0.5 * np.log(np.append(0.5 * walks[1], walks[1:]))
@@ -144,17 +132,12 @@ def smooth_curve(
     # Likelihoods below this part of the greatest do not count.
     weight[weight < 0.01] = 0.0
     weight /= weight.sum()
+    k, b = np.unravel_index(int(np.argmax(weight)), weight.shape)
+    expected = white[k].expected_bends(float(BENDS[b] * unit), float(tried[k][1][b]))
     # The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise
     # (Hall 1992).
-    likely = [
-        _likely(weight[k, b], tried[k][1][b], white[k], at, 10.0 * BENDS[b] * unit)
-        for k, b in np.argwhere(weight)
-    ]
-    best = np.unravel_index(int(np.argmax(weight)), weight.shape)
-    expected = _expected_bends(
-        white[best[0]], float(BENDS[best[1]] * unit), float(tried[best[0]][1][best[1]])
-    )
-    return _averaged(likely, count, _smoothed(expected * relative))
+    likely = [(white[k], tried[k][1][b], 10.0 * BENDS[b] * unit) for k, b in np.argwhere(weight)]
+    return _averaged(weight[weight > 0.0], likely, at, count, _smoothed(expected * relative))
 
 
 def _line_and_bends(position: Array) -> Array:
@@ -206,20 +189,6 @@ def _whitened(band: Array, columns: Array, target: Array) -> _WhitePeriods:
     )
 
 
-def _likely(weight: float, variance: float, rows: _WhitePeriods, at: Array, bend: float) -> _Likely:
-    shrunk = bend / (1.0 + bend * rows.information)
-    along = (at[:, 2:] - at[:, :2] @ rows.line[:, 2:]) @ rows.axes
-    line = at[:, :2] @ rows.line[:, :2]
-    root, gain = np.hstack([along * np.sqrt(shrunk), line]), np.hstack([along * shrunk, line])
-    return _Likely(weight, variance, root, gain, rows)
-
-
-def _expected_bends(rows: _WhitePeriods, bend: float, variance: float) -> Array:
-    """Expected squares of the bends, given the rows."""
-    shrunk = bend / (1.0 + bend * rows.information)
-    return (rows.axes @ (shrunk * rows.score)) ** 2 + variance * (rows.axes**2 @ shrunk)
-
-
 def _smoothed(bends: Array) -> Array:
     """Relative variances: the mean over neighbours, their own mean one, none far below it."""
     kernel = np.ones(NEAREST)
@@ -227,29 +196,43 @@ def _smoothed(bends: Array) -> Array:
     return LEAST_BEND + (1.0 - LEAST_BEND) * local / local.mean()
 
 
-def _averaged(likely: Sequence[_Likely], count: int, bends: Array) -> SmoothCurve:
-    """The mean over what is likely, and draws from it for the band."""
-    means = [part.mean for part in likely]
-    mean = np.sum([part.weight * m for part, m in zip(likely, means, strict=True)], axis=0)
-    variance = np.sum(
-        [
-            part.weight * (part.variance * np.sum(part.root**2, axis=1) + (m - mean) ** 2)
-            for part, m in zip(likely, means, strict=True)
-        ],
-        axis=0,
-    )
-    error = np.sqrt(variance)
+def _averaged(
+    weight: Array, likely: Sequence[tuple[_WhitePeriods, float, float]], at: Array, count: int, bends: Array
+) -> SmoothCurve:
+    """The mean over what is likely, and draws from it for the band.
+
+    Parameters
+    ----------
+    weight : (likely,) array of float
+    likely : sequence of (_WhitePeriods, float, float)
+        Rows of one ratio, their variance, and a size of the bends.
+    at : (point, column) array of float
+    count : int
+        Degrees of freedom of the variances.
+    bends : (bend,) array of float
+        For another round.
+    """
+    roots, gains = zip(*(rows.curve(at, bend) for rows, _, bend in likely), strict=True)
+    means = np.array([gain @ rows.across for gain, (rows, *_) in zip(gains, likely, strict=True)])
+    variances = np.array([variance for _, variance, _ in likely])
+    mean = np.sum(weight[:, None] * means, axis=0)
+    squares = np.array([np.sum(root**2, axis=1) for root in roots])
+    variance_of = variances[:, None] * squares + (means - mean) ** 2
+    error = np.sqrt(np.sum(weight[:, None] * variance_of, axis=0))
     random = np.random.default_rng(0)
-    draws = random.multinomial(BAND_DRAWS, [part.weight for part in likely])
-    apart = []
-    for part, m, several in zip(likely, means, draws, strict=True):
+    draws, apart = random.multinomial(BAND_DRAWS, weight), []
+    for root, variance, m, several in zip(roots, variances, means, draws, strict=True):
         # The variance is known by so many degrees of freedom.
-        size = np.sqrt(np.maximum(1.0, part.variance * count / random.chisquare(count, several)))
-        bent = part.root @ random.standard_normal((part.root.shape[1], several)) * size
+        size = np.sqrt(np.maximum(1.0, variance * count / random.chisquare(count, several)))
+        bent = root @ random.standard_normal((root.shape[1], several)) * size
         apart.append((bent.T + (m - mean)) / error)
-    noise = np.sqrt(sum(part.weight * part.variance for part in likely))
     factor = simultaneous_factor(np.concatenate(apart))
-    return SmoothCurve(mean, error, factor, _weights(likely), float(noise), bends)
+    of_rows = [
+        part * dtbtrs(rows.factor, (gain @ rows.under).T, uplo="L", trans="T")[0].T
+        for part, gain, (rows, *_) in zip(weight, gains, likely, strict=True)
+    ]
+    noise = float(np.sqrt(weight @ variances))
+    return SmoothCurve(mean, error, factor, np.sum(of_rows, axis=0), noise, bends)
 
 
 def simultaneous_factor(apart: Array) -> float:
@@ -266,17 +249,3 @@ def simultaneous_factor(apart: Array) -> float:
     """
     largest = np.max(np.nan_to_num(np.abs(apart)), axis=1)
     return float(np.quantile(largest, BAND_PROBABILITY))
-
-
-def _weights(likely: Sequence[_Likely]) -> Array:
-    """How each row moves the mean."""
-    gains: dict[int, tuple[_WhitePeriods, Array]] = {}
-    for part in likely:
-        before = gains[id(part.rows)][1] if id(part.rows) in gains else 0.0
-        gains[id(part.rows)] = (part.rows, before + part.weight * part.gain)
-    return np.sum([_unwhitened(rows, gain @ rows.under) for rows, gain in gains.values()], axis=0)
-
-
-def _unwhitened(rows: _WhitePeriods, weights: Array) -> Array:
-    """Weights of the rows whose white ones have the given weights: weights @ factor^-1."""
-    return np.asarray(dtbtrs(rows.factor, weights.T, uplo="L", trans="T")[0].T)

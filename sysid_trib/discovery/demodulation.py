@@ -107,7 +107,7 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
         `parts` of which the residual is made beyond the noise, largest first, and `where` it acts.
     """
     departures = [
-        (departure_time(run.time, run.residual, run.noise.standard_deviation, half_period(run.x)), at)
+        (departure_time(run.time, run.residual, run.noise.standard_deviation, half_period(run.motion.x)), at)
         for at, run in enumerate(runs)
     ]
     first = min((pair for pair in departures if np.isfinite(pair[0])), default=(np.nan, 0))
@@ -131,7 +131,7 @@ def _demodulated(number: int, run: FreeMotion) -> dict[str, Array]:
     """The residual of a run span by span: its terms, and the errors of these by `... error`."""
     # After its stop a motion has no phase.
     moving, residual, noise = run.moving, run.residual, run.noise
-    x, v = run.x[:moving], run.v[:moving]
+    x, v = run.motion.x[:moving], run.motion.v[:moving]
     phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
     # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.

@@ -2,8 +2,8 @@
 
 import json
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -131,25 +131,12 @@ def discover(
             "A candidate is weighed by the restoring force, which this body has none of; identify it with "
             "forces that may act, and compare the residuals."
         )
-    how = _Search(reference_frequency, refit, time_limit, settings, tell)
+    how = (reference_frequency, refit, time_limit, settings, tell)
     return _discovery(decay, model_forces, candidates, constraints, holdout, how)
 
 
-@dataclass(frozen=True)
-class _Search:
-    """How is searched: the arguments of `discover` that are no forces and no records."""
-
-    reference_frequency: float | None
-    refit: bool
-    time_limit: float
-    settings: Settings
-    tell: Tell
-
-    def options(self, settings: Settings, constraints: ConstraintTable) -> str:
-        """As JSON, with what of the settings is an argument too."""
-        options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-        options |= {"refit": self.refit, "reference_frequency": self.reference_frequency}
-        return json.dumps(options | {"constraints": dict(constraints)})
+# Frequency that is held, whether models are refitted, time limit, settings, and whom to tell.
+_How = tuple[float | None, bool, float, Settings, Tell]
 
 
 @in_units_of_the_motion
@@ -159,17 +146,20 @@ def _discovery(
     candidates: ForceLibrary,
     constraints: ConstraintTable,
     holdout: Decays,
-    how: _Search,
+    how: _How,
 ) -> xr.DataTree:
-    reference_frequency, settings, tell = how.reference_frequency, how.settings, how.tell
-    deadline = time.monotonic() + how.time_limit
+    reference_frequency, refit, time_limit, settings, tell = how
+    deadline = time.monotonic() + time_limit
     whole = as_runs(decay, driven=True)
     model, free, held = _start_forces(model_forces, reference_frequency, Constraints(constraints))
     offered, left_out = _offered(model_forces, candidates, inputs_of(whole[0]))
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
-    settings = _for_inputs(settings, [*whole, *unseen], replace(model, forces=(*model, *offered)))
+    taken = replace(model, forces=(*model, *offered))
+    if any(inputs_for(run, taken) for run in (*whole, *unseen)):
+        # A driven record may have few samples a period: so many points between them no force asks for.
+        settings = replace(settings, points_per_period=settings.points_per_period // 2)
     parts = search_parts(whole, unseen, settings.samples_per_period)
     seen = [part.record for part in parts.learnt]
     tell("fit of the start model")
@@ -179,7 +169,7 @@ def _discovery(
     done = _or_coloured_noise(Fits(start, offered.forces, deadline), growth, tell)
     done = _best_by_holdout(done, growth, tell)
     closing = _closing_effect(done, growth)
-    if how.refit and not unseen:
+    if refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, parts) for model in done.models])
         seen = parts.runs
@@ -189,11 +179,13 @@ def _discovery(
     for name, at in zip(group_names("record", len(seen)), of_seen, strict=True):
         groups[name].attrs["kept_window"] = whole[at].time.values[[0, -1]]
     tree = xr.DataTree.from_dict(groups)
+    options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
+    options |= {"refit": refit, "reference_frequency": reference_frequency, "constraints": dict(constraints)}
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
         **provenance(None, one_or_all(parts.runs), model),
         "method": "discover",
-        "options": how.options(settings, constraints),
+        "options": json.dumps(options),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         "verdict": verdict_of(done, closing),
@@ -201,7 +193,7 @@ def _discovery(
         "not_improving": _not_improving(done),
         "noise_p_value": done.noise_p_value,
         "converged": str(done.converged),
-        "out_of_time": f"{how.time_limit:g} s" if done.out_of_time else "",
+        "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
         "left_out": left_out,
         "failed_fits": done.failed,
@@ -260,15 +252,6 @@ def _or_coloured_noise(fits: Fits, growth: Growth, tell: Tell) -> Search:
     again = search(other_fits, begin=begin, growth=Growth(growth.runs, growth.predict), tell=tell)
     fewer = outside * (len(again.effects) < len(done.effects))
     return again if with_colour(again.models[-1]) < with_colour(last) + fewer else done
-
-
-def _for_inputs(settings: Settings, runs: Sequence[xr.Dataset], library: ForceLibrary) -> Settings:
-    """The settings of a search in these runs, whose inputs the forces take.
-
-    A driven record may have few samples a period: so many points between them no force asks for.
-    """
-    driven = [bool(inputs_for(run, library)) for run in runs]
-    return replace(settings, points_per_period=settings.points_per_period // (1 + any(driven)))
 
 
 def _foresight(start: FittedModel, parts: SearchParts) -> Callable[[FittedModel], Prediction]:

@@ -32,29 +32,27 @@ class FreeMotion:
     Attributes
     ----------
     time : (sample,) array of float, s
-    x, v : (sample,) array of float, rad
-        theta and theta'/w of the model.
+    motion : FittedMotion
+        Of the model, with its start and the sensor's zero.
     residual : (sample,) array of float, rad
         Record minus model, errors of the sensor and its zero included.
-    start : (float, float), rad and rad/s
-    zero : float, rad
-        Of the sensor.
-    moving : int
-        Samples before the motion stops.
     noise : NoiseModel
         Of the sensor.
     model : Model
     """
 
     time: Array
-    x: Array
-    v: Array
+    motion: FittedMotion
     residual: Array
-    start: tuple[float, float]
-    zero: float
-    moving: int
     noise: NoiseModel
     model: Model
+
+    @property
+    def moving(self) -> int:
+        """Samples before the motion stops."""
+        if not np.isfinite(self.motion.stop_time):
+            return len(self.time)
+        return max(2, int(np.searchsorted(self.time, self.motion.stop_time)))
 
     @property
     def over_noise(self) -> float:
@@ -104,28 +102,25 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         # A model without a motion of its own has that which the record leaves it.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
     error = _sensor_error(model, path.elapsed, motion.x, motion.v)
-    moving = len(path.time)
-    if np.isfinite(motion.stop_time):
-        moving = max(2, int(np.searchsorted(path.time, motion.stop_time)))
-    return FreeMotion(
-        path.time,
-        motion.x,
-        motion.v,
-        path.angle - motion.offset - error - motion.x,
-        (motion.angle, motion.rate),
-        motion.offset,
-        moving,
-        noise,
-        model,
-    )
+    return FreeMotion(path.time, motion, path.angle - motion.offset - error - motion.x, noise, model)
 
 
 def _sensor_error(model: Model, elapsed: Array, x: Array, v: Array) -> Array:
-    terms = [
-        model.coefficients[force.symbol] * force.value(x, v, elapsed, shapes=model.shapes)
-        for force in model.sensors
+    total = np.zeros_like(x)
+    for force in model.sensors:
+        total = total + model.coefficients[force.symbol] * force.value(x, v, elapsed, shapes=model.shapes)
+    return total
+
+
+def random_forces(model: FittedModel) -> list[RandomForce]:
+    """The random force of a model in each of its runs."""
+    of_fit, frequency = model.likelihood, model.rows[0].path.frequency
+    densities = [RandomForce.density_of(q, frequency) for q in (of_fit.ratios * of_fit.variances).tolist()]
+    parts = zip(densities, of_fit.ratio_errors, of_fit.gains, strict=True)
+    return [
+        RandomForce(density, density * error, RandomForce.p_value_of_gain(gain))
+        for density, error, gain in parts
     ]
-    return np.asarray(np.sum(terms, axis=0)) if terms else np.zeros_like(x)
 
 
 def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:
@@ -150,25 +145,12 @@ def model_identification(
     from sysid_trib.methods.direct import Direct
 
     identified = model_of_fit(model)
-    forces = [
-        RandomForce(
-            RandomForce.density_of(ratio * variance, identified.reference_frequency),
-            RandomForce.density_of(ratio * variance, identified.reference_frequency) * error,
-            RandomForce.p_value_of_gain(gain),
-        )
-        for ratio, variance, error, gain in zip(
-            model.likelihood.ratios,
-            model.likelihood.variances,
-            model.likelihood.ratio_errors,
-            model.likelihood.gains,
-            strict=True,
-        )
-    ]
     levels = [motion.noise.standard_deviation for motion in motions]
     expected = root_mean_square([rows.path.sensor.standard_deviation for rows in model.rows])
+    starts = [(of_run.motion.angle, of_run.motion.rate) for of_run in motions]
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (root_mean_square(levels) / expected, "1", "sensor's noise over that of its spectrum"),
-        **start_variables([motion.start for motion in motions], [motion.zero for motion in motions]),
+        **start_variables(starts, [of_run.motion.offset for of_run in motions]),
     }
     fixed = {trial.force.symbol: coefficient for trial, coefficient in model.rows[0].path.held}
     values = np.append(model.coefficients, list(fixed.values()))
@@ -178,15 +160,12 @@ def model_identification(
     covariance[np.ix_(free, free)] = total_covariance(model, widening, model_error)
     estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra)
     method = Direct(frequency, shapes=dict(identified.shapes), constraints=fixed, random_force="estimated")
-    result = identification(
-        method, one_or_all(list(runs)), identified.library, estimate, offered=identified.library
-    )
+    library = identified.library
+    result = identification(method, one_or_all(list(runs)), library, estimate, offered=library)
     if fixed:
-        result = result.assign_coords(
-            constraint=("force", Constraints(fixed).kinds(identified.library.symbols))
-        )
+        result = result.assign_coords(constraint=("force", Constraints(fixed).kinds(library.symbols)))
     filters = [rows.path.sensor.filter_ for rows in model.rows]
-    result = result.assign(random_force_variables(forces) | colour_variables(filters))
+    result = result.assign(random_force_variables(random_forces(model)) | colour_variables(filters))
     if "shape" in result:
         errors = model.shape_errors()
         fitted = [widening * errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]

@@ -29,7 +29,7 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
         `x` and `v` (rad); over both `force` as a part of I w^2 (nan without samples), its `standard_error` by
         the noise alone, and the number of `samples`.
     """
-    cells = [(run.x, run.v, _force(run), _force_of_noise(run)) for run in runs]
+    cells = [(run.motion.x, run.motion.v, _force(run), _force_of_noise(run)) for run in runs]
     x, v, force, drawn = (np.concatenate(part, axis=-1) for part in zip(*cells, strict=True))
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, CELLS + 1)
@@ -51,14 +51,14 @@ def _force(run: FreeMotion) -> Array:
 
     Both motions are smoothed alike, so that what smoothing takes from them cancels.
     """
-    model, time = run.model, run.time - run.time[0]
+    model, motion, time = run.model, run.motion, run.time - run.time[0]
     tau = model.reference_frequency * time
     angle, rate, curvature, _ = smooth(tau, run.residual)
     asked = -(curvature + angle)
     for force in model.library:
         if force.memoryless and force.kind == "force":
             with_residual, without = (
-                force.value(run.x + part * angle, run.v + part * rate, time, shapes=model.shapes)
+                force.value(motion.x + part * angle, motion.v + part * rate, time, shapes=model.shapes)
                 for part in (1.0, 0.0)
             )
             asked = asked - model.coefficients.get(force.symbol, 0.0) * (with_residual - without)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
+from scipy.linalg.lapack import dpstrf as pstrf
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
@@ -23,10 +24,30 @@ from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 FAMILIES = 2
 # In the second of these.
 OMNIBUS_TESTS = 4
+# Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
+NOISE_DRAWS, TAIL = 4000, 0.01
 TRIAL_POWERS = range(4)
 TRIAL_HARMONICS = range(1, 5)
 # Draws from which mean and variance of the gain are known to a sixth.
 ROWS_OF_NOISE = 60
+
+
+def independent_tests(correlation: Array, seed: int = 0) -> float:
+    """Number of independent tests whose largest score is as large as that of these correlated ones.
+
+    The quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
+    """
+    if not len(correlation):
+        return 1.0
+    # Columns that are nearly alike need few draws; in which order they come is of no account.
+    # Part of the variance of a column that those before it leave, below which it is a mixture of these.
+    whole, _, rank, _ = pstrf(correlation, tol=1e-4, lower=True)
+    factor = np.tril(whole)[:, :rank]
+    # What rounding has left of columns that the model can nearly make may correlate by more than one.
+    factor /= np.maximum(1.0, np.linalg.norm(factor, axis=1))[:, None]
+    draws = np.random.default_rng(seed).standard_normal((NOISE_DRAWS, rank)) @ factor.T
+    largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - TAIL)
+    return max(1.0, TAIL / (2.0 * float(norm.sf(largest))))
 
 
 def corrected(p_value: float) -> float:

@@ -6,12 +6,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.lapack import dpstrf as pstrf
 from scipy.signal import find_peaks
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.discovery.omnibus_test import FAMILIES, omnibus, trial_columns
+from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.discovery.single_columns import (
     are_known_finely,
@@ -32,8 +31,6 @@ from sysid_trib.likelihood.trials import TrialEffect, frequencies_of, has_freque
 from sysid_trib.records.decay import root_mean_square
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
-# Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
-NOISE_DRAWS, TAIL = 4000, 0.01
 NOT_FINITE = "it is not finite on this motion"
 TOO_FINE = "not testable on this record: it acts more finely than the motion is known beside a random force"
 
@@ -276,24 +273,6 @@ def _tried(
         return trials, columns
     further = [rows.coarse_columns(tops) for rows in model.rows]
     return [*trials, *tops], [np.column_stack(pair) for pair in zip(columns, further, strict=True)]
-
-
-def independent_tests(correlation: Array, seed: int = 0) -> float:
-    """Number of independent tests whose largest score is as large as that of these correlated ones.
-
-    The quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
-    """
-    if not len(correlation):
-        return 1.0
-    # Columns that are nearly alike need few draws; in which order they come is of no account.
-    # Part of the variance of a column that those before it leave, below which it is a mixture of these.
-    whole, _, rank, _ = pstrf(correlation, tol=1e-4, lower=True)
-    factor = np.tril(whole)[:, :rank]
-    # What rounding has left of columns that the model can nearly make may correlate by more than one.
-    factor /= np.maximum(1.0, np.linalg.norm(factor, axis=1))[:, None]
-    draws = np.random.default_rng(seed).standard_normal((NOISE_DRAWS, rank)) @ factor.T
-    largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - TAIL)
-    return max(1.0, TAIL / (2.0 * float(norm.sf(largest))))
 
 
 def _lines(model: FittedModel) -> list[float]:

@@ -235,21 +235,9 @@ def base_of(model: FittedModel, effects: Sequence[str] = ()) -> Array:
 def outside_of(
     model: FittedModel, columns: Sequence[Array], base: Array | None = None
 ) -> tuple[Array, Array]:
-    """What of columns is outside of the model's, and which part of each.
+    """What of columns is outside of the model's, (row, column) in units of the noise, and which part of each.
 
-    Parameters
-    ----------
-    model : FittedModel
-    columns : sequence of (row, column) array of float
-        Of each run.
-    base : (row, base_column) array of float, optional
-        Of the model's columns, or of some: `base_of`; by default of all.
-
-    Returns
-    -------
-    outside : (row, column) array of float
-        In units of the noise.
-    part : (column,) array of float
+    `columns` : (row, column) of each run. `base` : of the model's columns, or of some; by default of all.
     """
     base = base_of(model) if base is None else base
     white = np.vstack(
@@ -267,13 +255,8 @@ def known_finely(
 ) -> Mask:
     """True if columns are the same along a motion that is as likely, (column,).
 
-    Parameters
-    ----------
-    model : FittedModel
-    columns, aside : sequence of (row, column) array of float
-        Of each run, along its path and along one of `model.possible_rows`.
-    effects : sequence of str
-        Of the model, which these may replace: with them they need not be told apart.
+    `columns`, `aside` : (row, column) of each run, along its path and along one of `model.possible_rows`;
+    `effects` : of the model, which these may replace: with them they need not be told apart.
 
     Notes
     -----

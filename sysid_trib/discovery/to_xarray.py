@@ -13,7 +13,13 @@ from scipy.stats import norm
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.demodulation import demodulate
 from sysid_trib.discovery.fits import credible, probabilities
-from sysid_trib.discovery.free_motion import FreeMotion, free_motions, model_identification, total_covariance
+from sysid_trib.discovery.free_motion import (
+    FreeMotion,
+    free_motions,
+    model_identification,
+    random_forces,
+    total_covariance,
+)
 from sysid_trib.discovery.missing_force import detectability
 from sysid_trib.discovery.omnibus_test import trial_names
 from sysid_trib.discovery.parts import costs_in_parts, error_of_model, homogeneity, probabilities_in_parts
@@ -22,7 +28,6 @@ from sysid_trib.discovery.search import Search
 from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import PAIR, PAIRS
 from sysid_trib.results.variables import described, group_names
@@ -168,10 +173,10 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
         "worsens_holdout": improved < -final.settings.refuted,
     }
     residuals = [np.concatenate([run.residual for run in of_model]) for of_model in motions]
-    of_models = {
+    of_models: dict[str, list[Any]] = {
         "residual": [root_mean_square(residual) for residual in residuals],
         "whitened_residual": _whitened(search),
-        "random_force": [_density(model) for model in search.models],
+        "random_force": [np.mean([f.density for f in random_forces(model)]) for model in search.models],
     }
     for name, of_each in of_models.items():
         values |= {f"{name}_before": of_each[:-1], f"{name}_after": of_each[1:]}
@@ -187,12 +192,6 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
         values["competing_shape"] = np.transpose([*competing.values()])
         coords["competing_shape_parameter"] = list(competing)
     return _group("steps", values, coords, {"count": len(places)})
-
-
-def _density(model: FittedModel) -> float:
-    """Density of the random force, mean over the runs."""
-    per_tau = float(np.mean(model.likelihood.ratios * model.likelihood.variances))
-    return RandomForce.density_of(per_tau, model.rows[0].path.frequency)
 
 
 def _whitened(search: Search) -> list[float]:

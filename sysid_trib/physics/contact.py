@@ -5,7 +5,7 @@ import xarray as xr
 from scipy.stats import norm
 
 from sysid_trib.errors import UsageError
-from sysid_trib.physics.model_estimate import model_estimate, propagate_measured
+from sysid_trib.physics.model_estimate import model_estimate, of_measured
 from sysid_trib.results.effects import significant
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import variable, with_error
@@ -53,18 +53,14 @@ def contact_stiffness(
                 "Give an identification, whose asymptotic frequency has its error, or a frequency with "
                 "frequency_standard_error."
             )
-        w_inf = float(frequency.asymptotic_frequency.item())
-        frequency_standard_error = float(frequency.asymptotic_frequency_standard_error.item())
-    else:
-        w_inf = frequency
-    stiffness = propagate_measured(
+        frequency_standard_error = frequency.asymptotic_frequency_standard_error.item()
+        frequency = float(frequency.asymptotic_frequency.item())
+    return of_measured(
         lambda z: z[2] * (z[0] ** 2 - z[1] ** 2),
-        ("frequency", w_inf, frequency_standard_error),
+        ("contact_stiffness", "torsional stiffness of the contact", "N m"),
+        ("frequency", frequency, frequency_standard_error),
         ("frequency without contact", omega0, omega0_standard_error),
         ("inertia", inertia, inertia_standard_error),
-    )
-    return xr.Dataset(
-        with_error("contact_stiffness", (), stiffness, "torsional stiffness of the contact", "N m")
     )
 
 
@@ -98,13 +94,11 @@ def sphere_stiffness(
     UsageError
         A quantity that is not positive.
     """
-    stiffness = propagate_measured(
+    return of_measured(
         lambda z: 16.0 * z[0] * z[1] ** 3 / 3.0,
+        ("contact_stiffness", "torsional stiffness of the sphere", "N m"),
         ("shear modulus", shear_modulus, shear_modulus_standard_error),
         ("contact radius", contact_radius, contact_radius_standard_error),
-    )
-    return xr.Dataset(
-        with_error("contact_stiffness", (), stiffness, "torsional stiffness of the sphere", "N m")
     )
 
 
@@ -176,9 +170,9 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     """
     estimate = model_estimate(result)
     roles = [estimate.library.role(formula) for formula in ("x*abs(x)", "v*abs(v)")]
-    if roles[0] is None or roles[1] is None:
-        raise UsageError("The fingerprint of slip needs forces of formulas x*abs(x) and v*abs(v).")
     symbols = [force.symbol for force in roles if force is not None]
+    if len(symbols) < 2:
+        raise UsageError("The fingerprint of slip needs forces of formulas x*abs(x) and v*abs(v).")
     at = [estimate.symbols.index(symbol) for symbol in symbols]
     (nu, delta), covariance = estimate.coefficients[at], estimate.coefficient_covariance[np.ix_(at, at)]
     combination = np.array([1.0, -SLIP_RATIO])
@@ -195,14 +189,14 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     # Below this p-value the ratio is another one.
     other = p_value < 0.01 or significance <= -SIGNIFICANT_FRICTION
     verdict = "not compatible" if other else "compatible" if known else "undecided"
-    numbers = (
-        ("slip_ratio", SLIP_RATIO, "ratio of partial slip"),
-        ("allowance", ALLOWED * abs(SLIP_RATIO), "error of the ratio as a fingerprint"),
-        ("z", z, "difference from partial slip over its error"),
-        ("p_value", p_value, "p-value of partial slip"),
-        ("significance", abs(significance), f"size of {symbols[1]} over its standard error"),
-    )
-    data = with_error("ratio", (), (ratio, error), f"{symbols[0]}/{symbols[1]}")
-    data |= {name: variable((), float(value), long_name, "1") for name, value, long_name in numbers}
+    of_delta = f"size of {symbols[1]} over its standard error"
+    data = {
+        **with_error("ratio", (), (ratio, error), f"{symbols[0]}/{symbols[1]}"),
+        "slip_ratio": variable((), SLIP_RATIO, "ratio of partial slip", "1"),
+        "allowance": variable((), ALLOWED * abs(SLIP_RATIO), "error of the ratio as a fingerprint", "1"),
+        "z": variable((), float(z), "difference from partial slip over its error", "1"),
+        "p_value": variable((), float(p_value), "p-value of partial slip", "1"),
+        "significance": variable((), float(abs(significance)), of_delta, "1"),
+    }
     attrs = {"verdict": verdict, "numerator": symbols[0], "denominator": symbols[1]}
     return xr.Dataset(data, attrs=attrs)

@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.results.schema import covariance_with_frequency, library_of, shape_values_of
-from sysid_trib.results.variables import Variables, variable
+from sysid_trib.results.variables import Variables, variable, with_error
 from sysid_trib.simulation.model import Model, rescaling_factors
 
 
@@ -47,15 +47,17 @@ def propagate(
     return result, np.sqrt(np.maximum(variance, 0.0))
 
 
-def propagate_measured(
-    function: Callable[[Array], ArrayLike], *measured: tuple[str, float, float]
-) -> tuple[Array, Array]:
+def of_measured(
+    function: Callable[[Array], ArrayLike], result: tuple[str, str, str], *measured: tuple[str, float, float]
+) -> xr.Dataset:
     """A function of quantities that were measured apart from each other, with its standard error.
 
     Parameters
     ----------
     function : callable
         Takes their values as one array.
+    result : tuple of (str, str, str)
+        Name, meaning and unit of what the function gives.
     *measured : tuple of (str, float, float)
         Name, value and standard error of each quantity.
 
@@ -66,8 +68,10 @@ def propagate_measured(
     """
     for quantity in measured:
         check_quantity(*quantity)
+    name, meaning, units = result
     _, values, errors = zip(*measured, strict=True)
-    return propagate(function, np.array(values), np.diag(np.square(errors)))
+    made = propagate(function, np.array(values), np.diag(np.square(errors)))
+    return xr.Dataset(with_error(name, (), made, meaning, units))
 
 
 def amplitude_row(amplitude: ArrayLike) -> Array:

@@ -13,11 +13,10 @@ from sysid_trib.physics.model_estimate import (
     ModelEstimate,
     check_quantity,
     model_estimate,
+    of_measured,
     propagate,
-    propagate_measured,
 )
 from sysid_trib.records.units import METRES
-from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, signal_units, variable, with_error
 
 
@@ -129,13 +128,13 @@ def inertia_with_mass(
     UsageError
         A quantity that is not positive.
     """
-    total = propagate_measured(
+    return of_measured(
         lambda z: z[0] + z[1] * z[2] ** 2,
+        ("inertia", "moment of inertia", "kg m2"),
         ("inertia", inertia, inertia_standard_error),
         ("mass", mass, mass_standard_error),
         ("radius", radius, radius_standard_error),
     )
-    return xr.Dataset(with_error("inertia", (), total, "moment of inertia", "kg m2"))
 
 
 def _stiffness(estimate: ModelEstimate, values: Array) -> float:
@@ -159,13 +158,17 @@ def power_law_factor(force: Force) -> float:
     return float(np.abs(force.value(corners[:, 0], corners[:, 1])).max())
 
 
+def _product(*factors: tuple[str, float], mark: str = "^") -> str:
+    """A product of powers in words, without those of exponent zero."""
+    return " ".join(name if p == 1.0 else f"{name}{mark}{p:g}" for name, p in factors if p)
+
+
 def _unit(force: Force) -> str:
     speed = force.speed_degree or 0.0
     whole = (force.degree or 0.0) if _is_monomial(force) else 0.0
     # A coefficient of a force that drifts has its own unit of time.
     drift = 0.0 if force.units == "1" else -float(force.units[1:])
-    powers = (("s", speed - drift), ("rad", -whole))
-    return "N m" + "".join(f" {name}{p:g}" if p != 1 else f" {name}" for name, p in powers if p)
+    return _product(("N m", 1.0), ("s", speed - drift), ("rad", -whole), mark="")
 
 
 def _term(force: Force) -> str:
@@ -173,13 +176,7 @@ def _term(force: Force) -> str:
         rate = "theta'/w" if force.speed_degree is None else "theta'"
         return f"{force.formula.text}, x = theta, v = {rate}"
     speed = force.speed_degree or 0.0
-    angle = (force.degree or 0.0) - speed
-    parts = [_power("|theta|", angle), _power("|theta'|", speed)]
-    return " ".join(part for part in parts if part) or "1"
-
-
-def _power(name: str, exponent: float) -> str:
-    return "" if not exponent else name if exponent == 1 else f"{name}^{exponent:g}"
+    return _product(("|theta|", (force.degree or 0.0) - speed), ("|theta'|", speed)) or "1"
 
 
 MASS, STIFFNESS = "mass", "stiffness"
@@ -204,30 +201,29 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
     -----
     From theta'' + w^2 (theta + c h - g u) = 0, divided by w^2 g; errors to first order.
     """
-    library = library_of(result)
-    drive = next((force for force in library if _is_gain(force)), None)
+    estimate = model_estimate(result)
+    drive = next((at for at, force in enumerate(estimate.forces) if _is_gain(force)), None)
     if drive is None:
         return None
-    w, gain = result.reference_frequency.item(), result.coefficient.sel(force=drive.symbol).item()
-    rows: dict[str, tuple[str | None, float, float]] = {MASS: (None, 1.0 / w**2, -2.0)}
-    if not any(force.matches("-x") for force in library):
-        rows[STIFFNESS] = (None, 1.0, 0.0)
-    for force in library:
-        if (factor := _at_unit_rate(force)) is not None:
-            q = float(force.speed_degree or 0.0)
-            rows[force.symbol] = (force.symbol, factor / w**q, -q)
-    values, errors = [], []
-    for symbol, factor, power in rows.values():
-        value = factor / gain * (1.0 if symbol is None else result.coefficient.sel(force=symbol).item())
-        values.append(value)
-        errors.append(_error(result, drive.symbol, symbol, value, power))
+    bound = not any(force.matches("-x") for force in estimate.forces)
+    sizes = [(at, _at_unit_rate(force), force) for at, force in enumerate(estimate.forces)]
+    of_rate = [(at, size, force) for at, size, force in sizes if size is not None]
+
+    def quantities(z: Array) -> list[float]:
+        forces = [z[at] * size / z[-1] ** (force.speed_degree or 0.0) for at, size, force in of_rate]
+        return [part / z[drive] for part in (z[-1] ** -2.0, *[1.0] * bound, *forces)]
+
+    covariance = estimate.covariance.copy()
+    # The frequency by itself.
+    covariance[-1, :-1] = covariance[:-1, -1] = 0.0
+    values, errors = propagate(quantities, estimate.values, covariance)
     return xr.Dataset(
         {
             "value": variable("quantity", values, "in the unit of the input"),
             "standard_error": variable("quantity", errors, "standard error"),
         },
-        {"quantity": list(rows)},
-        {"input": drive.inputs[0]},
+        {"quantity": [MASS, *[STIFFNESS] * bound, *(force.symbol for *_, force in of_rate)]},
+        {"input": estimate.forces[drive].inputs[0]},
     )
 
 
@@ -243,17 +239,6 @@ def _at_unit_rate(force: Force) -> float | None:
     if force.kind != "force" or not names <= {"v"} or force.speed_degree is None:
         return None
     return float(force.value(0.0, 1.0))
-
-
-def _error(result: xr.Dataset, gain: str, symbol: str | None, value: float, power: float) -> float:
-    """Standard error of c/g w^power, by the covariance of c and g; of w by itself."""
-    relative = {gain: -1.0 / result.coefficient.sel(force=gain).item()}
-    if symbol is not None and (c := result.coefficient.sel(force=symbol).item()):
-        relative[symbol] = 1.0 / c
-    names, slopes = list(relative), np.array(list(relative.values()))
-    covariance = result.covariance.sel(force=names, other_force=names).values
-    w = power * result.reference_frequency_standard_error.item() / result.reference_frequency.item()
-    return float(abs(value) * np.sqrt(max(0.0, float(slopes @ covariance @ slopes)) + w**2))
 
 
 Measured = tuple[float, float]
@@ -384,5 +369,4 @@ def _unit_of_force(power: float, speed: float) -> str:
     """Unit of a coefficient: kg m^(1-p) s^(q-2); N where that is one."""
     if power == 0.0 and speed == 0.0:
         return "N"
-    powers = (("m", 1.0 - power), ("s", speed - 2.0))
-    return " ".join(["kg", *(name if p == 1.0 else f"{name}^{p:g}" for name, p in powers if p)])
+    return _product(("kg", 1.0), ("m", 1.0 - power), ("s", speed - 2.0))

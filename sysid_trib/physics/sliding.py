@@ -12,60 +12,10 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.physics.model_estimate import model_estimate, propagate
 from sysid_trib.records.equilibrium import with_half_periods
-from sysid_trib.records.half_periods import HalfPeriods
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 from sysid_trib.simulation.model import rescaling_factors
 
-
-def separate_windows(starts: Array, length: float) -> Array:
-    """The windows, from the first on, that share no sample, as true and false.
-
-    Parameters
-    ----------
-    starts : (window,) array of float, s
-        Their first times, rising.
-    length : float, s
-        Length of a window.
-    """
-    chosen = np.zeros(starts.size, dtype=bool)
-    end = -np.inf
-    for i, start in enumerate(starts):
-        if start >= end - 1e-6 * length:
-            chosen[i], end = True, start + length
-    return chosen
-
-
-def constancy(table: xr.Dataset) -> Variables:
-    """Tests of a constant coefficient over the windows that share no sample: chi-square, slope in time.
-
-    Parameters
-    ----------
-    table : Dataset
-        See `sliding_coefficients`.
-    """
-    usable = table.apart.values & table.decided.values
-    c, error = table.coefficient.values[usable], table.standard_error.values[usable]
-    count, t = int(usable.sum()), table.window_time.values[usable]
-    with np.errstate(all="ignore"):
-        weight = 1.0 / error**2
-        mean = (weight * c).sum(axis=0) / weight.sum(axis=0)
-        square = (weight * (c - mean) ** 2).sum(axis=0)
-        away = t[:, None] - (weight * t[:, None]).sum(axis=0) / weight.sum(axis=0)
-        moment = (weight * away**2).sum(axis=0)
-        trend, trend_error = (weight * away * c).sum(axis=0) / moment, 1.0 / np.sqrt(moment)
-    enough = count > 1
-    p_value = chi2.sf(square, count - 1) if enough else np.full(square.shape, np.nan)
-    trend_p = 2.0 * norm.sf(np.abs(trend / trend_error)) if enough else np.full(square.shape, np.nan)
-    return {
-        "mean_coefficient": variable("force", mean, "weighted mean of the coefficient", PER_FORCE_UNIT),
-        "chi_square": variable("force", square, "chi-square of a constant coefficient", "1"),
-        "p_value": variable("force", p_value, "p-value of a constant coefficient", "1"),
-        **with_error("trend", "force", (trend, trend_error), "slope of the coefficient in time", "per s"),
-        "trend_p_value": variable("force", trend_p, "p-value of no slope", "1"),
-        "degrees_of_freedom": variable((), max(count - 1, 0), "degrees of freedom of each chi-square", "1"),
-    }
-
-
+# Periods of a window.
 SHORTEST = 3.0
 
 
@@ -136,18 +86,25 @@ def sliding_coefficients(
     decided = [result for result in results if result is not None]
     if not decided:
         raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
+    apart, end = np.zeros(starts.size, dtype=bool), -np.inf
+    for i, start in enumerate(starts):
+        # From the first window on those that share no sample.
+        if start >= end - 1e-6 * length:
+            apart[i], end = True, start + length
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    inside = [(middle >= start) & (middle < start + length) for start in starts]
+    amplitude = [np.abs(halves.peak[i]).mean() if i.any() else np.nan for i in inside]
     table = _converted(results, decided).assign(
         decided=variable("window", [not reason for reason in reasons], "whether it could be decided"),
         reason=text_variable("window", reasons, "why the window could not be decided"),
-        apart=variable("window", separate_windows(starts, length), "whether it enters the tests"),
+        apart=variable("window", apart, "whether it enters the tests"),
     )
-    amplitude = _mean_amplitudes(halves, starts, length)
     table = table.assign_coords(
         window=np.arange(starts.size),
         window_time=variable("window", starts + 0.5 * length, "centre of the window", "s"),
         amplitude=variable("window", amplitude, "mean amplitude in the window", "rad"),
     )
-    return table.assign(constancy(table)).assign_attrs(decided[0].attrs)
+    return table.assign(_constancy(table)).assign_attrs(decided[0].attrs)
 
 
 def _identified(
@@ -164,7 +121,10 @@ def _identified(
 
 def _converted(results: tuple[xr.Dataset | None, ...], decided: list[xr.Dataset]) -> xr.Dataset:
     """Coefficients and errors of every window at the mean of the windows' reference frequencies."""
-    common = _common_frequency(decided)
+    w = np.array([result.reference_frequency.item() for result in decided])
+    w_errors = np.array([result.reference_frequency_standard_error.item() for result in decided])
+    # By their precision.
+    common = float(np.average(w, weights=w_errors**-2.0 if np.all(w_errors > 0) else None))
     symbols = decided[0].force.values.tolist()
     values = np.full((2, len(results), len(symbols)), np.nan)
     frequency = np.full((2, len(results)), np.nan)
@@ -180,26 +140,34 @@ def _converted(results: tuple[xr.Dataset | None, ...], decided: list[xr.Dataset]
 
         values[:, i] = propagate(at_common, estimate.values, estimate.covariance)
         frequency[:, i] = estimate.frequency, np.sqrt(estimate.covariance[-1, -1])
-    dims = ("window", "force")
+    dims, of_window = ("window", "force"), "frequency of the window"
     data = {
         "coefficient": variable(dims, values[0], "coefficient", PER_FORCE_UNIT),
         "standard_error": variable(dims, values[1], "standard error of the coefficient", PER_FORCE_UNIT),
         "common_frequency": variable((), common, "frequency they all refer to", "rad/s"),
+        **with_error("reference_frequency", "window", (frequency[0], frequency[1]), of_window, "rad/s"),
     }
-    data |= with_error(
-        "reference_frequency", "window", (frequency[0], frequency[1]), "frequency of the window", "rad/s"
-    )
     return xr.Dataset(data, {"force": symbols, "unit": ("force", decided[0]["unit"].values)})
 
 
-def _common_frequency(decided: list[xr.Dataset]) -> float:
-    """Mean of the windows' reference frequencies by their precision, rad/s."""
-    w = np.array([result.reference_frequency.item() for result in decided])
-    errors = np.array([result.reference_frequency_standard_error.item() for result in decided])
-    return float(np.average(w, weights=errors**-2.0 if np.all(errors > 0) else None))
-
-
-def _mean_amplitudes(halves: HalfPeriods, starts: Array, length: float) -> Array:
-    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
-    inside = [(middle >= start) & (middle < start + length) for start in starts]
-    return np.array([np.abs(halves.peak[i]).mean() if i.any() else np.nan for i in inside])
+def _constancy(table: xr.Dataset) -> Variables:
+    """Tests of a constant coefficient over the windows that share no sample: chi-square, slope in time."""
+    usable = table.apart.values & table.decided.values
+    c, error = table.coefficient.values[usable], table.standard_error.values[usable]
+    count, t = int(usable.sum()), table.window_time.values[usable, None]
+    with np.errstate(all="ignore"):
+        weight = 1.0 / error**2
+        mean, centre = ((weight * part).sum(axis=0) / weight.sum(axis=0) for part in (c, t))
+        square, moment = ((weight * part**2).sum(axis=0) for part in (c - mean, t - centre))
+        trend, trend_error = (weight * (t - centre) * c).sum(axis=0) / moment, 1.0 / np.sqrt(moment)
+        p_value, trend_p = chi2.sf(square, count - 1), 2.0 * norm.sf(np.abs(trend / trend_error))
+    if count < 2:
+        p_value, trend_p = np.full((2, len(square)), np.nan)
+    return {
+        "mean_coefficient": variable("force", mean, "weighted mean of the coefficient", PER_FORCE_UNIT),
+        "chi_square": variable("force", square, "chi-square of a constant coefficient", "1"),
+        "p_value": variable("force", p_value, "p-value of a constant coefficient", "1"),
+        **with_error("trend", "force", (trend, trend_error), "slope of the coefficient in time", "per s"),
+        "trend_p_value": variable("force", trend_p, "p-value of no slope", "1"),
+        "degrees_of_freedom": variable((), max(count - 1, 0), "degrees of freedom of each chi-square", "1"),
+    }
