@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import freqz
-from scipy.stats import chi2
+from scipy.stats import binned_statistic_2d, chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.free_motion import FreeMotion
-from sysid_trib.discovery.missing_force import mean_missing_force
+from sysid_trib.records.smoothing import smooth
 from sysid_trib.validation.residuals import departure_time, half_period
 
 # Errors of a rate in proportion to a power of the amplitude, or to time.
@@ -189,3 +189,62 @@ def _place_of_rms(a: Array, rms: Array) -> str:
     large, small = rms[a > np.median(a)], rms[a <= np.median(a)]
     ratio = float(np.mean(large) / max(float(np.mean(small)), 1e-300)) if len(large) and len(small) else 1.0
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
+
+
+# Cells of the map, each way.
+CELLS = 11
+
+
+def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
+    """Mean force that residuals ask for, in cells of angle and rate.
+
+    Returns
+    -------
+    dict
+        `x` and `v` (rad); over both `force` as a part of I w^2 (nan without samples), its `standard_error` by
+        the noise alone, and the number of `samples`.
+    """
+    cells = [(run.motion.x, run.motion.v, _force(run), _force_of_noise(run)) for run in runs]
+    x, v, force, drawn = (np.concatenate(part, axis=-1) for part in zip(*cells, strict=True))
+    size = 1.001 * float(np.max(np.hypot(x, v)))
+    edges = np.linspace(-size, size, CELLS + 1)
+    good = np.isfinite(force)
+    if not np.any(good):
+        # Where a smoothed residual has no middle, as in a record of a period: every cell is empty.
+        good, force = np.ones(len(x), dtype=bool), np.full(len(x), np.nan)
+    values = np.concatenate([np.ones((1, len(x))), force[None], drawn])[:, good]
+    binned = binned_statistic_2d(x[good], v[good], values, "sum", bins=[edges, edges]).statistic
+    samples = binned[0]
+    mean, *scatter = np.where(samples > 0, binned[1:] / np.maximum(samples, 1.0), np.nan)
+    error = np.sqrt(np.mean(np.square(scatter), axis=0))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    return {"x": middle, "v": middle, "force": mean, "standard_error": error, "samples": samples}
+
+
+def _force(run: FreeMotion) -> Array:
+    """The force that would make the residual over I w^2, by its equation of motion.
+
+    Both motions are smoothed alike, so that what smoothing takes from them cancels.
+    """
+    model, motion, time = run.model, run.motion, run.time - run.time[0]
+    tau = model.reference_frequency * time
+    angle, rate, curvature, _ = smooth(tau, run.residual)
+    asked = -(curvature + angle)
+    for force in model.library:
+        if force.memoryless and force.kind == "force":
+            with_residual, without = (
+                force.value(motion.x + part * angle, motion.v + part * rate, time, shapes=model.shapes)
+                for part in (1.0, 0.0)
+            )
+            asked = asked - model.coefficients.get(force.symbol, 0.0) * (with_residual - without)
+    # A spline bends freely in the quarter period before its ends.
+    inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
+    return np.where(inside, asked, np.nan)
+
+
+def _force_of_noise(run: FreeMotion) -> Array:
+    """Forces that drawings of the noise ask for, (draw, sample); the model's forces change little."""
+    # Drawings of noise, for the errors of the map.
+    drawn = run.noise.draws(len(run.time), 32)
+    angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
+    return np.asarray(-(curvature + angle).T)

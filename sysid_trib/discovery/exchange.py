@@ -23,7 +23,7 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
     """
     model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
-    without, cost = bare.deviance - current.whole.deviance, _of_effect(model)
+    without, penalty = bare.deviance - current.whole.deviance, _of_effect(model)
     # Of a magnet with a cubic force there is hardly more than a quintic one: a part that is too small to be
     # tested, but no error of the path, which would not be like an effect that is seen.
     effects = [1 + model.columns_of(symbol)[0] for symbol in gone]
@@ -35,11 +35,11 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
     columns = [current.first_trial + at for at in trials]
     deviance, coefficients, _, rows = each_column(current.products, kept, columns, bare)
     gains = (bare.deviance - deviance).tolist()
-    scores = [(without - len(gone) * cost, list[int]())]
+    scores = [(without - len(gone) * penalty, list[int]())]
     for i, at in enumerate(trials):
         p_value = current.p_value_of(gains[i], current.trials[at].force, rows[i])
         if (by_chance or p_value < model.settings.level) and current.allows(at, coefficients[i]):
-            scores.append((without - gains[i] + (1 - len(gone)) * cost, [at]))
+            scores.append((without - gains[i] + (1 - len(gone)) * penalty, [at]))
     in_model = [model.trials[model.columns_of(symbol)[0]].force for symbol in gone]
 
     def is_near(score: float, at: Sequence[int]) -> bool:
@@ -127,7 +127,7 @@ def move_of(
     return fits.of(model, gone, trials, worst=aim - least_penalty(model, forces))
 
 
-def exchanged(current: Screening, fits: Fits) -> FittedModel | None:
+def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
     """The most likely model without an effect or two, or with as many others or fewer in their place.
 
     None if no such model is more likely than the present one.

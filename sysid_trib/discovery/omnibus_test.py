@@ -239,27 +239,22 @@ def _of_noise(
     random: np.random.Generator,
 ) -> list[RunProducts]:
     """Products of a run with noise alone as the target, for each draw."""
-    gram, count = rows.path.form.gram, len(table)
+    gram = rows.path.form.gram
     lower = cholesky_factor(rows.band, gram, ratio)
-    factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(count, count))
-    noise = deviation * (factor @ random.standard_normal((count, ROWS_OF_NOISE)))
-    squares, cross = [], []
-    for tried in products.ratios:
-        white = whiten(cholesky_factor(rows.band, gram, float(tried)), np.column_stack([table, noise]))
-        columns, targets = white[:, : table.shape[1]], white[:, table.shape[1] :]
-        squares.append(np.sum(targets**2, axis=0))
-        cross.append(columns.T @ targets)
-    of_squares, of_cross = np.array(squares), np.array(cross)
+    factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(len(table), len(table)))
+    noise = deviation * (factor @ random.standard_normal((len(table), ROWS_OF_NOISE)))
+    whole = []
+    for tried in products.ratios.tolist():
+        white = whiten(cholesky_factor(rows.band, gram, tried), np.column_stack([noise, table]))
+        whole.append(white.T @ white)
+    of_draws, columns = np.array(whole), np.arange(table.shape[1])
     # The level that the spectrum gives scatters as well.
     level_rows = products.level_rows
     scatter = (
         random.chisquare(level_rows, ROWS_OF_NOISE) / level_rows if level_rows else np.ones(ROWS_OF_NOISE)
     )
-    of_draws = []
-    for draw in range(ROWS_OF_NOISE):
-        whole = products.products.copy()
-        whole[:, 0, 0] = of_squares[:, draw]
-        whole[:, 0, 1:] = whole[:, 1:, 0] = of_cross[:, :, draw]
-        level = deviation * float(np.sqrt(scatter[draw]))
-        of_draws.append(replace(products, products=whole, level=level))
-    return of_draws
+    drawn = []
+    for draw, level in enumerate((deviation * np.sqrt(scatter)).tolist()):
+        at = np.append(draw, ROWS_OF_NOISE + columns)
+        drawn.append(replace(products, products=of_draws[:, at[:, None], at], level=level))
+    return drawn

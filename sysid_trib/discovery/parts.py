@@ -1,4 +1,4 @@
-"""Tests of whether runs differ, and whether names and coefficients stand in parts of the record."""
+"""What a record could show, whether its runs differ, and what names and coefficients its parts give."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -9,10 +9,13 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.fits import probabilities
+from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search
+from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.weak_form import cholesky_factor
 from sysid_trib.records.decay import RECORD_PARTS
+from sysid_trib.results.effects import NAMED
 
 
 def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
@@ -162,3 +165,50 @@ def _solved(tables: Sequence[Array]) -> tuple[Array, Array]:
     design = whole[:, 1:] / size
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-10, hermitian=True)
     return inverse @ (design.T @ whole[:, 0]) / size, np.diag(inverse) / size**2
+
+
+def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
+    """Detectable coefficient of each candidate, and which are alike, from what the model cannot explain.
+
+    Parameters
+    ----------
+    screening : Screening
+        The candidates with a model.
+
+    Returns
+    -------
+    values : dict of str to array
+        Over `candidate`: `detectable`, the coefficient that would stand out by five standard errors (at the
+        best value of its shape parameters, of those tried; nan if not testable), `independent_fraction` of
+        its column that those of the model cannot make, `testable` and the `reason` why not; and
+        `cosine(candidate, other)` between what is outside of the model's columns, `alike` where two differ by
+        less than a credible set spans if one of them has 20 standard errors.
+    forces : list of Force
+        The candidates.
+    """
+    symbols = dict.fromkeys(trial.force.symbol for trial in screening.trials)
+    at = np.array([_best(screening, symbol) for symbol in symbols], dtype=int)
+    reasons = [screening.reasons[i] for i in at]
+    # Where every candidate was added there is none.
+    testable = np.array([not reason for reason in reasons], dtype=bool)
+    cosine = np.abs(screening.correlation[np.ix_(at, at)])
+    np.fill_diagonal(cosine, 1.0)
+    nearest = np.sqrt(1.0 - screening.model.settings.outside_of_set / NAMED**2)
+    values = {
+        # An effect of this many standard errors is detected.
+        "detectable": np.where(testable, 5.0 * screening.errors[at], np.nan),
+        "independent_fraction": screening.outside[at],
+        "testable": testable,
+        "reason": reasons,
+        "alike": (cosine > nearest) & testable[:, None] & testable & ~np.eye(len(at), dtype=bool),
+        "cosine": cosine,
+    }
+    return values, [screening.trials[i].force for i in at]
+
+
+def _best(screening: Screening, symbol: str) -> int:
+    """The testable trial of a force with the least error, in units of its force; else any."""
+    of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
+    good = [i for i in of_force if not screening.reasons[i]]
+    size = screening.errors * screening.relative_force
+    return min(good, key=lambda i: float(size[i])) if good else of_force[0]

@@ -7,16 +7,16 @@ import numpy as np
 
 from sysid_trib.discovery.exchange import (
     better_rival,
-    exchanged,
     extended,
+    likelier_exchange,
     likelier_pair,
     pairs_of,
     rivals_of,
 )
 from sysid_trib.discovery.final_models import Growth, nested_models, plainest
 from sysid_trib.discovery.fits import Fits
-from sysid_trib.discovery.missing_force import collinear_effects
 from sysid_trib.discovery.screen import Screening
+from sysid_trib.discovery.single_columns import projected
 from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import Tell, silent
 from sysid_trib.likelihood.fitted_model import FittedModel
@@ -121,7 +121,7 @@ def search(
     for _ in range(start.settings.most_fits):
         tell(f"candidates beside {', '.join(fits.effects_of(model)) or 'the start model'}")
         current = fits.screened(model)
-        step = exchanged(current, fits)
+        step = likelier_exchange(current, fits)
         if step is None and len(current.effects) < most and may_gain(current):
             if growth is None or growth.goes_on(model):
                 step = min(extended(current, fits), key=fits.evidence, default=None)
@@ -161,7 +161,7 @@ def _ended(model: FittedModel, rivals: dict[str, dict[str, float]], fits: Fits, 
         {symbol: pairs_of(last, fits, symbol) for symbol in effects},
         _outstanding(last, further, fits),
         min(further, key=fits.evidence, default=None),
-        collinear_effects(last.model, last.products, effects),
+        _collinear(last),
         converged,
         fits.out_of_time,
         followed,
@@ -238,3 +238,22 @@ def _decisive_p_value(current: Screening, symbol: str, fits: Fits) -> float:
     if p_value < current.model.settings.level or fitted is None:
         return p_value
     return current.p_value_of_effect(symbol, fitted.deviance - current.model.deviance)
+
+
+def _collinear(last: Screening) -> list[str]:
+    """Effects of a model that are collinear with others and not well enough determined to be named.
+
+    Several flexible forces fit nearly anything: that they do is no evidence for any of them.
+    """
+    model, settings, collinear = last.model, last.model.settings, list[str]()
+    errors = np.sqrt(np.diag(model.likelihood.covariance))
+    for symbol in last.effects if len(last.effects) > 1 else ():
+        at = model.columns_of(symbol)[0]
+        without_others, with_others = (
+            projected(last.products, model.likelihood, model.columns_without(gone), [1 + at])[0].item()
+            for gone in (last.effects, (symbol,))
+        )
+        z = abs(model.coefficients[at]) / max(errors[at], 1e-300)
+        if with_others < settings.independent * without_others and z < settings.determined:
+            collinear.append(symbol)
+    return collinear

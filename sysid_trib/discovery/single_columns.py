@@ -42,7 +42,7 @@ def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
 
 
 def where_finite(columns: Sequence[Array]) -> tuple[Mask, list[Array]]:
-    """Whether products of a column can be made in every run, and the columns, zero where they cannot."""
+    """Truth of columns of which every run can make products; and the columns, zero where one cannot."""
     good = np.all([has_products(column) for column in columns], axis=0)
     return good, [np.where(good, column, 0.0) for column in columns]
 

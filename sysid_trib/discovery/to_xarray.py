@@ -20,9 +20,14 @@ from sysid_trib.discovery.free_motion import (
     random_forces,
     total_covariance,
 )
-from sysid_trib.discovery.missing_force import detectability
 from sysid_trib.discovery.omnibus_test import trial_names
-from sysid_trib.discovery.parts import costs_in_parts, error_of_model, homogeneity, probabilities_in_parts
+from sysid_trib.discovery.parts import (
+    costs_in_parts,
+    detectability,
+    error_of_model,
+    homogeneity,
+    probabilities_in_parts,
+)
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search
 from sysid_trib.discovery.unseen import improvements
@@ -75,7 +80,7 @@ def _group(
     coords: Mapping[str, Any] | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """A group of the result, its variables as `variables.toml` has them."""
+    """A group, its variables as `variables.toml` has them."""
     return xr.Dataset(described(TABLES[name], values), coords, attrs)
 
 
