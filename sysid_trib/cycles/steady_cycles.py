@@ -15,8 +15,8 @@ from sysid_trib.errors import LibraryError, SimulationError
 from sysid_trib.forces.force import Force, ShapeValues
 from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.library import force_counted_from
+from sysid_trib.simulation.internal_states import FROZEN, begun_with, history_on_cycle, watched
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.stepped_states import FROZEN, begun_with, history_on_cycle, watched
 from sysid_trib.simulation.steps import Steps, steps_of
 
 # Where a cycle begins and ends: not where the angle or its rate is zero.

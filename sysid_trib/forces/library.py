@@ -3,7 +3,7 @@
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +17,26 @@ from sysid_trib.forces.formulas import LARGEST_CONSTANT, RESERVED_NAMES, Formula
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
+SHORT_WORD = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
+
+
+def is_number(value: object) -> bool:
+    """True if a value of a TOML file is a number that arithmetic bears."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_CONSTANT
+
+
+# What keys of a force may be, and how that is said.
+KEY_CHECKS: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "symbol": (
+        lambda v: isinstance(v, str) and SHORT_WORD.fullmatch(v),
+        "a short word of letters, digits and _",
+    ),
+    "kind": (lambda v: v in ("force", "sensor"), '"force" or "sensor"'),
+    "passive": (lambda v: isinstance(v, bool), "true or false"),
+    "coefficient": (lambda v: is_number(v) and v, "a number other than 0"),
+    "run": (lambda v: is_number(v) and isinstance(v, int) and v > 0, "the number of a run, from 1"),
+    **dict.fromkeys(TABLE_KEYS, (lambda v: isinstance(v, dict), "a table such as { z = ... }")),
+}
 FORCE_KEYS = {key.name for key in fields(Force)} - {"channels"}
 # The input that a library need not name.
 USUAL_INPUT = "u"
@@ -126,39 +146,33 @@ def _channels(inputs: object, source: str) -> dict[str, Channel]:
     every = [Channel(name, n, kind) for name, kind in ({USUAL_INPUT: ""} | kinds).items() for n in ORDERS]
     for channel in every:
         names = [other.name for other in every]
-        fits = re.fullmatch(r"[A-Za-z]\w{0,39}", channel.input, re.ASCII)
-        if not fits or channel.name in RESERVED_NAMES or names.count(channel.name) > 1:
+        if (
+            not SHORT_WORD.fullmatch(channel.input)
+            or channel.name in RESERVED_NAMES
+            or names.count(channel.name) > 1
+        ):
             raise LibraryError(f"{source}: '{channel.input}' cannot name an input; rename it.")
     return {channel.name: channel for channel in every}
 
 
 def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: str) -> Force:
-    symbol = entry.get("symbol")
-    if not isinstance(symbol, str) or not re.fullmatch(r"[A-Za-z]\w{0,39}", symbol, re.ASCII):
-        raise LibraryError(f"{source}: symbol {symbol!r} must be a short word of letters, digits and _.")
-    where = f"{source}, force '{symbol}'"
-    strange = sorted(set(entry) - FORCE_KEYS)
-    if strange:
-        raise LibraryError(f"{where}: unknown key '{strange[0]}'; known are {', '.join(sorted(FORCE_KEYS))}.")
-    words = {k: entry.get(k, "") for k in TEXT_KEYS} | {"kind": entry.get("kind", "force")}
-    words = {k: _words(word, f"{where}: '{k}'") for k, word in words.items()}
-    if words["kind"] not in ("force", "sensor"):
-        raise LibraryError(f'{where}: kind must be "force" or "sensor", not \'{words["kind"]}\'.')
-    passive = entry.get("passive", False)
-    if not isinstance(passive, bool):
-        raise LibraryError(f"{where}: passive must be true or false, not {passive!r}.")
-    known = entry.get("coefficient")
-    if "coefficient" in entry and not _is_coefficient(known):
-        raise LibraryError(f"{where}: coefficient must be a number other than 0, not {known!r}.")
-    run = entry.get("run")
-    if "run" in entry and (not isinstance(run, int) or isinstance(run, bool) or run < 1):
-        raise LibraryError(f"{where}: run must be the number of a run, from 1, not {run!r}.")
+    entry = {"symbol": None, **entry}
+    symbol = entry["symbol"]
+    where = f"{source}, force {symbol!r}"
+    for key, value in entry.items():
+        if key not in FORCE_KEYS:
+            known = ", ".join(sorted(FORCE_KEYS))
+            raise LibraryError(f"{where}: unknown key '{key}'; known are {known}.")
+        fits, meaning = KEY_CHECKS.get(key, (lambda _: True, ""))
+        if not fits(value):
+            raise LibraryError(f"{where}: {key} must be {meaning}, not {value!r}.")
+    words = {k: _words(entry.get(k, ""), f"{where}: '{k}'") for k in TEXT_KEYS}
+    given = {k: entry[k] for k in ("kind", "passive", "run") if k in entry}
+    if "coefficient" in entry:
+        given["coefficient"] = float(entry["coefficient"])
     tables = {k: entry.get(k, {}) for k in TABLE_KEYS}
-    for key, table in tables.items():
-        if not isinstance(table, dict):
-            raise LibraryError(f"{where}: '{key}' must be a table such as {{ z = ... }}.")
     _check_names(tables, where)
-    if words["kind"] == "sensor" and (tables["state"] or tables["memory"]):
+    if given.get("kind") == "sensor" and (tables["state"] or tables["memory"]):
         raise LibraryError(f"{where}: a sensor has no states or memory; declare it as a force or drop them.")
     shape = {k: _shape(v, f"{where}, shape '{k}'") for k, v in tables["shape"].items()}
     exponents = frozenset(shape)
@@ -175,21 +189,12 @@ def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: st
         memory={k: formula(f) for k, f in tables["memory"].items()},
         start={k: formula(f, frozenset("xvt") | exponents) for k, f in tables["start"].items()},
         shape=shape,
-        passive=passive,
-        coefficient=None if known is None else float(known),
-        run=run,
-        **(words | {"name": words["name"] or symbol}),
+        **(words | given | {"name": words["name"] or symbol}),
     )
     held = {name for f in force.formulas for name in f.names} - internal
     force = replace(force, channels=tuple(channel for name, channel in channels.items() if name in held))
     _check_finite(force, where)
     return force
-
-
-def _is_coefficient(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return 0.0 < abs(value) <= LARGEST_CONSTANT
 
 
 def _words(text: object, where: str) -> str:
@@ -220,9 +225,7 @@ def _shape(table: object, where: str) -> Shape:
     }:
         raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
     numbers = [table[k] for k in ("default", "low", "high")]
-    if not all(
-        isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= LARGEST_CONSTANT for n in numbers
-    ):
+    if not all(map(is_number, numbers)):
         raise LibraryError(f"{where}: default, low and high must be numbers up to 1e100.")
     default, low, high = map(float, numbers)
     if not low <= default <= high or low == high:

@@ -10,8 +10,7 @@ from typing import Any
 
 from sysid_trib.errors import DecayError, LibraryError, UsageError, did_you_mean
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.formulas import LARGEST_CONSTANT
-from sysid_trib.forces.library import library_folder, load_library
+from sysid_trib.forces.library import is_number, library_folder, load_library
 
 # The forces that systems name, by library.
 EFFECTS, INPUTS, HYSTERESIS = "candidate_effects", "inputs", "hysteresis"
@@ -242,7 +241,6 @@ def _checked(table: Any, source: str) -> System:
         if name not in known:
             nearest = did_you_mean(str(name), known)
             raise LibraryError(f"{where} names a force '{name}' of no library.{nearest}")
-    numbers = [v for v in held.values() if isinstance(v, int | float) and not isinstance(v, bool)]
-    if len(numbers) < len(held) or not all(abs(value) <= LARGEST_CONSTANT for value in numbers):
+    if not all(map(is_number, held.values())):
         raise LibraryError(f"{where}: 'held' gives a number to each force.")
     return System(**{**table, **{key: tuple(value) for key, value in lists.items()}})

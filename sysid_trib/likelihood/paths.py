@@ -37,7 +37,8 @@ from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_ope
 from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.records.smoothing import SplinesAt, knot_intervals, least_squares_spline
-from sysid_trib.simulation.internal_states import GivenMotion, states_along, tangent_along, values_along
+from sysid_trib.simulation.internal_states import states_along
+from sysid_trib.simulation.stepped_states import GivenMotion, tangent_along, values_along
 
 # A sensor that falls while the angle rises is none; a fit may pass by there.
 LEAST_SENSOR_GAIN = 0.05

@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.notation import reference_powers
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
-from sysid_trib.simulation.stepped_states import is_stepped
+from sysid_trib.simulation.internal_states import is_stepped
 
 # How nearly a natural frequency is the shape that gives it.
 SAME = 0.05

@@ -1,7 +1,7 @@
 """Predictions of a record from what was measured before, with bands that grow by the random force."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -23,24 +23,6 @@ from sysid_trib.simulation.steps import Steps, steps_over
 
 # Periods that the filter has for the start and the sensor's zero before the first prediction.
 SETTLING_PERIODS = 2.0
-
-
-@dataclass(frozen=True)
-class Predictions:
-    """What a record is predicted to show, each from one of its samples, (origin, horizon) arrays.
-
-    Attributes
-    ----------
-    times : s
-    predicted, standard_error : rad
-    measured : rad
-        nan where there is no sample.
-    """
-
-    times: Array
-    predicted: Array
-    standard_error: Array
-    measured: Array
 
 
 @in_units_of_the_motion
@@ -108,14 +90,14 @@ def bands_of(
     tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
     ahead_of = partial(_predictions, tracked, result, run=run)
-    expected, factor = ahead_of(starts, ahead), _recent_ratios(tracked, starts, ahead_of)
-    dims, time = ("origin", "horizon"), tracked.time
-    errors = factor[:, None] * expected.standard_error
+    times, predicted, errors, measured = ahead_of(starts, ahead)
+    factor = _recent_ratios(tracked, starts, ahead_of)
+    dims, time, errors = ("origin", "horizon"), tracked.time, factor[:, None] * errors
     return xr.Dataset(
         {
-            **with_error("predicted", dims, (expected.predicted, errors), "predicted angle", "rad"),
-            "measured": variable(dims, expected.measured, "measured angle", "rad"),
-            "time_ahead": variable(dims, expected.times, "time of the prediction", "s"),
+            **with_error("predicted", dims, (predicted, errors), "predicted angle", "rad"),
+            "measured": variable(dims, measured, "measured angle", "rad"),
+            "time_ahead": variable(dims, times, "time of the prediction", "s"),
             "widening": variable("origin", factor, "Birge ratio of recent predictions", "1"),
         },
         {
@@ -126,7 +108,7 @@ def bands_of(
 
 
 def _recent_ratios(
-    tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], Predictions]
+    tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], tuple[Array, ...]]
 ) -> Array:
     """By how much errors are to be multiplied at each start (start,)."""
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
@@ -135,14 +117,18 @@ def _recent_ratios(
     if not len(earlier):
         return np.ones(len(starts))
     recent = ahead_of(_origins(tracked, 0.0, list(earlier)), np.ones(1))
-    scores = (recent.measured - recent.predicted) / recent.standard_error
-    return birge_ratios(scores[:, 0], recent.times[:, 0], time[starts])
+    times, predicted, errors, measured = (table[:, 0] for table in recent)
+    return birge_ratios((measured - predicted) / errors, times, time[starts])
 
 
 def _predictions(
     tracked: TrackedRecord, result: xr.Dataset, starts: Index, ahead: Array, *, run: int
-) -> Predictions:
-    """What is predicted from each start, so many periods ahead: ascending."""
+) -> tuple[Array, ...]:
+    """What is predicted from each start, so many periods ahead: ascending.
+
+    (origin, horizon) arrays of times (s), of what is predicted with its standard error (rad), and of what was
+    measured, nan where there is no sample.
+    """
     names, of_parameters = parameters_of(result)
     by = (*names, FREQUENCY)
     states, covariance, by_states = _filtered(tracked, starts, by)
@@ -173,7 +159,7 @@ def _predictions(
             + noise_of_run(result, run) ** 2
         )
     measured = np.where(targets >= 0, tracked.angle[targets], np.nan)
-    return Predictions(times, predicted, np.sqrt(variance), measured)
+    return times, predicted, np.sqrt(variance), measured
 
 
 def _expected_density(force: RandomForce) -> float:

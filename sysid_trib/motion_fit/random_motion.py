@@ -143,8 +143,8 @@ def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Arr
         problem.records, paths, parameters.per_run(values), strict=True
     ):
         of_run, given = replace(model, inputs=record.inputs), (record.time, record.angle)
-        about = linearised_about(of_run, given, path, start, parameters.common, rate_error)
-        linear.append(replace(about, sensor_filter=record.filter_))
+        around = linearised_about(of_run, given, path, start, parameters.common, rate_error)
+        linear.append(replace(around, sensor_filter=record.filter_))
     return Iterate(parameters, values, linear)
 
 

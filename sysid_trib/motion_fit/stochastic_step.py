@@ -36,7 +36,7 @@ class Iterate:
     ratios: Sequence[VarianceRatio] = ()
 
     def with_ratios(self, densities: Sequence[float | None], before: "Iterate | None") -> "Iterate":
-        """The same with the ratio of each run, by its own restricted likelihood or by a given density.
+        """This iterate with the ratio of each run, by its own restricted likelihood or by a given density.
 
         Parameters
         ----------

@@ -67,7 +67,7 @@ INTERVAL_ENDS, INPUT_JUMPS = -2, -3
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; room for surfaces
 # and states, with the largest derivatives so far; how much the surface that holds it moves with v.
-STATE, ROUNDING, MEMORY_NOW, MEMORY_BEFORE, SIGNS, ZEROS = range(6)
+STATE, STATE_ROUNDING, MEMORY_NOW, MEMORY_BEFORE, SIGNS, ZEROS = range(6)
 MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN = range(6, 10)
 CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_AT_REST, GRIP = range(10, 18)
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.

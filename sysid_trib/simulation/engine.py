@@ -56,9 +56,9 @@ def sampled(program, given, c, done, n, reach):
 def advance(program, c, n, h, held):
     """Go a step on: the state, its derivatives and the clock; sums are compensated."""
     for i in range(program.states):
-        step = rest_of(c.J[i], n, h) + c.v[at.ROUNDING, i]
+        step = rest_of(c.J[i], n, h) + c.v[at.STATE_ROUNDING, i]
         new = c.v[at.STATE, i] + step
-        c.v[at.ROUNDING, i] = step - (new - c.v[at.STATE, i])
+        c.v[at.STATE_ROUNDING, i] = step - (new - c.v[at.STATE, i])
         c.v[at.STATE, i] = new
         for q in range(c.T.shape[2]):
             c.dy[i, q] = of_parameter(c.T, i, q, n, h)
@@ -102,7 +102,7 @@ def begun_anew(program, given, c, start):
     for m in range(len(program.signs)):
         c.v[at.SIGNS, m], c.v[at.ZEROS, m] = 0.0, 0.0
     for i in range(size):
-        c.v[at.STATE, i], c.v[at.ROUNDING, i] = given.starts[start, i], 0.0
+        c.v[at.STATE, i], c.v[at.STATE_ROUNDING, i] = given.starts[start, i], 0.0
         for q in range(c.T.shape[2]):
             c.dy[i, q], c.v[at.LARGEST_DERIVATIVES, q] = 1.0 if q == i else 0.0, 0.0
     for m in range(held):

@@ -18,9 +18,9 @@ from sysid_trib.simulation.compiled import (
     new_state,
 )
 from sysid_trib.simulation.forcing import UNFORCED, Forcing, jumps_of
-from sysid_trib.simulation.model import Model, Motion, Vector
+from sysid_trib.simulation.model import Model, Motion, Vector, program_of
 from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY, SimulatedMotion
-from sysid_trib.simulation.program import Instructions, program_of
+from sysid_trib.simulation.program import Instructions
 
 # Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
 STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
@@ -108,7 +108,7 @@ def begun(
     slots = slice(program.states + 1 + program.channels, program.inputs)
     state.v[STATE, : len(y)], state.dy[:, columns] = y, dy
     state.v[MEMORY_NOW, : program.memory] = p[motion.memory_at]
-    state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p[: motion.signs_at.start])
+    state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p)
     state.T[slots, 0, columns] = dp
     # What is seen over w^p is less by p/w of itself where w is larger.
     forcing = (FORCING_CHANNEL,) * (program.channels - len(motion.channels))
@@ -157,7 +157,7 @@ def _seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[s
     """Derivatives of the start, (state, parameter), and of the program's parameters."""
     w, names = model.reference_frequency, [f.symbol for f in motion.forces]
     places = {name: 1 + i for i, name in enumerate((*names, *motion.shapes))}
-    dy, dp = np.zeros((len(motion.variables), len(by))), np.zeros((1 + motion.signs_at.start, len(by)))
+    dy, dp = np.zeros((len(motion.variables), len(by))), np.zeros((1 + motion.memory_at.stop, len(by)))
     for column, name in enumerate(by):
         if name == BY_ANGLE:
             dy[0, column] = 1.0

@@ -2,21 +2,19 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, TypeAlias
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
-from sysid_trib.forces.formulas import Formula, Functions, parse
+from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.records.inputs import FORCING_CHANNEL, INPUT, KnownInput
+from sysid_trib.simulation.program import FUNCTIONS, SIGN, Instructions, Listing, Slot, live_functions
 
-Values: TypeAlias = Sequence[Any]
 Vector = NDArray[np.float64]
-# Below this distance from a surface (rad), what is infinite there is smoothed.
-SMOOTHED = 1e-9
 RATE = parse("v", frozenset("v"), frozenset(), "v")
 
 
@@ -107,27 +105,11 @@ def check_shapes(names: Iterable[str], library: ForceLibrary) -> None:
 
 
 @dataclass(frozen=True)
-class Switch:
-    """A switching surface; forces share those of x, v and t, and keep those of their own states.
-
-    Parameters
-    ----------
-    key : str
-        The expression's text, with the force's symbol where it holds a state.
-    surface : Formula
-        The expression.
-    force : int
-        Index of a force whose names it holds.
-    """
-
-    key: str
-    surface: Formula
-    force: int
-
-
-@dataclass(frozen=True)
 class Motion:
     """The equations of motion under some forces, for any coefficients, shapes and frequency.
+
+    The states `y` are x, v, the states of forces, then what is given over time; the parameters `p` the
+    coefficients, the shapes, 1/w and the memory.
 
     Parameters
     ----------
@@ -158,74 +140,41 @@ class Motion:
         return tuple(f"{f.symbol}.{k}" for f in self.forces for k in f.memory)
 
     @cached_property
-    def switches(self) -> tuple[Switch, ...]:
-        """Switching surfaces; v comes first wherever a reversal matters."""
-        switches: dict[str, Switch] = {}
+    def switches(self) -> dict[str, tuple[int, Formula]]:
+        """Switching surfaces and a force whose names each holds; v comes first where a reversal matters."""
+        switches: dict[str, tuple[int, Formula]] = {}
         for i, force in enumerate(self.forces):
             for surface in force.surfaces:
-                common = {"x", "v", "t", *(channel.name for channel in force.channels)}
-                key = surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"
-                switches.setdefault(key, Switch(key, surface, i))
-        v = switches.pop("v", Switch("v", RATE, 0))
+                switches.setdefault(self.key(i, surface), (i, surface))
+        v = switches.pop("v", (0, RATE))
         reverses = any("v" in surface.names for f in self.forces for surface in f.surfaces)
-        return (v, *switches.values()) if reverses or self.memory else tuple(switches.values())
+        return {"v": v, **switches} if reverses or self.memory else switches
 
-    @cached_property
-    def signs_at(self) -> slice:
-        """Where the signs stand in `p`."""
-        return slice(self.memory_at.stop, self.memory_at.stop + len(self.switches))
+    def key(self, i: int, surface: Formula) -> str:
+        """Name of a force's surface: forces share those of x, v and t, and keep those of their own states."""
+        force = self.forces[i]
+        common = {"x", "v", "t", *(channel.name for channel in force.channels)}
+        return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"
 
     @cached_property
     def memory_at(self) -> slice:
         """Where the memory stands in `p`."""
-        start = len(self.forces) + len(self.shapes) + 1
-        return slice(start, start + len(self.memory))
+        first = len(self.forces) + len(self.shapes) + 1
+        return slice(first, first + len(self.memory))
 
     def parameters(self, model: Model) -> Vector:
-        """`p` of a model, memory and signs still zero."""
-        p = np.zeros(self.signs_at.stop)
-        p[: len(self.forces)] = [model.coefficients.get(f.symbol, 0.0) for f in self.forces]
+        """`p` of a model, memory still zero."""
+        coefficients = [model.coefficients.get(f.symbol, 0.0) for f in self.forces]
         shapes = [value for f in self.forces for value in f.shape_values(model.shapes).values()]
-        p[len(self.forces) : self.memory_at.start - 1] = shapes
-        p[self.memory_at.start - 1] = 1.0 / model.reference_frequency
-        return p
+        return np.array([*coefficients, *shapes, 1.0 / model.reference_frequency, *[0.0] * len(self.memory)])
 
-    def rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
-        """Derivative of `y` on the branch that the signs in `p` select."""
-        acceleration = -y[0]
-        for i in range(len(self.forces)):
-            # In numbers, a force that is off must not act even where it is singular.
-            if not (isinstance(p[i], float) and p[i] == 0.0):
-                acceleration = acceleration - p[i] * self.force_value(i, y, p, tau, functions)
-        return [y[1], acceleration, *self.state_rates(y, p, tau, functions)]
-
-    def force_value(self, i: int, y: Values, p: Values, tau: Any, functions: Functions) -> Any:
-        """What the coefficient of a force multiplies, on the branch that the signs in `p` select."""
-        names, signs = self._names(i, y, p, tau), self._signs(i, p)
-        return self.forces[i].formula.evaluate(names, functions, signs)
-
-    def state_rates(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
-        """Derivative of the states of the forces on that branch."""
-        return [
-            formula.evaluate(self._names(i, y, p, tau), functions, self._signs(i, p))
-            for i, force in enumerate(self.forces)
-            for formula in force.state.values()
-        ]
-
-    def surface(
-        self, switch: Switch, y: Values, p: Values, tau: Any, functions: Functions, *, frozen: bool = True
-    ) -> Any:
-        """Value of a switching surface; `frozen` takes inner branches by the signs in `p`."""
-        signs = self._signs(switch.force, p) if frozen else None
-        return switch.surface.evaluate(self._names(switch.force, y, p, tau), functions, signs)
-
-    def replaced(self, y: Values, p: Values, tau: Any, functions: Functions) -> list[Any]:
-        """Memory after a reversal, from the old memory."""
-        return [
-            formula.evaluate(self._names(i, y, p, tau), functions)
-            for i, force in enumerate(self.forces)
-            for formula in force.memory.values()
-        ]
+    def names(self, i: int, y: Sequence[Any], p: Sequence[Any], tau: Any) -> dict[str, Any]:
+        """Values of all that the formulas of a force hold."""
+        names = {"x": y[0], "v": y[1]}
+        if self.forces[i].holds_time:
+            names["t"] = tau * p[self.memory_at.start - 1]
+        names |= {name: y[j] for name, j in self._in_y[i].items()}
+        return names | {name: p[j] for name, j in self._in_p[i].items()}
 
     def start(self, model: Model, x: float, v: float) -> tuple[Vector, Vector]:
         """`y` with the states, and `p` with the memory, that the forces of a model start with."""
@@ -253,29 +202,14 @@ class Motion:
     def _at_start(self, i: int, p: Vector, x: float, v: float) -> dict[str, float]:
         return {"x": x, "v": v, "t": 0.0, **{k: p[j] for k, j in self._in_p[i].items()}}
 
-    def _names(self, i: int, y: Values, p: Values, tau: Any) -> dict[str, Any]:
-        names = {"x": y[0], "v": y[1]}
-        if self._uses_time[i]:
-            names["t"] = tau * p[self.memory_at.start - 1]
-        names |= {name: y[j] for name, j in self._in_y[i].items()}
-        names |= {channel.name: y[j] for channel, j in self._channels_in_y[i].items()}
-        return names | {name: p[j] for name, j in self._in_p[i].items()}
-
-    def _signs(self, i: int, p: Values) -> dict[str, Any]:
-        return {text: p[j] for text, j in self._signs_in_p[i].items()}
-
-    @cached_property
-    def _uses_time(self) -> tuple[bool, ...]:
-        return tuple(force.holds_time for force in self.forces)
-
     @cached_property
     def _in_y(self) -> tuple[dict[str, int], ...]:
-        return tuple({k: self.variables.index(f"{f.symbol}.{k}") for k in f.state} for f in self.forces)
-
-    @cached_property
-    def _channels_in_y(self) -> tuple[dict[Channel, int], ...]:
-        places = {channel: len(self.variables) + at for at, channel in enumerate(self.channels)}
-        return tuple({channel: places[channel] for channel in force.channels} for force in self.forces)
+        first = len(self.variables)
+        return tuple(
+            {k: self.variables.index(f"{f.symbol}.{k}") for k in f.state}
+            | {channel.name: first + self.channels.index(channel) for channel in f.channels}
+            for f in self.forces
+        )
 
     @cached_property
     def _in_p(self) -> tuple[dict[str, int], ...]:
@@ -286,10 +220,54 @@ class Motion:
             for f in self.forces
         )
 
-    @cached_property
-    def _signs_in_p(self) -> tuple[dict[str, int], ...]:
-        index = {s.key: self.signs_at.start + j for j, s in enumerate(self.switches)}
-        return tuple(
-            {s.text: index.get(s.text, index.get(f"{f.symbol}: {s.text}", -1)) for s in f.surfaces}
-            for f in self.forces
-        )
+
+@lru_cache(maxsize=512)
+def program_of(
+    forces: tuple[Force, ...], *, forced: bool = False, paced: bool = False
+) -> tuple[Motion, Instructions]:
+    """The equations of motion under these forces, and their program, for any coefficients and shapes.
+
+    Its parameters are `p` of `Motion`, and one more in front of them: where `paced`, what all rates are
+    multiplied by, 1 but for its derivative, which is that by the frequency at given times. Where `forced`, an
+    acceleration is added that the engine is given: the first channel, before the forces' own.
+    """
+    motion = Motion(forces)
+    states, fixed = len(motion.variables), motion.memory_at.stop
+    channels = int(forced) + len(motion.channels)
+    rows = Listing(states + 1 + channels, 1 + fixed)
+    slots = [Slot(rows, i) for i in range(rows.inputs)]
+    tau, given, (pace, *p) = slots[states], slots[states + 1 : -1 - fixed], slots[-1 - fixed :]
+    y = [*slots[:states], *given[int(forced) :]]
+    signs: dict[str, Slot] = {}
+    surfaces: list[int] = []
+
+    def value(i: int, formula: Formula) -> Any:
+        """Value of a formula of a force on the branch of the signs."""
+        # Inner surfaces come first: their signs are known where an outer one is reached.
+        own = {s.text: signs.get(motion.key(i, s), 0.0) for s in forces[i].surfaces}
+        return formula.evaluate(motion.names(i, y, p, tau), FUNCTIONS, own)
+
+    for key, (i, surface) in motion.switches.items():
+        at_zero = rows.slot(value(i, surface))
+        surfaces.append(at_zero)
+        signs[key] = Slot(rows, rows.add(SIGN, at_zero))
+    acceleration = -y[0]
+    for i, force in enumerate(forces):
+        acceleration = acceleration - p[i] * value(i, force.formula)
+    if forced:
+        acceleration = acceleration + given[0]
+    rates = [
+        y[1],
+        acceleration,
+        *(value(i, f) for i, force in enumerate(forces) for f in force.state.values()),
+    ]
+    ends = [rows.slot(pace * rate if paced else rate) for rate in rates]
+    main = len(rows.rows)
+    live = live_functions(rows)
+    replaced = [
+        rows.slot(formula.evaluate(motion.names(i, y, p, tau), live))
+        for i, force in enumerate(forces)
+        for formula in force.memory.values()
+    ]
+    outputs = ends, surfaces, [sign.index for sign in signs.values()], replaced
+    return motion, rows.tidied(main, (states, channels), outputs)

@@ -6,20 +6,19 @@ numbered: the states `y`, tau, what is given over time, the parameters `p` up to
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Functions, divided
-from sysid_trib.simulation.model import SMOOTHED, Motion
 
 # Operations. PARTNER is the second of two rows that need each other: cos beside sin.
 # LINEAR is a + c d b with d that does not change: most of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
+# Below this distance from a surface (rad), what is infinite there is smoothed.
+SMOOTHED = 1e-9
 # What is given over time is a polynomial in tau between knots, of so many numbers at most.
 FORCING_NUMBERS = 8
 
@@ -68,47 +67,74 @@ class Listing:
 
     def __init__(self, changing: int, parameters: int) -> None:
         self.inputs = changing + parameters
-        self.op, self.a, self.b, self.d = ([0] * self.inputs for _ in range(4))
-        self.c = [0.0] * self.inputs
+        # Operation, operands a, b and d, number c of each.
+        self.rows: list[tuple[int, int, int, int, float]] = [(0, 0, 0, 0, 0.0)] * self.inputs
         self.still = [False] * changing + [True] * parameters
-        self._known: dict[tuple[int, int, int, float, int], int] = {}
+        self._known: dict[tuple[int, int, int, int, float], int] = {}
 
     def add(self, op: int, a: int = 0, b: int = 0, c: float = 0.0, d: int = 0) -> int:
         """The slot of an operation, which is done once however often it is asked for."""
-        key = (op, a, b, c, d)
-        if key not in self._known:
-            self.op.append(op)
-            self.a.append(a)
-            self.b.append(b)
-            self.c.append(c)
-            self.d.append(d)
+        row = (op, a, b, d, c)
+        if row not in self._known:
+            self.rows.append(row)
             still = op in (CONST, SIGN) or (self.still[a] and (op > DIV or self.still[b]))
             self.still.append(still)
-            self._known[key] = len(self.op) - 1
-        return self._known[key]
+            self._known[row] = len(self.rows) - 1
+        return self._known[row]
 
     def pair(self, op: int, a: int, partner: Callable[[int], tuple[int, int, int]]) -> tuple[int, int]:
         """Two rows of which the first reads the second."""
         first = self.add(op, a, -1)
-        if self.b[first] < 0:
-            self.b[first] = self.add(*partner(first))
-        return first, self.b[first]
+        if self.rows[first][2] < 0:
+            self.rows[first] = (op, a, self.add(*partner(first)), 0, 0.0)
+        return first, self.rows[first][2]
 
     def sum(self, a: int, b: int, way: float) -> int:
         """The slot of a + way b."""
-        if self.op[b] == SCALE:
-            return self.add(LINEAR, a, self.b[b], way, self.a[b])
+        op, factor, of, *_ = self.rows[b]
+        if op == SCALE:
+            return self.add(LINEAR, a, of, way, factor)
         return self.add(ADD if way > 0.0 else SUB, a, b)
 
     def scaled(self, factor: int, a: int) -> int:
         """The slot of a times a factor that does not change."""
-        if self.op[a] == SCALE and not self.still[a]:
-            return self.scaled(self.scaled(factor, self.a[a]), self.b[a])
+        op, first, of, *_ = self.rows[a]
+        if op == SCALE and not self.still[a]:
+            return self.scaled(self.scaled(factor, first), of)
         return self.add(SCALE, factor, a)
 
     def slot(self, value: Any) -> int:
         """The slot of a value."""
         return value.index if isinstance(value, Slot) else self.add(CONST, c=float(value))
+
+    def tidied(self, main: int, counts: tuple[int, int], outputs: tuple[list[int], ...]) -> Instructions:
+        """The program without rows that nothing needs; `main` is the first that only the memory may need."""
+        count = len(self.rows)
+        used = [i < self.inputs or any(i in output for output in outputs) for i in range(count)]
+        for i in range(count - 1, self.inputs - 1, -1):
+            if used[i] and self.rows[i][0] != CONST:
+                for operand in self.rows[i][1:4]:
+                    used[operand] = True
+                    # A partner stands behind its first row, and is needed with it.
+                    if operand > i:
+                        for inner in self.rows[operand][1:3]:
+                            used[inner] = True
+        place = np.cumsum(used) - 1
+        kept = np.flatnonzero(used)
+        table = np.array(self.rows, dtype=float)[kept]
+        code = table[:, :4].astype(np.int64)
+        code[:, 1:] = place[code[:, 1:]]
+        changing = [place[i] for i in kept if self.inputs <= i < main and not self.still[i]]
+        return Instructions(
+            code,
+            table[:, 4].copy(),
+            np.array(changing, dtype=np.int64),
+            self.inputs,
+            int(sum(used[:main])),
+            *counts,
+            len(outputs[3]),
+            *(place[np.array(output, dtype=np.int64)].astype(np.int64) for output in outputs),
+        )
 
 
 class Slot:
@@ -233,69 +259,7 @@ FUNCTIONS: Functions = {
 }
 
 
-@lru_cache(maxsize=512)
-def program_of(
-    forces: tuple[Force, ...], *, forced: bool = False, paced: bool = False
-) -> tuple[Motion, Instructions]:
-    """The equations of motion under these forces, and their program, for any coefficients and shapes.
-
-    Its parameters are `p` of `Motion` up to the signs, and one more in front of them: where `paced`, what all
-    rates are multiplied by, 1 but for its derivative, which is that by the frequency at given times. Where
-    `forced`, an acceleration is added that the engine is given: the first channel, before the forces' own.
-    """
-    motion = Motion(forces)
-    states, fixed = len(motion.variables), motion.signs_at.start
-    channels = int(forced) + len(motion.channels)
-    rows = Listing(states + 1 + channels, 1 + fixed)
-    slots = [Slot(rows, i) for i in range(rows.inputs)]
-    tau, given, (pace, *p) = slots[states], slots[states + 1 : -1 - fixed], slots[-1 - fixed :]
-    y = [*slots[:states], *given[int(forced) :]]
-    signs: list[Any] = [0.0] * len(motion.switches)
-    surfaces: list[int] = []
-    for i, switch in enumerate(motion.switches):
-        # Inner surfaces come first: their signs are known where an outer one is reached.
-        value = motion.surface(switch, y, [*p, *signs], tau, FUNCTIONS)
-        surfaces.append(rows.slot(value))
-        signs[i] = Slot(rows, rows.add(SIGN, surfaces[-1]))
-    rates = motion.rates(y, [*p, *signs], tau, FUNCTIONS)
-    if forced:
-        rates[1] = rates[1] + given[0]
-    ends = [rows.slot(pace * rate if paced else rate) for rate in rates]
-    main = len(rows.op)
-    replaced = [rows.slot(value) for value in motion.replaced(y, p, tau, _live(rows))]
-    counts = states, channels
-    return motion, _tidied(rows, main, counts, ends, surfaces, [s.index for s in signs], replaced)
-
-
-def _tidied(rows: Listing, main: int, counts: tuple[int, int], *outputs: list[int]) -> Instructions:
-    """The program without rows that nothing needs."""
-    used = [i < rows.inputs or any(i in output for output in outputs) for i in range(len(rows.op))]
-    for i in range(len(rows.op) - 1, rows.inputs - 1, -1):
-        if used[i] and rows.op[i] != CONST:
-            operands = [rows.a[i], rows.b[i], rows.d[i]]
-            # A partner stands behind its first row, and is needed with it.
-            for operand in operands:
-                used[operand] = True
-                if operand > i:
-                    for inner in (rows.a[operand], rows.b[operand]):
-                        used[inner] = True
-    place = np.cumsum(used) - 1
-    kept = [i for i in range(len(rows.op)) if used[i]]
-    tables = [place[[part[i] for i in kept]] for part in (rows.a, rows.b, rows.d)]
-    changing = [place[i] for i in kept if rows.inputs <= i < main and not rows.still[i]]
-    return Instructions(
-        np.stack([np.array([rows.op[i] for i in kept]), *tables], axis=1).astype(np.int64),
-        np.array([rows.c[i] for i in kept], dtype=float),
-        np.array(changing, dtype=np.int64),
-        rows.inputs,
-        int(sum(used[:main])),
-        *counts,
-        len(outputs[3]),
-        *(place[np.array(output, dtype=np.int64)].astype(np.int64) for output in outputs),
-    )
-
-
-def _live(rows: Listing) -> Functions:
+def live_functions(rows: Listing) -> Functions:
     """Functions whose branches follow their arguments."""
 
     def sign(u: Any) -> Any:

@@ -1,6 +1,4 @@
-"""Internal states of a force along a motion that is given: by the compiled engine, or by linear steps.
-
-The force itself does not act: what pushes the engine's body is what leads it along the given path.
+"""Values of a history-dependent force along a given motion by linear steps: fast, for many shapes.
 
 One state may have any rate: its whole course is linearised, and where the rate is not linear solved again
 until it settles. Several states follow one after another where their rates are linear with constant
@@ -8,104 +6,22 @@ coefficients. Either way each is a scalar recurrence, a triangular banded system
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import lru_cache
+from copy import copy
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 from scipy.linalg import get_lapack_funcs, schur
+from scipy.ndimage import uniform_filter1d
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import LibraryError, SimulationError
-from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
-from sysid_trib.forces.formulas import Formula, Names, parse
-from sysid_trib.simulation.forcing import UNFORCED, Forcing
-from sysid_trib.simulation.integrate import integrate
-from sysid_trib.simulation.model import Model
+from sysid_trib.forces.force import Force
+from sysid_trib.forces.formulas import Names
+from sysid_trib.simulation.internal_states import is_linear, is_stepped
 
-NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
-# rad/s; at such a frequency `t` stands still, whatever the length of the motion.
-FROZEN = 1e300
-
-
-def watched(force: Force, shapes: ShapeValues | None, frequency: float) -> Model:
-    """A model in which a force has its history and does not act; `t` counts tau over this frequency."""
-    idle = replace(force, formula=NO_FORCE, kind="force")
-    values = {f"{force.symbol}.{k}": value for k, value in force.shape_values(shapes).items()}
-    return Model(ForceLibrary("watched", (idle,)), {force.symbol: 0.0}, frequency, values)
-
-
-def begun_with(force: Force, values: Mapping[str, float]) -> Force:
-    """A force that begins with these states and memory."""
-    nothing = frozenset[str]()
-    starts = {name: parse(repr(value), nothing, nothing, force.symbol) for name, value in values.items()}
-    return replace(force, start=starts)
-
-
-def leading(tau: Array, x: Array, v: Array) -> Forcing:
-    """What leads a body without forces along the cubics through angles and rates (Hermite), from tau = 0."""
-    h, rise = np.diff(tau), np.diff(x)
-    square = (3.0 * rise / h - 2.0 * v[:-1] - v[1:]) / h
-    cube = (v[:-1] + v[1:] - 2.0 * rise / h) / h**2
-    # x'' + x of each cubic.
-    forcing = np.stack([x[:-1] + 2.0 * square, v[:-1] + 6.0 * cube, square, cube], axis=1)
-    return Forcing(tau[:-1] - tau[0], forcing[:, None], np.zeros((len(h), 2)), forced=True)
-
-
-def history_along(
-    force: Force, tau: Array, x: Array, v: Array, shapes: ShapeValues | None, elapsed: Array
-) -> dict[str, Array]:
-    """States and memory of a force along a given motion.
-
-    Parameters
-    ----------
-    force : Force
-        One that depends on history; its `t` counts from the first sample.
-    tau : (sample,) array of float
-        w t, increasing.
-    x, v : (sample,) array of float, rad
-        Angle and dx/dtau; between samples a cubic.
-    shapes : mapping of str to float, optional
-        Shape parameters, `{"dahl.s": 0.02}`.
-    elapsed : (sample,) array of float, s
-        The `t` of formulas, in proportion to tau from the first sample on, or at rest.
-
-    Returns
-    -------
-    dict of str to (sample,) array
-        By their names in the force.
-
-    Raises
-    ------
-    LibraryError
-        They are not finite along this motion, or cannot be followed.
-    """
-    span = float(elapsed[-1] - elapsed[0])
-    frequency = float(tau[-1] - tau[0]) / span if span > 0.0 else FROZEN
-    model = watched(force, shapes, frequency)
-    return _of(force, model, tau - tau[0], (float(x[0]), float(v[0])), leading(tau, x, v))
-
-
-def history_on_cycle(force: Force, phase: Array, a: float, shapes: ShapeValues | None) -> dict[str, Array]:
-    """States along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
-    start = a * float(np.cos(phase[0])), -a * float(np.sin(phase[0]))
-    return _of(force, watched(force, shapes, FROZEN), phase - phase[0], start, UNFORCED)
-
-
-def _of(
-    force: Force, model: Model, grid: Array, start: tuple[float, float], forcing: Forcing
-) -> dict[str, Array]:
-    try:
-        motion = integrate(model, grid, start, forcing=forcing)
-    except SimulationError:
-        raise LibraryError(
-            f"Force '{force.symbol}': its states could not be followed along the motion."
-        ) from None
-    if not all(np.all(np.isfinite(values)) for values in motion.hidden.values()):
-        raise LibraryError(f"Force '{force.symbol}': its states or memory are not finite along the motion.")
-    return {name.removeprefix(f"{force.symbol}."): values for name, values in motion.hidden.items()}
-
-
+# Part by which a motion is larger, of which a force changes to this order.
+LARGER = 1e-5
 # Radau's method of order 3 (Hairer and Wanner 1996, IV.5): stages at a third and at the end of a step. It is
 # stiffly accurate: a state that follows at once is followed.
 RADAU_STAGES = (1.0 / 3.0, 1.0)
@@ -117,58 +33,173 @@ NEWTON_TOLERANCE, MAX_NEWTON = 1e-6, 60
 TRIANGULAR_SOLVERS = {kind: get_lapack_funcs("tbtrs", dtype=kind) for kind in "dD"}
 
 
-@lru_cache(maxsize=1024)
-def is_stepped(force: Force) -> bool:
-    """True if `stepped_states` can follow a force, by its formulas.
-
-    It has no memory that depends on a state, and one state, or several with constant coefficients.
-    """
-    if any(f.names & set(force.state) for f in force.memory.values()):
-        return False
-    return len(force.state) < 2 or _slopes_are_constant(force, [*force.state.values()], [*force.state])
-
-
-@lru_cache(maxsize=1024)
-def is_linear(force: Force) -> bool:
-    """True if a force follows the motion as springs and dashpots do: in proportion, constant coefficients."""
-    formulas, names = [force.formula, *force.state.values()], ["x", "v", "t", *force.state]
-    at_rest = force.test_points | dict.fromkeys(names, 0.0)
-    with np.errstate(all="ignore"):
-        values = [formula.evaluate(at_rest) for formula in (*formulas, *force.start.values())]
-    vanishes = all(np.all(value == 0.0) for value in values)
-    return not force.memory and vanishes and _slopes_are_constant(force, formulas, names)
-
-
-def _slopes_are_constant(force: Force, formulas: Sequence[Formula], names: Sequence[str]) -> bool:
-    with np.errstate(all="ignore"):
-        slopes = [formula.derivative(force.test_points, name) for formula in formulas for name in names]
-    return all(np.allclose(slope, np.ravel(slope)[0], rtol=1e-9, atol=1e-12) for slope in slopes)
-
-
-def stepped_states(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> dict[str, Array]:
-    """States of a force at the samples of a motion.
+class GivenMotion:
+    """A motion made continuous by cubics, and its reversals.
 
     Parameters
     ----------
+    tau : (sample,) array of float
+        w t, increasing.
+    x, v : (sample,) array of float, rad
+        Angle and dx/dtau.
+    time : (sample,) array of float, s
+        The `t` of formulas.
+    """
+
+    def __init__(self, tau: Array, x: Array, v: Array, time: Array) -> None:
+        self.tau, self.time = tau, time
+        self.x, self.v = CubicHermiteSpline(tau, x, v), CubicSpline(tau, v)
+        zeros = np.sort(_zeros(self.v))
+        # Not the release itself: there the start values hold. One at a sample is found in both steps.
+        self.reversals = zeros[np.diff(zeros, prepend=tau[0]) > 1e-9]
+        # What a force with values of its shape parameters was along this motion.
+        self.followed: dict[tuple[Force, tuple[float, ...]], Array] = {}
+
+    @cached_property
+    def larger(self) -> "GivenMotion":
+        """A motion larger by the part `LARGER`, of the same reversals."""
+        larger, factor = copy(self), 1.0 + LARGER
+        larger.x, larger.v = (PPoly(factor * spline.c, spline.x) for spline in (self.x, self.v))
+        larger.at_samples = self.at_samples | {k: factor * self.at_samples[k] for k in "xv"}
+        larger.at_stages = self.at_stages | {k: factor * self.at_stages[k] for k in "xv"}
+        larger.followed = {}
+        return larger
+
+    def names(self, tau: Array) -> dict[str, Any]:
+        """Variables of the formulas that the motion gives."""
+        return {"x": self.x(tau), "v": self.v(tau), "t": np.interp(tau, self.tau, self.time)}
+
+    @cached_property
+    def at_samples(self) -> dict[str, Any]:
+        """Variables at the samples, (sample,)."""
+        return self.names(self.tau)
+
+    @cached_property
+    def at_stages(self) -> dict[str, Any]:
+        """Variables at the stages of steps from sample to sample, (stage, step)."""
+        return self.names(self.tau[:-1] + np.outer(RADAU_STAGES, np.diff(self.tau)))
+
+
+def _zeros(spline: PPoly) -> Array:
+    """Zeros of a continuous spline of cubics, (zero,), between its ends.
+
+    Looked for where the spline's Bernstein coefficients, between which it lies, differ in sign: in one step
+    of dozens, where a motion is followed closely.
+    """
+    cubic, square, slope, value = spline.c * np.diff(spline.x) ** np.arange(3, -1, -1)[:, None]
+    bounds = [value, value + slope / 3.0, value + (2.0 * slope + square) / 3.0]
+    bounds.append(value + slope + square + cubic)
+    at = np.flatnonzero((np.min(bounds, axis=0) <= 0.0) & (np.max(bounds, axis=0) >= 0.0))
+    parts = [PPoly(spline.c[:, [i]], spline.x[i : i + 2]).roots(extrapolate=False) for i in at]
+    zeros = np.concatenate([*parts, []])
+    return zeros[np.isfinite(zeros)]
+
+
+def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
+    """Values of a history-dependent force along a motion for many values of its shape parameters, fast.
+
+    Parameters
+    ----------
+    motion : GivenMotion
+        Densely sampled: a sample is a step.
     force : Force
-        One that `is_stepped`.
-    step : (step,) array of float
-        Differences of tau.
-    names : mapping of str to array of float
-        x, v, t and memory at the stages of each step, (stage, step); shape parameters.
-    start : mapping of str to float
-        First value of each state.
+        With states or memory.
+    shapes : sequence of mapping of str to float
+        Values of its shape parameters, as `{"dahl.s": 0.02}`, for each column.
 
     Returns
     -------
-    dict of str to (sample,) array
-        Not finite where the states could not be followed.
+    (sample, column) array of float, or None
+        None unless `is_stepped`. A column that cannot be followed is not finite.
     """
-    if not force.state:
-        return {}
-    with np.errstate(all="ignore"):
-        states = (_single if len(force.state) == 1 else _triangular)(force, step, names, start)
-    return dict(zip(force.state, states, strict=True))
+    if not is_stepped(force):
+        return None
+    keys = [(force, tuple(force.shape_values(column).values())) for column in shapes]
+    # The columns of a fit are asked for again, those of a screen are too many to keep.
+    # Values of the shape parameters of a force that are followed at once and kept with their motion.
+    followed = motion.followed if len(shapes) <= 4 else dict(motion.followed)
+    missing = [key for key in dict.fromkeys(keys) if key not in followed]
+    if missing:
+        values = dict(zip(force.shape, np.array([key[1] for key in missing]).T, strict=True))
+        with np.errstate(all="ignore"):
+            memory = _memory(motion, force, values, len(missing))
+            # Column by column: what is not finite in one leaves the others alone.
+            for i, key in enumerate(missing):
+                column, held = ({k: q[i] for k, q in values.items()}, {k: m[:, i] for k, m in memory.items()})
+                followed[key] = _stepped_value(motion, force, column, held)
+    return np.stack([followed[key] for key in keys]).T
+
+
+def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]) -> tuple[Array, Array]:
+    """By how much a history-dependent force changes with the angle and its rate, (sample,) each.
+
+    Parameters
+    ----------
+    motion : GivenMotion
+        Densely sampled.
+    force : Force
+        Of one that is not `is_stepped` it is zero.
+    shapes : mapping of str to float
+
+    Notes
+    -----
+    Of a motion that is a little larger, or a little ahead of itself, each all along: the two changes of a
+    swing that are not forgotten. A state is not what it was at another angle, and so not a spring there.
+    What is linear may ring by itself, which is no answer to the motion: then of a period, in the mean.
+    """
+    x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
+    linear, values = is_linear(force), values_along(motion, force, [shapes])
+    # What is linear grows with the motion, and need not be followed along a larger one.
+    of_larger = values if linear else values_along(motion.larger, force, [shapes])
+    if values is None or of_larger is None:
+        return still, still
+    here = values[:, 0]
+    by_size = here if linear else (of_larger[:, 0] - here) / LARGER
+    by_advance = np.gradient(here, motion.tau)
+    # Of the first the angle changes by x and the rate by v, of the second by v and -x, w = 1.
+    square = x**2 + v**2 + np.finfo(float).tiny
+    along, across = x * by_size + v * by_advance, v * by_size - x * by_advance
+    if linear:
+        period = min(1 + int(2.0 * np.pi / np.median(np.diff(motion.tau))), len(x))
+        square, along, across = (
+            uniform_filter1d(part, period, mode="nearest") for part in (square, along, across)
+        )
+    of_x, of_v = along / square, across / square
+    return np.nan_to_num(of_x, posinf=0.0, neginf=0.0), np.nan_to_num(of_v, posinf=0.0, neginf=0.0)
+
+
+def _start_of(motion: GivenMotion, force: Force, shapes: Mapping[str, Any]) -> dict[str, Any]:
+    """States and memory of a force at the first sample."""
+    return force.start_values({k: value[0] for k, value in motion.at_samples.items()} | dict(shapes))
+
+
+def _memory(motion: GivenMotion, force: Force, shapes: Mapping[str, Any], count: int) -> dict[str, Array]:
+    """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
+    tau, start = motion.reversals, _start_of(motion, force, shapes)
+    held = {k: np.empty((1 + tau.size, count)) for k in force.memory}
+    for k, values in held.items():
+        values[0] = start[k]
+    given = motion.names(tau) | {"v": np.zeros(tau.size)}
+    for i in range(tau.size):
+        here = {k: value[i] for k, value in (given | held).items()} | dict(shapes)
+        for k, formula in force.memory.items():
+            held[k][i + 1] = formula.evaluate(here)
+    segment = np.searchsorted(tau, motion.tau)
+    return {k: values[segment] for k, values in held.items()}
+
+
+def _stepped_value(
+    motion: GivenMotion, force: Force, shapes: Mapping[str, Any], memory: Mapping[str, Array]
+) -> Array:
+    """The force at the samples, its states followed by steps from sample to sample."""
+    # A step lies between two reversals but for the one that holds it; there the new memory rules.
+    names = motion.at_stages | dict(shapes) | {k: m[1:] for k, m in memory.items()}
+    start, step, states = _start_of(motion, force, shapes), np.diff(motion.tau), {}
+    if force.state:
+        follow = _single if len(force.state) == 1 else _triangular
+        states = dict(zip(force.state, follow(force, step, names, start), strict=True))
+    here = motion.at_samples | dict(shapes) | dict(memory) | states
+    return np.broadcast_to(force.formula.evaluate(here), motion.tau.shape)
 
 
 def _single(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:

@@ -19,9 +19,8 @@ from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.compiled import INTERVAL_ENDS, Given
 from sysid_trib.simulation.forcing import bends_of, polynomials_of
 from sysid_trib.simulation.integrate import DIVERGED, begun, run
-from sysid_trib.simulation.model import Model, Motion
+from sysid_trib.simulation.model import Model, Motion, program_of
 from sysid_trib.simulation.motions import FREQUENCY
-from sysid_trib.simulation.program import program_of
 
 # In an interval, and in each unit of tau of it.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
@@ -214,7 +213,7 @@ def expected_steps(
     w = model.reference_frequency
     tau, length = w * (time[:-1] - time[0]), w * np.diff(time)
     steps = steps_over(model, tau, length, states[:-1], by)
-    if not np.any(rate_error) or not any(switch.key == "v" for switch in Motion(model.forces).switches):
+    if not np.any(rate_error) or "v" not in Motion(model.forces).switches:
         return steps
     v, error = states[:, 1], np.broadcast_to(rate_error, len(states))
     near = np.minimum(np.abs(v[:-1]), np.abs(v[1:])) < ONE_SIGN * error[:-1]

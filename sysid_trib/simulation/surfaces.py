@@ -139,7 +139,7 @@ def released(program, c, held, way):
 @inner
 def stop(c):
     """What friction holds has no speed, whatever it had."""
-    c.v[at.STATE, 1], c.v[at.ROUNDING, 1] = 0.0, 0.0
+    c.v[at.STATE, 1], c.v[at.STATE_ROUNDING, 1] = 0.0, 0.0
     for q in range(c.dy.shape[1]):
         c.dy[1, q] = 0.0
 
@@ -158,7 +158,7 @@ def switched(program, c, which, n, h):
                 c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]
     if slot < size:
         # The surface is a state: exactly zero here.
-        c.v[at.STATE, slot], c.v[at.ROUNDING, slot] = 0.0, 0.0
+        c.v[at.STATE, slot], c.v[at.STATE_ROUNDING, slot] = 0.0, 0.0
     c.v[at.ZEROS, which] = 1
     put(c.v[at.MEMORY_NOW], c.v[at.MEMORY_BEFORE])
     look_ahead(c, h)
