@@ -36,7 +36,7 @@ class Iterate:
     ratios: Sequence[VarianceRatio] = ()
 
     def with_ratios(self, densities: Sequence[float | None], before: "Iterate | None") -> "Iterate":
-        """This iterate with the ratio of each run, by its own restricted likelihood or by a given density.
+        """Iterate with the ratio of each run, by its own restricted likelihood or by a given density.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class Iterate:
         return average_over_ratios(self._rows_by_ratio(run), self.ratios[run], samples, solved)
 
     def with_gains_over_colours(self) -> "Iterate":
-        """The same with the gain of each run's random force over the sensor's noise alone, in its own colour.
+        """Iterate with each random force's gain over the sensor's noise alone, in a colour of its own.
 
         Both colours are of most likelihood, of the order that the sensor's noise has. With the random force
         the ratio is held where it is: the gain is no larger than with both free.
