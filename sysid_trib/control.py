@@ -248,26 +248,24 @@ def _at_rest(model: Model) -> tuple[Array, list[str]]:
 
 def _slopes(force: Force, model: Model) -> Array | None:
     """Slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
-    count = 2 + len(force.state)
+    names = ("x", "v", *force.state)
 
-    def rows(z: Array) -> Array:
-        names = {"x": z[0], "v": z[1], "t": 0.0, **dict(zip(force.state, z[2:], strict=True))}
-        names |= force.shape_values(model.shapes)
-        with np.errstate(all="ignore"):
-            return np.array([float(f.evaluate(names)) for f in (force.formula, *force.state.values())])
+    def names_at(z: Array) -> dict[str, Any]:
+        return {"t": 0.0, **dict(zip(names, z, strict=True)), **force.shape_values(model.shapes)}
 
-    if force.memoryless and force.degree is not None and force.degree > 1.0:
-        return np.zeros((1, count))
-    origin = rows(np.zeros(count))
-    units = np.eye(count)
-    central = np.stack(
-        [(rows(INNER_STEP * u) - rows(-INNER_STEP * u)) / (2.0 * INNER_STEP) for u in units], axis=1
-    )
+    units, rest = np.eye(len(names)), names_at(np.zeros(len(names)))
     # A slope at rest serves every direction, near and nearer.
-    directions = [*units, *-units, *np.random.default_rng(5).standard_normal((4, count))]
-    for step in (OUTER_STEP, INNER_STEP):
-        for u in directions:
-            difference = (rows(step * u) - origin)[0] / step - central[0] @ u
-            if not abs(difference) <= SLOPE_TOLERANCE * max(1.0, np.abs(central[0]).max()):
-                return None
-    return central
+    directions = [*units, *-units, *np.random.default_rng(5).standard_normal((4, len(names)))]
+    with np.errstate(all="ignore"):
+        formulas = (force.formula, *force.state.values())
+        slopes = np.array([[float(f.derivative(rest, name)) for name in names] for f in formulas])
+        origin = float(force.formula.evaluate(rest))
+        tolerance = SLOPE_TOLERANCE * max(1.0, np.abs(slopes[0]).max())
+        for step in (OUTER_STEP, INNER_STEP):
+            for u in directions:
+                rise = float(force.formula.evaluate(names_at(step * u))) - origin
+                if not abs(rise / step - slopes[0] @ u) <= SLOPE_TOLERANCE * max(
+                    1.0, np.abs(slopes[0]).max()
+                ):
+                    return None
+    return slopes

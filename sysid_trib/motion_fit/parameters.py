@@ -1,6 +1,6 @@
 """The parameters of a trajectory fit: names, blocks, bounds, fixed values and ties, in one vector."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -72,10 +72,6 @@ class Parameters:
         """Angle, rate and offset of each run, (run, 3) array of float."""
         return values[len(self.common) :].reshape(-1, len(PER_RUN))
 
-    def coefficients(self, values: Array) -> Array:
-        """Coefficient of each force, (force,) array of float."""
-        return values[: len(self.library)]
-
     def acting(self, run: int) -> list[int]:
         """Places of the common parameters that act in a run: not the coefficients that are another's own."""
         symbols = {f.symbol for f in self.library if f.run not in (None, run + 1)}
@@ -111,22 +107,6 @@ class Parameters:
     def fix(self, fixed: Mapping[str, float]) -> "Parameters":
         """The parameters with further ones held at these values."""
         return replace(self, constraints=self.constraints.holding(fixed))
-
-    def covariance_of(self, covariance: Array, names: Sequence[str]) -> Array:
-        """Part of a covariance for these names; zero for those that are no parameters, as a held frequency.
-
-        Parameters
-        ----------
-        covariance : (parameter, parameter) array of float
-            Covariance of all parameters.
-        names : sequence of str
-            The names asked for, in their order.
-        """
-        known = [i for i, name in enumerate(names) if name in self.common]
-        places = [self.index(names[i]) for i in known]
-        part = np.zeros((len(names), len(names)))
-        part[np.ix_(known, known)] = covariance[np.ix_(places, places)]
-        return part
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:

@@ -251,9 +251,14 @@ class FitProblem:
         """
         parameters = self.parameters
         model, per_run = parameters.model(values), parameters.per_run(values)
+        # Coefficients, then the frequency, whose row is zero where it was held.
+        count = len(parameters.library)
+        places = [at for at, name in enumerate(parameters.common) if at < count or name == FREQUENCY]
+        of_both = np.zeros((count + 1, count + 1))
+        of_both[: len(places), : len(places)] = covariance[np.ix_(places, places)]
         estimate = Estimate(
-            parameters.coefficients(values),
-            parameters.covariance_of(covariance, (*parameters.library.symbols, FREQUENCY)),
+            values[:count],
+            of_both,
             model.reference_frequency,
             noises,
             {**start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2]), **extra},

@@ -3,24 +3,13 @@
 import numpy as np
 
 from sysid_trib.simulation import compiled as at
-from sysid_trib.simulation.compiled import inner
+from sysid_trib.simulation.compiled import inner, put
 from sysid_trib.simulation.jets import at_once, at_once_live, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
 
-# Nearer than this to a surface, its sign is decided by where the motion is so much later (in tau).
-NEAR_SURFACE, LOOKAHEAD = 1e-9, 1e-5
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
 # is taken as at rest may still have had to go.
 SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
-# What a motion is held by, besides the number of a surface of which v is a part: nothing, rest.
-FREE, RESTS = -1, 0
-
-
-@inner
-def put(source, target):
-    """Copy a list of numbers."""
-    for i in range(len(source)):
-        target[i] = source[i]
 
 
 @inner
@@ -64,7 +53,7 @@ def rates_of(program, J, signs):
 def by_nearness(values, near, far, out):
     """The first sign for each surface that is near, else the second."""
     for m in range(len(out)):
-        out[m] = near[m] if abs(values[m]) < NEAR_SURFACE else far[m]
+        out[m] = near[m] if abs(values[m]) < at.NEAR_SURFACE else far[m]
 
 
 @inner
@@ -93,9 +82,9 @@ def signs_ahead(program, c):
     by_nearness(c.v[at.VALUES], c.v[at.SIGNS], c.v[at.SIGNS_FAR], c.v[at.SIGNS])
     rates_of(program, J, c.v[at.SIGNS])
     for i in range(program.states):
-        later[i] = y[i] + LOOKAHEAD * J[program.rates[i], 0]
-    later[0] += 0.5 * LOOKAHEAD**2 * J[program.rates[1], 0]
-    state_at(program, c, J, later, LOOKAHEAD)
+        later[i] = y[i] + at.LOOKAHEAD * J[program.rates[i], 0]
+    later[0] += 0.5 * at.LOOKAHEAD**2 * J[program.rates[1], 0]
+    state_at(program, c, J, later, at.LOOKAHEAD)
     signs_of(program, J, c.v[at.SIGNS_AHEAD])
     by_nearness(c.v[at.VALUES], c.v[at.SIGNS_AHEAD], c.v[at.SIGNS], c.v[at.SIGNS])
 
@@ -117,16 +106,16 @@ def branch(program, c, way, memory, signs):
     signs_and_values(program, c, c.v[at.SIGNS_FAR])
     for i in range(program.states):
         later[i] = y[i]
-    later[0] += way * 0.5 * LOOKAHEAD**2
-    later[1] += way * LOOKAHEAD
-    state_at(program, c, J, later, LOOKAHEAD)
+    later[0] += way * 0.5 * at.LOOKAHEAD**2
+    later[1] += way * at.LOOKAHEAD
+    state_at(program, c, J, later, at.LOOKAHEAD)
     signs_of(program, J, ahead)
     by_nearness(c.v[at.VALUES], ahead, c.v[at.SIGNS_FAR], signs)
     if program.states > 2:
         rates_of(program, J, signs)
         for i in range(2, program.states):
-            later[i] += 0.5 * LOOKAHEAD * J[program.rates[i], 0]
-        state_at(program, c, J, later, LOOKAHEAD)
+            later[i] += 0.5 * at.LOOKAHEAD * J[program.rates[i], 0]
+        state_at(program, c, J, later, at.LOOKAHEAD)
         signs_of(program, J, ahead)
         by_nearness(c.v[at.VALUES], ahead, signs, signs)
     state_at(program, c, J, y, 0.0)
@@ -170,16 +159,16 @@ def grip_of(program, J, slot):
 
 @inner
 def held_by(program, c):
-    """The surface near which both sides push towards it, so that a motion stays there, or `FREE`.
+    """The surface near which both sides push towards it, so that a motion stays there, or `at.FREE`.
 
     That of v alone is rest, of which `settle` decides. Most are crossed, which the first side tells.
     """
     for m in range(1, len(program.signs)):
-        near = abs(c.v[at.VALUES, m]) < NEAR_SURFACE
+        near = abs(c.v[at.VALUES, m]) < at.NEAR_SURFACE
         forcing = near and _rise_on(program, c, m, 1.0) < 0.0 and _rise_on(program, c, m, -1.0) > 0.0
         if forcing and grip_of(program, c.aside[at.TRIAL], program.surfaces[m]) != 0.0:
             return np.int64(m)
-    return np.int64(FREE)
+    return np.int64(at.FREE)
 
 
 @inner

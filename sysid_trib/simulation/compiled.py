@@ -74,6 +74,23 @@ CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_A
 TRIAL, UP, DOWN = range(3)
 
 
+# What a motion is held by, besides the number of a surface of which v is a part: nothing, rest.
+FREE, RESTS = -1, 0
+# Nearer than this to a surface, its sign is decided by where the motion is so much later (in tau).
+NEAR_SURFACE, LOOKAHEAD = 1e-9, 1e-5
+# In tau: as far as a motion is followed at once.
+FURTHEST_AT_ONCE = 16.0
+# What is left of a series after a step, of a state and of a surface or a derivative.
+STATE_PART, SURFACE_PART = 1e-16, 1e-13
+
+
+@inner
+def put(source: Any, target: Any) -> None:
+    """Copy a list of numbers."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
 class EngineState(NamedTuple):
     """A motion under way; its arrays are changed in place.
 

@@ -7,19 +7,10 @@ series as well, cross zero.
 import numpy as np
 
 from sysid_trib.simulation import compiled as at
-from sysid_trib.simulation.branches import FREE, RESTS, parameters_at, put, reverses, signs_of, state_at
-from sysid_trib.simulation.compiled import compiled, inner
+from sysid_trib.simulation.branches import parameters_at, reverses, signs_of, state_at
+from sysid_trib.simulation.compiled import compiled, inner, put
 from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
-from sysid_trib.simulation.taylor import (
-    FURTHEST_AT_ONCE,
-    SURFACE_PART,
-    length,
-    look_ahead,
-    of_parameter,
-    rest_of,
-    series,
-    value,
-)
+from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_of, series, value
 
 MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
 
@@ -64,7 +55,7 @@ def advance(program, c, n, h, held):
             c.dy[i, q] = of_parameter(c.T, i, q, n, h)
     if program.states > 2:
         forgotten(program, c)
-    if held == RESTS:
+    if held == at.RESTS:
         stop(c)
     step = c.v[at.CLOCK, 1] + h
     now = c.v[at.CLOCK, 0] + step
@@ -81,7 +72,7 @@ def forgotten(program, c):
         for i in range(program.states):
             c.v[at.LARGEST_DERIVATIVES, q] = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.dy[i, q]))
         for i in range(2, program.states):
-            if abs(c.dy[i, q]) < SURFACE_PART * c.v[at.LARGEST_DERIVATIVES, q]:
+            if abs(c.dy[i, q]) < at.SURFACE_PART * c.v[at.LARGEST_DERIVATIVES, q]:
                 c.dy[i, q] = 0.0
 
 
@@ -127,7 +118,7 @@ def at_knot(program, given, c, piece, done, held):
     if given.marks[piece] >= 0:
         begun_anew(program, given, c, given.marks[piece])
         return piece, done, True
-    if held == FREE:
+    if held == at.FREE:
         for q in range(given.impulses.shape[1]):
             c.dy[1, q] += given.impulses[piece, q]
     c.v[at.STATE, 0] += given.increments[piece, 0]
@@ -162,11 +153,11 @@ def to_knot(given, c, piece):
 @inner
 def on_branch(program, c, held):
     """Put memory and signs into the series; at rest the states go on with the signs of rest."""
-    if held == RESTS:
+    if held == at.RESTS:
         state_at(program, c, c.aside[at.TRIAL], c.v[at.STATE], 0.0)
         parameters_at(program, c.aside[at.TRIAL], c.v[at.MEMORY_NOW], c.v[at.SIGNS])
         signs_of(program, c.aside[at.TRIAL], c.v[at.SIGNS_UP])
-    parameters_at(program, c.J, c.v[at.MEMORY_NOW], c.v[at.SIGNS_UP] if held == RESTS else c.v[at.SIGNS])
+    parameters_at(program, c.J, c.v[at.MEMORY_NOW], c.v[at.SIGNS_UP] if held == at.RESTS else c.v[at.SIGNS])
 
 
 @inner
@@ -199,7 +190,7 @@ def run(program, given, c, limits):
     """
     furthest, budget, most_steps = limits
     last, piece, done, steps, shooting = len(given.knots) - 1, -1, np.int64(0), 0, len(given.starts) > 0
-    end, fresh, held = np.inf if shooting else given.grid[-1], True, np.int64(FREE)
+    end, fresh, held = np.inf if shooting else given.grid[-1], True, np.int64(at.FREE)
     reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, MOVING
     if shooting:
         piece, done, _ = at_knot(program, given, c, np.int64(0), done, held)
@@ -211,16 +202,16 @@ def run(program, given, c, limits):
         turned, begins, fresh = False, fresh, False
         if begins:
             held, turned = begun(program, c)
-            rest = c.v[at.CLOCK, 0] if held == RESTS else np.nan
+            rest = c.v[at.CLOCK, 0] if held == at.RESTS else np.nan
         on_branch(program, c, held)
         to_end = max(end - c.v[at.CLOCK, 0] - c.v[at.CLOCK, 1], 0.0)
         limit = min(to_end, to_knot(given, c, piece))
-        h, which, way = min(limit, FURTHEST_AT_ONCE), -1, 0.0
+        h, which, way = min(limit, at.FURTHEST_AT_ONCE), -1, 0.0
         n = series(program, c, h, held)
         steps += 1
-        if held != FREE:
-            longest = limit if held == RESTS else min(limit, length(program, c, n))
-            ends = held == RESTS and piece == last and not shooting
+        if held != at.FREE:
+            longest = limit if held == at.RESTS else min(limit, length(program, c, n))
+            ends = held == at.RESTS and piece == last and not shooting
             h, way, which = held_step(program, c, n, longest, held, ends)
         else:
             h, which = free_step(program, c, n, min(h, length(program, c, n)) if n == at.ORDER else h)
@@ -235,12 +226,12 @@ def run(program, given, c, limits):
             budget -= 1
             before = c.v[at.SIGNS, 0]
             held = switched(program, c, which, n, h)
-            rest = c.v[at.CLOCK, 0] if held == RESTS else np.nan
-            turned = held != RESTS and before * c.v[at.SIGNS, 0] < 0.0
+            rest = c.v[at.CLOCK, 0] if held == at.RESTS else np.nan
+            turned = held != at.RESTS and before * c.v[at.SIGNS, 0] < 0.0
         elif way != 0.0:
             budget -= 1
             released(program, c, held, way)
-            turned, held, rest = held == RESTS, np.int64(FREE), np.nan
+            turned, held, rest = held == at.RESTS, np.int64(at.FREE), np.nan
         elif whole:
             piece, done, fresh = at_knot(program, given, c, piece + 1, done, held)
             if piece > last:

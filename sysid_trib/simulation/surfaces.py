@@ -3,28 +3,10 @@
 import numpy as np
 
 from sysid_trib.simulation import compiled as at
-from sysid_trib.simulation.branches import (
-    RESTS,
-    branch,
-    grip_of,
-    held_by,
-    parameters_at,
-    put,
-    rates_of,
-    settle,
-    state_at,
-)
-from sysid_trib.simulation.compiled import inner
+from sysid_trib.simulation.branches import branch, grip_of, held_by, parameters_at, rates_of, settle, state_at
+from sysid_trib.simulation.compiled import inner, put
 from sysid_trib.simulation.jets import at_once, at_once_live, derivatives_at_once, order
-from sysid_trib.simulation.taylor import (
-    STATE_PART,
-    first_crossing,
-    look_ahead,
-    of_parameter,
-    radius,
-    slope,
-    value,
-)
+from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_parameter, radius, slope, value
 
 # In tau: how far it is held where a surface is crossed at rest.
 PASSED = 1e-9
@@ -52,7 +34,7 @@ def held_step(program, c, n, h, held, ends):
     Third is the surface that it meets there, or -1.
     """
     way, which, near = 0.0, -1, AT_ZERO * abs(c.v[at.STATE, 0])
-    if held == RESTS:
+    if held == at.RESTS:
         h = _rest_lasts(program, c, n, h, near)
         up = branch(program, c, 1.0, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
         down = branch(program, c, -1.0, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
@@ -65,15 +47,15 @@ def held_step(program, c, n, h, held, ends):
     _pulls(program, c, c.aside[at.UP], n, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
     _pulls(program, c, c.aside[at.DOWN], n, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
     pull = program.rates[1]
-    if held != RESTS:
+    if held != at.RESTS:
         # Upwards is where the surface rises.
         for k in range(n + 1):
             c.aside[at.UP][pull, k] *= c.v[at.GRIP, 0]
             c.aside[at.DOWN][pull, k] *= c.v[at.GRIP, 0]
         up, down = c.aside[at.UP][pull, 0], c.aside[at.DOWN][pull, 0]
     if not ends or not _is_still(program, c, n):
-        h = min(h, radius(c.aside[at.UP], pull, pull, n, STATE_PART))
-        h = min(h, radius(c.aside[at.DOWN], pull, pull, n, STATE_PART))
+        h = min(h, radius(c.aside[at.UP], pull, pull, n, at.STATE_PART))
+        h = min(h, radius(c.aside[at.DOWN], pull, pull, n, at.STATE_PART))
         r = 0.0 if up > 0.0 else first_crossing(c.aside[at.UP][pull], n, h, -1.0, (near, 0.0), c.work)
         if r < h:
             h, way = r, 1.0
@@ -167,11 +149,11 @@ def switched(program, c, which, n, h):
     if program.memory > 0 and turned and slot >= size:
         # Another memory takes it elsewhere.
         c.v[at.ZEROS, which] = 0
-    if held == RESTS:
+    if held == at.RESTS:
         stop(c)
     if count > 0:
         after(program, c, moves, turned, held)
-    if held > RESTS:
+    if held > at.RESTS:
         _onto(program, c, held)
     return held
 
@@ -180,9 +162,9 @@ def switched(program, c, which, n, h):
 def _settled(program, c):
     """Set signs, and at a reversal the memory, for the motion from here; by what it is held."""
     if not settle(program, c):
-        return np.int64(RESTS)
+        return np.int64(at.RESTS)
     held = held_by(program, c)
-    if held > RESTS:
+    if held > at.RESTS:
         c.v[at.SIGNS, held] = 0.0
     return held
 
@@ -226,7 +208,7 @@ def after(program, c, moves, turned, held):
                 T[first + m, 0, q] = T[program.replaced[m], 0, q]
     parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])
     rates_of(program, J, c.v[at.SIGNS])
-    for i in range(2 if held == RESTS else 0, size):
+    for i in range(2 if held == at.RESTS else 0, size):
         for q in range(count):
             c.dy[i, q] -= J[program.rates[i], 0] * moves[q]
 
@@ -236,8 +218,8 @@ def begun(program, c):
     """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
     way = c.v[at.SIGNS, 0] if len(program.signs) > 0 else 0.0
     held = _settled(program, c)
-    if held == RESTS:
+    if held == at.RESTS:
         stop(c)
-    elif held > RESTS:
+    elif held > at.RESTS:
         _onto(program, c, held)
-    return held, held != RESTS and len(program.signs) > 0 and way * c.v[at.SIGNS, 0] < 0.0
+    return held, held != at.RESTS and len(program.signs) > 0 and way * c.v[at.SIGNS, 0] < 0.0

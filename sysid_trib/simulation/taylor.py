@@ -3,7 +3,7 @@
 import numpy as np
 
 from sysid_trib.simulation import compiled as at
-from sysid_trib.simulation.branches import FREE, LOOKAHEAD, NEAR_SURFACE, RESTS, grip_of, state_at
+from sysid_trib.simulation.branches import grip_of, state_at
 from sysid_trib.simulation.compiled import inner
 from sysid_trib.simulation.jets import at_once, derivatives_at_once, derivatives_of_order, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
@@ -12,10 +12,6 @@ from sysid_trib.simulation.program import FORCING_NUMBERS
 ZERO_PART = 1e-13
 # So many parts of a step are looked at for a root, none shorter than this.
 MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
-# In tau: as far as a motion is followed at once.
-FURTHEST_AT_ONCE = 16.0
-# What is left of a series after a step, of a state and of a surface or a derivative.
-STATE_PART, SURFACE_PART = 1e-16, 1e-13
 
 
 @inner
@@ -89,7 +85,7 @@ def first_crossing(series, n, h, side, zero, work):
         if n == 0 or not g[1] > 0.0:
             return 0.0
         start = -2.0 * g[0] / g[1]
-        if (start * h > LOOKAHEAD) if low > 0 else abs(series[0]) > NEAR_SURFACE:
+        if (start * h > at.LOOKAHEAD) if low > 0 else abs(series[0]) > at.NEAR_SURFACE:
             return 0.0
         start = min(1.0, start)
     # First about the beginning: mostly that decides.
@@ -179,7 +175,7 @@ def series(program, c, h, held):
     there are any.
     """
     J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
-    slot = program.surfaces[held] if held > RESTS else 0
+    slot = program.surfaces[held] if held > at.RESTS else 0
     state_at(program, c, J, c.v[at.STATE], 0.0)
     J[size, 1] = 1.0
     for m in range(program.channels):
@@ -197,34 +193,34 @@ def series(program, c, h, held):
     small, power = 0, h
     for k in range(at.ORDER):
         # What would move it where it is held, which only the rates tell, needs all orders.
-        ends = k > degree and held == FREE
+        ends = k > degree and held == at.FREE
         for i in range(size):
-            stays, rate = held == RESTS and i < 2, program.rates[i]
+            stays, rate = held == at.RESTS and i < 2, program.rates[i]
             J[i, k + 1] = 0.0 if stays else J[rate, k] / (k + 1)
             for q in range(count):
                 T[i, k + 1, q] = 0.0 if stays else T[rate, k, q] / (k + 1)
             # Where the step is short for another reason, few orders are enough.
             ends = ends and abs(J[i, k + 1]) * power <= 1e-17 * max(abs(J[i, 0]), abs(J[i, 1]) * h)
         order(program, J, k + 1)
-        if held > RESTS:
+        if held > at.RESTS:
             if k == 0:
                 c.v[at.GRIP, 0] = grip_of(program, J, slot)
             J[1, k + 1] -= J[slot, k + 1] / c.v[at.GRIP, 0]
             order(program, J, k + 1)
         for s in program.surfaces:
-            ends = ends and abs(J[s, k + 1]) * power <= SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
+            ends = ends and abs(J[s, k + 1]) * power <= at.SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
         if count > 0:
             derivatives_of_order(program, J, T, k + 1)
-            if held > RESTS:
+            if held > at.RESTS:
                 for q in range(count):
                     T[1, k + 1, q] -= T[slot, k + 1, q] / c.v[at.GRIP, 0]
                 derivatives_of_order(program, J, T, k + 1)
-            ends = ends and (size == 2 or _part_of_derivatives(program, c, k + 1) * power <= SURFACE_PART)
+            ends = ends and (size == 2 or _part_of_derivatives(program, c, k + 1) * power <= at.SURFACE_PART)
         small = small + 1 if ends else 0
         power *= h
         if small == 2:
             return k + 1
-    if held != FREE:
+    if held != at.FREE:
         # What friction holds is accelerated as its surface is, whatever the rates with these signs say.
         for k in range(at.ORDER + 1):
             J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < at.ORDER else 0.0
@@ -242,7 +238,7 @@ def radius(J, s, other, n, part):
     m = 0
     while m < 3 and max(abs(J[s, m]), abs(J[other, m])) <= 1e-3 * largest:
         m += 1
-    first, h = max(abs(J[s, m]), abs(J[other, m])), FURTHEST_AT_ONCE
+    first, h = max(abs(J[s, m]), abs(J[other, m])), at.FURTHEST_AT_ONCE
     for k in range(n - 1, n + 1):
         last = max(abs(J[s, k]), abs(J[other, k]))
         if last > 0.0 and first > 0.0:
@@ -268,17 +264,17 @@ def _part_of_derivatives(program, c, k):
 def length(program, c, n):
     """A step for which the rest of the series is below rounding."""
     J = c.J
-    h = radius(J, np.int64(0), np.int64(1), n, STATE_PART)
+    h = radius(J, np.int64(0), np.int64(1), n, at.STATE_PART)
     for i in range(2, program.states):
-        h = min(h, radius(J, i, i, n, STATE_PART))
+        h = min(h, radius(J, i, i, n, at.STATE_PART))
     for s in program.surfaces:
         if s >= program.states:
-            h = min(h, radius(J, s, s, n, SURFACE_PART))
+            h = min(h, radius(J, s, s, n, at.SURFACE_PART))
     for k in range(n - 1, n + 1 if program.states > 2 else n - 1):
         # Of a stiff state the derivatives fade, and grow again in steps that are too long for them.
         last = _part_of_derivatives(program, c, k)
         if last > 0.0:
-            h = min(h, (SURFACE_PART / last) ** (1.0 / k))
+            h = min(h, (at.SURFACE_PART / last) ** (1.0 / k))
     return h
 
 
