@@ -264,8 +264,6 @@ def _slopes(force: Force, model: Model) -> Array | None:
         for step in (OUTER_STEP, INNER_STEP):
             for u in directions:
                 rise = float(force.formula.evaluate(names_at(step * u))) - origin
-                if not abs(rise / step - slopes[0] @ u) <= SLOPE_TOLERANCE * max(
-                    1.0, np.abs(slopes[0]).max()
-                ):
+                if not abs(rise / step - slopes[0] @ u) <= tolerance:
                     return None
     return slopes
