@@ -15,7 +15,7 @@ import pytest
 import xarray as xr
 from command_line import TIME, linear, run, write_csv, write_table
 
-from sysid_trib.commands import record_inputs
+from sysid_trib.commands import fits
 
 
 @pytest.fixture(autouse=True)
@@ -154,7 +154,7 @@ def test_interrupt_and_faults(refused, monkeypatch, error, status, said):
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr(record_inputs, "read_decays", fail)
+    monkeypatch.setattr(fits, "read_decays", fail)
     found, complaint = refused(*GOOD)
     assert (found, said in complaint) == (status, True)
 
@@ -202,7 +202,7 @@ def test_an_interrupt_that_a_library_turns_into_another_error_is_one(tmp_path, m
         except KeyboardInterrupt:
             raise AttributeError("module 'sympy' has no attribute 'core'") from None
 
-    monkeypatch.setattr(record_inputs, "read_decays", fail)
+    monkeypatch.setattr(fits, "read_decays", fail)
     place, before = command_line.write_csv(tmp_path / "a.csv"), signal.getsignal(signal.SIGINT)
     ended = command_line.run("identify", place)
     assert (ended.status, ended.complaint) == (130, "sysid-trib: interrupted.")

@@ -10,7 +10,7 @@ from helpers import FIVE, library_of_formulas, paper_run
 
 import sysid_trib as st
 from sysid_trib import load_library, methods
-from sysid_trib.commands.campaign import CampaignOptions
+from sysid_trib.commands.own_options import CampaignOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import METHODS, Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import MethodScope, scope_of

@@ -29,7 +29,6 @@ from sysid_trib.likelihood.settings import DEFAULTS
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.simulation.stepped_states import values_along
 
 VISCOUS = {"zeta": 3e-3}
 

@@ -1,19 +1,20 @@
-"""The commands as one program, with options in groups and examples; they import what they need when run."""
+"""The commands as one program: options, help and examples of each; what works is imported when it runs."""
 
 import inspect
 from collections.abc import Callable
-from typing import Any
+from copy import copy
+from dataclasses import Field, fields
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
-from sysid_trib.commands.campaign import campaign
-from sysid_trib.commands.compare import compare, difference
-from sysid_trib.commands.discover import discover
-from sysid_trib.commands.identify import identify
-from sysid_trib.commands.predicted import plan, response, simulate
-from sysid_trib.commands.shown import backbone, export, forces, look, report
+from sysid_trib.commands import options, own_options, terminal
+from sysid_trib.commands.destination import check_values
+from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, WRITTEN_BY, default_of, option
 
 
 class GroupedCommand(TyperCommand):
@@ -42,10 +43,7 @@ def examples_of(command: Callable[..., Any] | None) -> list[str]:
 
 
 app = typer.Typer(
-    no_args_is_help=False,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    no_args_is_help=False, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
 )
 
 
@@ -64,7 +62,228 @@ def _options(
     """Which forces act in an oscillator, learned from its free decay."""
 
 
-COMMANDS = (look, backbone, identify, discover, compare, difference, plan, response, campaign, simulate)
-for command in (*COMMANDS, report, export, forces):
-    purpose = (inspect.getdoc(command) or "").partition("\n\n")[0]
-    app.command(cls=GroupedCommand, help=purpose)(command)
+Declared = Callable[[], None]
+
+
+def command(home: str, *groups: Any, **single: tuple[Any, Field[Any]]) -> Callable[[Declared], None]:
+    """Make a command of a name, a docstring and options.
+
+    Parameters
+    ----------
+    home : str
+        Module of this folder, imported when the command runs, whose function of the same name works: it
+        takes what says how far it is, the groups of options, and single ones by name, and gives what prints.
+    *groups : dataclass
+        Groups of options.
+    **single : (type, field)
+        Options without a group.
+    """
+    for name, (kind, part) in single.items():
+        part.name, part.type = name, kind
+    parts = [(part, "") for _, part in single.values()]
+    parts += [(part, group.title) for group in groups for part in fields(group)]
+
+    def register(declared: Declared) -> None:
+        def run(**values: Any) -> None:
+            given = [group(**{part.name: values[part.name] for part in fields(group)}) for group in groups]
+            with terminal.working(values.get(terminal.RECORDS, ())) as tell:
+                check_values([part for part, _ in parts], values)
+                work = getattr(import_module(f"sysid_trib.commands.{home}"), declared.__name__)
+                say = work(tell, *given, **{name: values[name] for name in single})
+            say()
+
+        run.__name__, run.__doc__ = declared.__name__, declared.__doc__
+        run.__signature__ = inspect.Signature([_parameter(*of) for of in parts])  # type: ignore[attr-defined]
+        purpose = (inspect.getdoc(declared) or "").partition("\n\n")[0]
+        app.command(declared.__name__, cls=GroupedCommand, help=purpose)(run)
+
+    return register
+
+
+def _parameter(part: Field[Any], title: str) -> inspect.Parameter:
+    """An option as the argument of a function, under the title of its group in the help."""
+    given = copy(part.metadata["typer"])
+    given.rich_help_panel = part.metadata["title"] or title
+    made: dict[str, Any] = {"default": default_of(part), "annotation": Annotated[part.type, given]}
+    return inspect.Parameter(part.name, inspect.Parameter.KEYWORD_ONLY, **made)
+
+
+SAVED = "What identify, compare or discover wrote with -o."
+RESULT = Path, option("RESULT.nc", SAVED, ..., title="Result", positional=True)
+# Of all that fits given forces.
+FIT = options.DecayOptions, options.ModelOptions, options.ConstraintOptions
+
+
+@command("shown", options.DecayOptions, options.Shown)
+def look() -> None:
+    """Say what is in a file and what to do next, without a fit.
+
+    Examples
+    --------
+    sysid-trib look swing.csv
+    sysid-trib look swing.csv --angle 1 --units rad --plot figures
+    """
+
+
+@command("shown", options.DecayOptions, options.Files)
+def backbone() -> None:
+    """Frequency and damping ratio against amplitude, with bands, without a model.
+
+    Examples
+    --------
+    sysid-trib backbone
+    sysid-trib backbone swing.csv --csv curves.csv --plot figures
+    """
+
+
+@command(
+    "fits",
+    options.DecayOptions,
+    options.ModelOptions,
+    options.ConstraintOptions,
+    own_options.IdentifyOptions,
+    options.Destination,
+)
+def identify() -> None:
+    """Identify the forces of a decay in two ways, and cross-check them.
+
+    Examples
+    --------
+    sysid-trib identify swing.csv -o forces.nc --plot figures
+    sysid-trib identify swing.csv --forces zeta,delta,nu,epsilon --bound zeta=0: --explain
+    """
+
+
+@command("foretold", options.DecayOptions, options.StartOptions, options.SearchOptions, options.Destination)
+def discover() -> None:
+    """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks.
+
+    Examples
+    --------
+    sysid-trib discover swing.csv --forces zeta,delta,nu -o missing.nc
+    sysid-trib discover swing.csv --max-effects 1 --time-limit 60 --json
+    """
+
+
+@command("fits", *FIT, options.Destination)
+def compare() -> None:
+    """Identify the forces of a decay by every method, and test each on a part that it has not seen.
+
+    Examples
+    --------
+    sysid-trib compare swing.csv -o methods.nc
+    sysid-trib compare swing.csv --forces zeta,delta,nu,epsilon --window 0:15 --csv methods.csv
+    """
+
+
+@command("fits", *FIT, options.Destination)
+def difference() -> None:
+    """Hold two samples against each other, A... : B...: which coefficients differ, and by how much.
+
+    Examples
+    --------
+    sysid-trib difference swing.csv soft.csv -o difference.nc --plot figures
+    sysid-trib difference 'swing.csv' : soft.csv --forces zeta,delta,nu --explain
+    """
+
+
+@command(
+    "foretold",
+    options.DecayOptions,
+    options.ModelOptions,
+    options.ConstraintOptions,
+    own_options.PlanOptions,
+    options.Shown,
+)
+def plan() -> None:
+    """Say which run to make next: RESULT.nc of identify or discover, or records.
+
+    Examples
+    --------
+    sysid-trib plan forces.nc --amplitude 0.05:0.6 --duration :60
+    sysid-trib plan swing.csv --want delta=0.0002 --repeats 2 --plot figures
+    """
+
+
+@command("foretold", own_options.SweepOptions, options.Files, result=RESULT)
+def response() -> None:
+    """Steady response of an identified model to a harmonic drive, with bands and its unstable branch.
+
+    Examples
+    --------
+    sysid-trib response forces.nc --drive 0.002
+    sysid-trib response forces.nc --drive 0.002 --frequencies 0.9:1.1 --csv response.csv --plot figures
+    """
+
+
+@command(
+    "campaign",
+    options.DecayOptions,
+    options.ModelOptions,
+    options.ConstraintOptions,
+    options.SearchOptions,
+    own_options.CampaignOptions,
+)
+def campaign() -> None:
+    """Do one task with many records, on several processes, into a store that can be gone on with.
+
+    Examples
+    --------
+    sysid-trib campaign 'swing*.csv' -o results.zarr
+    sysid-trib campaign 'swing*.csv' --methods direct --workers 0 -o direct.zarr
+    """
+
+
+@command("simulated", own_options.SimulationOptions)
+def simulate() -> None:
+    """Simulate the decay of a model; without --set, of the paper's PDMS/glass run.
+
+    Examples
+    --------
+    sysid-trib simulate --noise 1e-4 -o swing.csv
+    sysid-trib simulate --set zeta=0.01 --set nu=-0.2 --duration 30 --noise 1e-4 -o soft.csv
+    """
+
+
+PAGE = option("REPORT.html", WHERE_TO_WRITE, ..., flags=WRITTEN_BY, title=OUTPUT, ending=".html .htm")
+
+
+@command("shown", result=RESULT, output=(Path, PAGE))
+def report() -> None:
+    """Show a saved result as one self-contained page, with figures and tables.
+
+    Examples
+    --------
+    sysid-trib report forces.nc -o forces.html
+    sysid-trib report missing.nc -o missing.html
+    """
+
+
+LANGUAGE = option("python|sympy|simulink", "Language.", "python", flags=("--as",), title=OUTPUT)
+CODE = option("FILE", WHERE_TO_WRITE, flags=WRITTEN_BY, title=OUTPUT)
+
+
+@command("shown", result=RESULT, language=(str, LANGUAGE), output=(Path | None, CODE))
+def export() -> None:
+    """Write an identified equation as a Python function, for sympy, or as a function block of Simulink.
+
+    Examples
+    --------
+    sysid-trib export forces.nc
+    sysid-trib export missing.nc --as simulink -o missing.m
+    """
+
+
+OFFERED = option("NAME|FILE", "Force library.", options.DEFAULT_LIBRARY, title="Library", positional=True)
+LATEX = option("FILE", "Where to write it for LaTeX.", title=OUTPUT, ending=".tex")
+
+
+@command("shown", library=(str, OFFERED), latex=(Path | None, LATEX))
+def forces() -> None:
+    """Show the forces of a library: equations, kind, and signatures in envelope and frequency.
+
+    Examples
+    --------
+    sysid-trib forces
+    sysid-trib forces candidate_effects
+    """

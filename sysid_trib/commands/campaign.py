@@ -1,131 +1,89 @@
-"""`sysid-trib campaign`, and what it does with each record, as its options have it."""
+"""What `sysid-trib campaign` does, and what it does with each record, as its options have it."""
 
 import json
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
 from functools import partial
 from glob import glob, has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
-from sysid_trib.commands.discover import StartOptions
+import xarray as xr
+
+from sysid_trib.campaigns.campaign import campaign as filled, check_extra
+from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
+from sysid_trib.campaigns.new_store import CampaignRecords
+from sysid_trib.campaigns.store import counts_of
+from sysid_trib.campaigns.study import load_study
+from sysid_trib.campaigns.task import TASKS, Task
+from sysid_trib.commands.asked import asked_model, asked_search
+from sysid_trib.commands.destination import check_output, print_json
 from sysid_trib.commands.options import (
-    OUTPUT,
     ConstraintOptions,
     DecayOptions,
     ModelOptions,
     SearchOptions,
+    StartOptions,
     changed_flags,
     flag_of,
-    option,
-    switch,
-    with_options,
 )
-from sysid_trib.errors import RecordError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import xarray as xr
-
-    from sysid_trib.campaigns.task import Task
-
-PAGE_ENDING, STORE_ENDING = ".html", ".zarr"
+from sysid_trib.commands.own_options import CampaignOptions
+from sysid_trib.commands.record_inputs import read_decays
+from sysid_trib.commands.terminal import command_line, print_blocks
+from sysid_trib.errors import RecordError, Tell, UsageError
+from sysid_trib.printing.campaign import campaign_blocks, campaign_json
+from sysid_trib.validation.between_runs import between_runs, without_collinear
 
 
-@dataclass(frozen=True)
-class CampaignOptions:
-    """What is done with all records, on how many processes, and what they are held against."""
-
-    title: ClassVar[str] = "Campaign"
-
-    task: str = option("identify|compare|discover", "What is done with each record.", "identify")
-    methods: str | None = option(
-        "A,B,...", "Methods that identify, none held against another: averaging,direct,trajectory."
-    )
-    study: Path | None = option("FILE", "Simulated records, drawn from a description in TOML.")
-    conditions: Path | None = option(
-        "FILE", "Table (CSV) of conditions, a row a record: load, humidity, wear."
-    )
-    laboratories: str | None = option("COLUMN", "Column of the conditions: laboratories of ISO 5725.")
-    workers: int = option("N", "Processes on this machine; 0: this one.", 2, least=0)
-    scheduler: str | None = option("ADDRESS", "Scheduler of dask, such as tcp://host:8786.")
-    memory: str = option("SIZE", "Most of each process, such as 2GB.", "auto")
-
-
-@dataclass(frozen=True)
-class CampaignStore:
-    """Where the results of all records go."""
-
-    title: ClassVar[str] = OUTPUT
-
-    output: Path | None = option(
-        "STORE",
-        "Zarr store of the results; its page has the same name (.html) and replaces one that is there.",
-        flags=("-o", "--output"),
-    )
-    as_json: bool = switch("--json", "Print the result as JSON, and nothing else.")
-
-
-@with_options
 def campaign(
-    *,
+    tell: Tell,
     given: DecayOptions,
     model: ModelOptions,
     constraint: ConstraintOptions,
     search: SearchOptions,
     asked: CampaignOptions,
-    into: CampaignStore,
-) -> None:
-    """Do one task with many records, on several processes, into a store that can be gone on with.
-
-    Examples
-    --------
-    sysid-trib campaign 'swing*.csv' -o results.zarr
-    sysid-trib campaign 'swing*.csv' --methods direct --workers 0 -o direct.zarr
-    """
-    from sysid_trib.commands.terminal import command_line, working
-
-    with working() as tell:
-        from sysid_trib.campaigns.campaign import campaign, check_extra
-        from sysid_trib.campaigns.new_store import CampaignRecords
-        from sysid_trib.campaigns.store import counts_of
-        from sysid_trib.commands.destination import print_result
-        from sysid_trib.printing.campaign import campaign_blocks, campaign_json
-
-        check_extra()
-        records = _records(given.records, asked.study, asked.conditions)
-        reads = [*([] if asked.study else records), asked.study, asked.conditions]
-        output = _checked_output(into.output, [*reads, model.library, search.candidates, given.system])
-        table = _conditions(asked, CampaignRecords(records).names)
-        store = campaign(
-            records,
-            _task(given, model, constraint, search, asked),
-            output=output,
-            workers=asked.workers if asked.scheduler is None else asked.scheduler,
-            memory=asked.memory,
-            tell=tell,
-        )
-        tell("what varies between the records")
-        compared = _compared(store, table, asked.laboratories)
-        tell("report")
-        page, counts = output.with_suffix(PAGE_ENDING), counts_of(store)
-        from sysid_trib.reporting.campaign import write_campaign
-
-        write_campaign(store, compared, table, page, command_line())
-    print_result(
-        lambda: campaign_json(store, counts, compared),
-        lambda: campaign_blocks(store, counts, compared),
-        (output, page),
-        as_json=into.as_json,
+) -> Callable[[], None]:
+    """Do a task with each record, and write what varies between them on a page."""
+    check_extra()
+    records = _records(given.records, asked.study, asked.conditions)
+    if asked.output is None:
+        raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
+    if asked.output.suffix != ".zarr":
+        raise UsageError(f"{asked.output}: the ending must be .zarr.")
+    page = asked.output.with_suffix(".html")
+    reads = [*([] if asked.study else records), asked.study, asked.conditions]
+    reads += [model.library, search.candidates, given.system]
+    check_output(page, page.suffix, reads=[Path(name) for name in reads if name is not None])
+    table = _conditions(asked, CampaignRecords(records).names)
+    store = filled(
+        records,
+        _task(given, model, constraint, search, asked),
+        output=asked.output,
+        workers=asked.workers if asked.scheduler is None else asked.scheduler,
+        memory=asked.memory,
+        tell=tell,
     )
-    if not counts["done"]:
-        raise RecordError(f"{output}: no record has a result; why each has none is in {page}.")
+    tell("what varies between the records")
+    compared = _compared(store, table, asked.laboratories)
+    tell("report")
+    from sysid_trib.reporting.campaign import write_campaign
+
+    write_campaign(store, compared, table, page, command_line())
+    result = store, counts_of(store), compared
+
+    def say() -> None:
+        if asked.as_json:
+            print_json(campaign_json(*result))
+        else:
+            print_blocks(campaign_blocks(*result), written=(asked.output, page))
+        if not result[1]["done"]:
+            raise RecordError(f"{asked.output}: no record has a result; why each has none is in {page}.")
+
+    return say
 
 
-def decays_of(given: DecayOptions, model: ModelOptions, path: str) -> "Sequence[xr.Dataset]":
+def decays_of(given: DecayOptions, model: ModelOptions, path: str) -> Sequence[xr.Dataset]:
     """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
-    from sysid_trib.commands.record_inputs import read_decays
-
     return read_decays(replace(given, records=[Path(path)]), model)[0]
 
 
@@ -135,11 +93,8 @@ def _task(
     constraint: ConstraintOptions,
     search: SearchOptions,
     asked: CampaignOptions,
-) -> "Task":
+) -> Task:
     """The task that the options ask for; an option that it does not have is refused."""
-    from sysid_trib.campaigns.task import TASKS, Task
-    from sysid_trib.commands.checks import asked_model, asked_search
-
     name = asked.task
     if name not in TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(TASKS)}.")
@@ -147,8 +102,7 @@ def _task(
     read = partial(decays_of, replace(given, records=[]), model)
     if name == "discover":
         known = [flag_of(part) for part in fields(StartOptions)]
-        others = [*changed_flags(model), *changed_flags(constraint)]
-        _refuse(name, [flag for flag in others if flag not in known])
+        _refuse(name, [flag for flag in changed_flags(model, constraint) if flag not in known])
         if asked.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
         start, offered, options = asked_search(model, model.forces, search, given.system)
@@ -173,23 +127,10 @@ def _task(
     )
 
 
-def _refuse(name: str, flags: "Sequence[str]") -> None:
+def _refuse(name: str, flags: Sequence[str]) -> None:
     """Refuse options that a task would pass over in silence."""
     if flags:
         raise UsageError(f"{flags[0]} is no option of --task {name}; leave it out, or give another task.")
-
-
-def _checked_output(output: Path | None, reads: list[str | Path | None]) -> Path:
-    """The store; a place that cannot be written, or is read, is refused before the work is done."""
-    if output is None:
-        raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
-    if output.suffix != STORE_ENDING:
-        raise UsageError(f"{output}: the ending must be {STORE_ENDING}.")
-    from sysid_trib.commands.destination import check_output
-
-    files = [Path(name) for name in reads if name is not None]
-    check_output(output.with_suffix(PAGE_ENDING), PAGE_ENDING, reads=files)
-    return output
 
 
 def _records(patterns: list[Path], study: Path | None, conditions: Path | None) -> Any:
@@ -197,8 +138,6 @@ def _records(patterns: list[Path], study: Path | None, conditions: Path | None) 
     if study is not None:
         if patterns:
             raise UsageError("A campaign is over files or over a study: give one of them.")
-        from sysid_trib.campaigns.study import load_study
-
         return load_study(study)
     files: list[str] = []
     for pattern in map(str, patterns):
@@ -219,19 +158,14 @@ def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
         if asked.laboratories is not None:
             raise UsageError("--laboratories is a column of --conditions: give both.")
         return None
-    from sysid_trib.campaigns.conditions import read_conditions
-
     table = read_conditions(asked.conditions, names)
     if asked.laboratories is not None and asked.laboratories not in table:
         raise UsageError(f"--laboratories '{asked.laboratories}': the conditions have {', '.join(table)}.")
     return table
 
 
-def _compared(store: "xr.Dataset", table: Any, laboratories: str | None) -> "xr.Dataset | None":
+def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dataset | None:
     """What varies between the records, by the identification that is reported; None of too few."""
-    from sysid_trib.campaigns.conditions import estimates_of, reported_method
-    from sysid_trib.validation.between_runs import between_runs, without_collinear
-
     estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
         return None

@@ -1,222 +1,18 @@
-"""What the command line reads: values with errors, the forces of a model, and what a search is given."""
+"""Values of options as the command line writes them: numbers in their ranges, windows, values with errors."""
 
 import re
-from collections.abc import Collection
-from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.options import ConstraintOptions, ModelOptions, SearchOptions
+from sysid_trib.commands.options import POSITIVE
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import (
-    ANY_SYSTEM,
-    System,
-    further_forces,
-    load_system,
-    viscous_model,
-    with_shipped,
-)
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import xarray as xr
-
-    from sysid_trib.commands.discover import StartOptions
-    from sysid_trib.forces.constraints import Constraints
-    from sysid_trib.forces.force import ForceLibrary
-    from sysid_trib.likelihood.random_force import RandomForceOption
-    from sysid_trib.methods.scope import Method
-
-# No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
-LEAST, MOST = 1e-9, 1e9
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
-def offered_forces(library: str, forces: str | None, alpha: bool) -> "ForceLibrary":
-    """The forces that are asked for, the linear elastic one among them where alpha is wanted.
-
-    What is asked for by name and the library lacks is taken from those that come with the package.
-    """
-    whole = load_library(library)
-    symbols = list(whole.symbols)
-    if forces is not None:
-        symbols = [s.strip() for s in forces.split(",") if s.strip()]
-        whole = with_shipped(whole, symbols)
-    if not symbols:
-        raise UsageError(f"--forces '{forces}' names no force; the library has {', '.join(whole.symbols)}.")
-    stiffness = whole.role("x")
-    if stiffness is not None and alpha:
-        symbols.append(stiffness.symbol)
-    elif stiffness is not None and set(symbols) == {stiffness.symbol}:
-        raise UsageError(
-            f"Force '{stiffness.symbol}' cannot be separated from the frequency: give --omega0 or "
-            "--reference-frequency, or further forces."
-        )
-    return whole.select(symbols)
-
-
-def check_positive(value: float | None, option: str) -> None:
-    """Refuse what is not positive, or so large or small that arithmetic would overflow."""
-    if value is not None:
-        check_between(value, option, LEAST, MOST)
-
-
-def check_between(value: float, option: str, low: float, high: float, units: str = "") -> None:
+def check_between(value: float | None, option: str, low: float, high: float, units: str = "") -> None:
     """Refuse a number outside of a range, or none, by the name of its option."""
-    if not low <= value <= high:
+    if value is not None and not low <= value <= high:
         raise UsageError(f"{option} '{value:g}' must be a number from {low:g} to {high:g}{units}.")
-
-
-@dataclass(frozen=True)
-class AskedModel:
-    """What is to be identified, as the options have it.
-
-    Attributes
-    ----------
-    library : ForceLibrary
-        The forces.
-    shapes : dict of str to float
-        Shape parameters that are held.
-    constraints : Constraints
-        Checked against the forces.
-    contactless : (float, float) or None, rad/s
-        Frequency without contact and its error.
-    reference_frequency : float or None, rad/s
-        Held.
-    random_force : str or float
-        As methods take it.
-    """
-
-    library: "ForceLibrary"
-    shapes: dict[str, float]
-    constraints: "Constraints"
-    contactless: tuple[float, float] | None
-    reference_frequency: float | None
-    random_force: "RandomForceOption"
-
-    @property
-    def every_method(self) -> "dict[str, Method]":
-        """Every method, by its label, with this frequency, these shapes and this random force."""
-        from sysid_trib.methods.scope import with_random_force
-        from sysid_trib.validation.compare import every_method
-
-        methods = every_method(self.reference_frequency, self.shapes)
-        return {label: with_random_force(method, self.random_force) for label, method in methods.items()}
-
-
-def asked_model(model: ModelOptions, given: ConstraintOptions, system: str | None = None) -> AskedModel:
-    """What is to be identified, with what a system (name or file) always has."""
-    from sysid_trib.forces.constraints import Constraints
-    from sysid_trib.forces.selection import forces_to_identify
-
-    moving = load_system(system)
-    contactless, held = parse_value_with_error(model.omega0, "--omega0"), model.reference_frequency
-    check_positive(held, "--reference-frequency")
-    if contactless and held:
-        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
-    offered = offered_forces(model.library, moving.with_held(model.forces), bool(contactless or held))
-    shapes = held_shapes(given.set_, offered)
-    constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
-    unconstrained = set(offered.symbols) - set(constraints.names)
-    always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
-    constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
-    constraints.check(forces_to_identify(offered, held, sensors=True))
-    random_force = parse_random_force(model.random_force)
-    return AskedModel(offered, shapes, constraints, contactless, held, random_force)
-
-
-def start_forces(
-    library: str,
-    forces: str | None,
-    frequency: float | None,
-    system: System = ANY_SYSTEM,
-    inputs: Collection[str] = (),
-) -> "ForceLibrary":
-    """The forces of a start model: those asked for, else viscous friction and inputs; and what is held.
-
-    Raises
-    ------
-    UsageError
-        None are asked for, and the library has no viscous friction.
-    """
-    if forces is None:
-        forces = ",".join(viscous_model(load_library(library), inputs).symbols)
-    return offered_forces(library, system.with_held(forces), frequency is not None)
-
-
-def asked_search(
-    model: "StartOptions | ModelOptions",
-    forces: str | None,
-    asked: SearchOptions,
-    system: str | None,
-    inputs: Collection[str] = (),
-) -> "tuple[ForceLibrary, ForceLibrary, dict[str, Any]]":
-    """The start model, what it may lack, and how to search, as `discover` takes them.
-
-    Parameters
-    ----------
-    model : dataclass
-        Options of the start model.
-    forces : str, optional
-        Its forces.
-    asked : SearchOptions
-        How to search.
-    system : str, optional
-        Name or file of the system: what it always has is held, what it cannot have is not offered.
-    inputs : collection of str
-        Names of what drives.
-
-    Raises
-    ------
-    UsageError
-        A level that is none, or a time limit that leaves no time; see also `start_forces`.
-    """
-    held, moving = model.reference_frequency, load_system(system)
-    check_positive(held, "--reference-frequency")
-    if not 0.0 < asked.level < 1.0:
-        raise UsageError(f"--level '{asked.level:g}' must lie between 0 and 1, such as 0.01.")
-    check_positive(asked.time_limit, "--time-limit")
-    start = start_forces(model.library, forces, held, moving, inputs)
-    options = {
-        "reference_frequency": held,
-        "constraints": dict(moving.held),
-        "max_effects": asked.max_effects,
-        "refit": asked.refit,
-        "level": asked.level,
-        "time_limit": asked.time_limit or float("inf"),
-    }
-    return start, offered_candidates(model.library, asked.candidates, start, moving, inputs), options
-
-
-def offered_candidates(
-    library: str,
-    candidates: str | None,
-    start: "ForceLibrary",
-    system: System = ANY_SYSTEM,
-    inputs: Collection[str] = (),
-) -> "ForceLibrary":
-    """What may be missing: the library asked for, or the other forces of the model's and the usual effects.
-
-    What a system cannot have is not among them.
-
-    Raises
-    ------
-    UsageError
-        A candidate has the symbol of another force of the model: a name would then say nothing.
-    """
-    asked = load_library(candidates or library)
-    if candidates is None:
-        asked = further_forces(asked, start, inputs)
-    offered = asked.select(symbol for symbol in asked.symbols if symbol not in system.impossible)
-    for force in offered:
-        if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
-            raise UsageError(
-                f"Candidate '{force.symbol}' ({force.formula.text}) has the symbol of another force of the "
-                f"start model ({start[force.symbol].formula.text}); rename one of them."
-            )
-    return offered
 
 
 def parse_window(
@@ -239,21 +35,10 @@ def parse_value_with_error(text: str | None, option: str) -> tuple[float, float]
         raise UsageError(f"{option} '{text}' must be VALUE or VALUE±ERROR.")
     value = parse_number(parts[0], option)
     error = parse_number(parts[1], option) if len(parts) == 2 else 0.0
-    check_positive(value, option)
+    check_between(value, option, *POSITIVE)
     if not 0.0 <= error <= value:
         raise UsageError(f"{option} '{text}': the error must be positive and below the value.")
     return value, error
-
-
-def held_shapes(texts: list[str], library: "ForceLibrary") -> dict[str, float]:
-    """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
-    known = list(library.shape_values())
-    refusal = f"--set '{{}}': give SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}."
-    shapes = assigned(texts, refusal)
-    for name in shapes:
-        if name not in known:
-            raise UsageError(refusal.format(name))
-    return shapes
 
 
 def assigned(texts: list[str], refusal: str) -> dict[str, float]:
@@ -267,25 +52,6 @@ def assigned(texts: list[str], refusal: str) -> dict[str, float]:
     return values
 
 
-def parse_random_force(text: str) -> "RandomForceOption":
-    """A word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
-    from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS
-
-    word = text.strip()
-    if word in OPTIONS:
-        return word  # type: ignore[return-value]
-    try:
-        density = float(word)
-    except ValueError:
-        density = float("nan")
-    if not 0.0 <= density <= MOST:
-        raise UsageError(
-            f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {MOST:g} "
-            f"{DENSITY_UNITS}."
-        )
-    return density
-
-
 def parse_number(text: str, option: str) -> float:
     """A finite number, or a sentence that names the option."""
     try:
@@ -295,16 +61,3 @@ def parse_number(text: str, option: str) -> float:
     if not isfinite(value):
         raise UsageError(f"{option}: '{text.strip()}' is not a finite number.")
     return value
-
-
-def model_of_file(result: "Path", tree: "xr.DataTree") -> "xr.Dataset":
-    """The identification that stands for a saved result; refused where there is none."""
-    from sysid_trib.results.files import kind_of
-    from sysid_trib.validation.findings import main_result
-
-    answer = main_result(tree)
-    if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} compares samples and is no model of either; give what identify wrote.")
-    if answer is None:
-        raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
-    return answer

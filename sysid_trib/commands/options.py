@@ -1,28 +1,21 @@
-"""Options that commands share, in groups: dataclasses whose fields are options."""
+"""Options of all commands, in groups: dataclasses whose fields are options."""
 
-import inspect
-from collections.abc import Callable
 from copy import copy
-from dataclasses import Field, dataclass, field, fields, is_dataclass
-from functools import wraps
+from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeAlias, get_type_hints
+from typing import Any, ClassVar
 
 import typer
 
 DEFAULT_LIBRARY = "contact_forces"
-WHERE_TO_WRITE = "Where to write; replaces what is there."
+# What the embedded example starts from: a search then has two elastic forces to find.
+EXAMPLE_FORCES = "lambda,zeta,delta"
+WHERE_TO_WRITE, WRITTEN_BY = "Where to write; replaces what is there.", ("-o", "--output")
 # Titles of groups of options that several dataclasses have.
 MODEL, OUTPUT = "Model", "Output"
-
-RESULT_FILE: TypeAlias = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RESULT.nc",
-        help="What identify, compare or discover wrote with -o.",
-        rich_help_panel="Result",
-    ),
-]
+# No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
+LEAST, MOST = 1e-9, 1e9
+POSITIVE = (LEAST, MOST, "")
 
 
 def option(
@@ -32,6 +25,10 @@ def option(
     *,
     flags: tuple[str, ...] = (),
     least: int | None = None,
+    within: tuple[float, float, str] | None = None,
+    title: str = "",
+    ending: str = "",
+    positional: bool = False,
 ) -> Any:
     """A field of a dataclass that typer reads as an option.
 
@@ -42,19 +39,32 @@ def option(
     text : str
         Its help.
     default : object
-        Its default.
+        Its default; an ellipsis where it must be given.
     flags : tuple of str
         How it is written, where not as the field's name.
     least : int, optional
         Smallest value.
+    within : (float, float, str), optional
+        Least and largest number, and their unit.
+    title : str
+        Of its group, where not that of its dataclass.
+    ending : str
+        Of the file that it names, one that the command writes; several with a space between.
+    positional : bool
+        Whether it is given without a flag.
     """
-    given = typer.Option(*flags, metavar=metavar, help=text, min=least)
-    return field(default_factory=lambda: copy(default), metadata={"typer": given, "flags": flags})
+    given: Any = typer.Option(*flags, metavar=metavar, help=text, min=least)
+    if positional:
+        # What cannot be read is refused where it is read.
+        shown = default != []
+        given = typer.Argument(metavar=metavar, help=text, show_default=shown, readable=False)
+    metadata = {"typer": given, "flags": flags, "title": title, "ending": ending, "within": within}
+    return field(default_factory=lambda: copy(default), metadata=metadata)
 
 
-def switch(flag: str, text: str) -> Any:
+def switch(flag: str, text: str, title: str = "") -> Any:
     """A field that is true where its flag is given."""
-    return option(None, text, False, flags=(flag,))
+    return option(None, text, False, flags=(flag,), title=title)
 
 
 @dataclass(frozen=True)
@@ -63,17 +73,12 @@ class DecayOptions:
 
     title: ClassVar[str] = "Records"
 
-    records: list[Path] = field(
-        default_factory=list,
-        metadata={
-            "typer": typer.Argument(
-                metavar="[RECORD]...",
-                help="Files with decays, runs of one experiment; without any the embedded example runs "
-                "(not in a campaign).",
-                show_default=False,
-                readable=False,
-            )
-        },
+    records: list[Path] = option(
+        "[RECORD]...",
+        "Files with decays, runs of one experiment; without any the embedded example runs "
+        "(not in a campaign).",
+        [],
+        positional=True,
     )
     time: str | None = option("COLUMN", "Time column, by name or number from 0.")
     angle: str | None = option(
@@ -124,7 +129,9 @@ class ModelOptions:
     library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
     forces: str | None = option("A,B,...", "Symbols of the forces to identify, and of sensor terms.")
     omega0: str | None = option("VALUE[±ERROR]", "Frequency without contact (rad/s): adds alpha.")
-    reference_frequency: float | None = option("RAD/S", "Reference frequency, held; default: fitted.")
+    reference_frequency: float | None = option(
+        "RAD/S", "Reference frequency, held; default: fitted.", within=POSITIVE
+    )
     random_force: str = option(
         "auto|off|estimated|VALUE",
         "Random acceleration of the motion: where one is found and tested, never, estimated in any case, or "
@@ -160,58 +167,76 @@ class SearchOptions:
     refit: bool = switch("--refit", "Fit the models that discover found again, to the whole records.")
     level: float = option("P", "Significance level of discover, shared by its tests.", 0.01)
     time_limit: float | None = option(
-        "S", "Ends a search of discover with what it has after so long; default: none."
+        "S", "Ends a search of discover with what it has after so long; default: none.", within=POSITIVE
     )
 
 
-def flag_of(part: "Field[Any]") -> str:
+@dataclass(frozen=True)
+class StartOptions:
+    """From which model a search starts, and what of a record it does not see."""
+
+    title: ClassVar[str] = MODEL
+
+    library: str = option("NAME|FILE", "Force library.", DEFAULT_LIBRARY)
+    forces: str | None = option(
+        "A,B,...",
+        "Forces of the start model; default: viscous friction alone, "
+        f"for the embedded example {EXAMPLE_FORCES}.",
+    )
+    reference_frequency: float | None = option(
+        "RAD/S", "Reference frequency, held; default: fitted.", within=POSITIVE
+    )
+    holdout: str | None = option(
+        "START:STOP",
+        "Part of each record, in s, that takes no part and is predicted; default: the last third.",
+    )
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What standard output shows, and where figures go."""
+
+    title: ClassVar[str] = OUTPUT
+
+    as_json: bool = switch("--json", "Print the result as JSON, and nothing else.")
+    plot: Path | None = option("DIR", "Folder for the figures (PDF and PNG).")
+    # Between these widths texts have room.
+    width: float = option(
+        "MM", "Of the figures: 88 of a column, 180 of a page.", 180.0, within=(80.0, 400.0, " mm")
+    )
+
+
+@dataclass(frozen=True)
+class Files(Shown):
+    """Where else the numbers go."""
+
+    output: Path | None = option("FILE", WHERE_TO_WRITE, flags=WRITTEN_BY, ending=".nc")
+    csv: Path | None = option("FILE", "Where to write the numbers as a table (CSV).", ending=".csv")
+
+
+@dataclass(frozen=True)
+class Destination(Files):
+    """Where the result of an identification or a search goes, and how much is printed of it."""
+
+    latex: Path | None = option("FILE", "Where to write the table and the equation for LaTeX.", ending=".tex")
+    explain: bool = switch("--explain", "Print all that was tested, and what follows.")
+    quiet: bool = switch("--quiet", "Print the verdict and tables alone.")
+
+
+def flag_of(part: Field[Any]) -> str:
     """How an option is written."""
     # Typer takes the first of them for a default, until it reads the command.
     flags = part.metadata.get("flags") or (f"--{part.name.replace('_', '-')}",)
-    return str(flags[-1])
+    return str(flags[0 if flags[-1] == "--output" else -1])
 
 
-def default_of(part: "Field[Any]") -> Any:
+def default_of(part: Field[Any]) -> Any:
     """Default of an option."""
     made = part.default_factory
     return made() if callable(made) else part.default
 
 
-def changed_flags(group: Any) -> list[str]:
-    """The options of a group that were given another value than their default."""
-    return [flag_of(part) for part in fields(group) if getattr(group, part.name) != default_of(part)]
-
-
-def with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The command as typer takes it: an argument that is a group becomes the options of the group.
-
-    Parameters
-    ----------
-    command : callable
-        Has keyword arguments only.
-    """
-    hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
-    parameters: list[inspect.Parameter] = []
-    for name, parameter in inspect.signature(command).parameters.items():
-        parameters += _options(groups[name]) if name in groups else [parameter]
-
-    @wraps(command)
-    def run(**values: Any) -> None:
-        for name, group in groups.items():
-            values[name] = group(**{part.name: values.pop(part.name) for part in fields(group)})
-        command(**values)
-
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    return run
-
-
-def _options(group: Any) -> list[inspect.Parameter]:
-    """The fields of a group as arguments of a function, under the group's title in its help."""
-    keyword, parameters = inspect.Parameter.KEYWORD_ONLY, []
-    for part in fields(group):
-        given = copy(part.metadata["typer"])
-        given.rich_help_panel = group.title
-        made = {"default": default_of(part), "annotation": Annotated[part.type, given]}
-        parameters.append(inspect.Parameter(part.name, keyword, **made))
-    return parameters
+def changed_flags(*groups: Any) -> list[str]:
+    """The options of groups that were given another value than their default."""
+    pairs = [(group, part) for group in groups for part in fields(group)]
+    return [flag_of(part) for group, part in pairs if getattr(group, part.name) != default_of(part)]

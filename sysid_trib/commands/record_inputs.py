@@ -3,19 +3,27 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 import numpy as np
+import xarray as xr
 
 from sysid_trib.commands.checks import parse_number, parse_value_with_error, parse_window
-from sysid_trib.commands.options import DecayOptions, ModelOptions
+from sysid_trib.commands.options import DecayOptions, ModelOptions, StartOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
+from sysid_trib.forces.selection import load_system
+from sysid_trib.records.free_decay import free_decays
+from sysid_trib.records.inputs import driven_part, named_inputs
+from sysid_trib.records.read import read_records
+from sysid_trib.records.reading import Reading
+from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.records.units import signal_unit
+from sysid_trib.results.files import load
+from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.simulation.simulate import paper_twin
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from sysid_trib.commands.discover import StartOptions
-
+# A file, none of the embedded example; its runs, and what they are.
+Source: TypeAlias = tuple[Path | None, list[xr.Dataset], str]
 PROGRAM = "sysid-trib"
 
 
@@ -67,8 +75,6 @@ def _is_printed(path: Path) -> bool:
 
 def _maker_of(path: Path) -> str:
     """The command that wrote a result, or its method; empty of what is no result."""
-    from sysid_trib.results.files import load
-
     try:
         tree = load(path)
     except SysidTribError:
@@ -92,11 +98,11 @@ INSTEAD = {
 
 def read_decays(
     given: DecayOptions,
-    model: "ModelOptions | StartOptions | None" = None,
+    model: ModelOptions | StartOptions | None = None,
     *,
     as_it_is: bool = False,
     driven: bool = False,
-) -> "tuple[list[xr.Dataset], list[str]]":
+) -> tuple[list[xr.Dataset], list[str]]:
     """Read free decays of the files, or of the embedded example.
 
     Parameters
@@ -117,24 +123,21 @@ def read_decays(
     sentences : list of str
         What each of them is.
     """
-    if not driven:
-        _refuse_inputs(given)
     named = model is not None and bool(model.forces)
+    sources = read_sources(given, driven=driven)
     decays: list[xr.Dataset] = []
     sentences: list[str] = []
     sums: list[str] = []
-    for record in given.records or (None,):
-        read, sentence = _read(given, record)
-        checksum = str(read[0].attrs.get("record_checksum"))
+    for source in sources:
+        record, runs, _ = source
+        checksum = str(runs[0].attrs.get("record_checksum"))
         # Its noise would count as if it were another's.
         if checksum in sums:
             raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
         sums.append(checksum)
-        those = [decay for part in read for decay in _decays(given, part, as_it_is=as_it_is or named)]
-        chosen = _chosen(those, given.decay, record)
+        chosen, sentence = decays_within(given, source, as_it_is=as_it_is or named)
         decays += chosen
-        several = f" {len(those)} decays{', one of them taken' if len(chosen) == 1 else ''}."
-        sentences += [sentence + (several if len(those) > 1 else "")] * len(chosen)
+        sentences += [sentence] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
         raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
     if model is not None:
@@ -142,56 +145,56 @@ def read_decays(
     return decays, sentences
 
 
+def read_sources(given: DecayOptions, *, driven: bool = False) -> list[Source]:
+    """The runs of each file as they are in it, uncut, and what they are."""
+    if given.input_ is not None and not driven:
+        raise UsageError(
+            "--input is of driven records, which identify, discover and compare take; this command takes "
+            "free decays."
+        )
+    return [_read(given, record) for record in given.records or (None,)]
+
+
+def decays_within(
+    given: DecayOptions, source: Source, *, as_it_is: bool = False
+) -> tuple[list[xr.Dataset], str]:
+    """The decays of a file, or the one that is asked for, and what they are."""
+    record, runs, sentence = source
+    those = [decay for run in runs for decay in _decays(given, run, as_it_is=as_it_is)]
+    count = "1 decay" if len(those) == 1 else f"{len(those)} decays"
+    if given.decay is not None and given.decay > len(those):
+        raise UsageError(
+            f"--decay {given.decay}: {record or 'the example'} holds {count}; give 1 to {len(those)}."
+        )
+    chosen = those if given.decay is None else [those[given.decay - 1]]
+    taken = ", one of them taken" if len(chosen) == 1 else ""
+    return chosen, sentence + (f" {count}{taken}." if len(those) > 1 else "")
+
+
 def calibration_of(given: DecayOptions) -> tuple[float, float]:
     """By which the signal of the records is multiplied, and its standard error."""
-    value = parse_value_with_error(given.scale, "--scale")
-    return value or (1.0, 0.0)
+    return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
-def _calibrated(record: "xr.Dataset", given: DecayOptions) -> "xr.Dataset":
-    """A record with its signal multiplied, if it is to be."""
-    from sysid_trib.simulation.initial_conditions import MEASURED
-
-    factor = calibration_of(given)[0]
-    if factor == 1.0:
-        return record
-    names = [name for name in ("angle", MEASURED) if name in record]
-    return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
+def driving_of(given: DecayOptions) -> dict[str, str | int]:
+    """Columns of inputs by their names."""
+    return named_inputs(given.input_ and given.input_.split(","))
 
 
-def read_sources(given: DecayOptions) -> "tuple[list[xr.Dataset], list[str]]":
-    """The records as they are in the files, uncut, and what each of them is."""
-    _refuse_inputs(given)
-    pairs = [_read(given, record) for record in given.records or (None,)]
-    return [run for runs, _ in pairs for run in runs], [text for runs, text in pairs for _ in runs]
-
-
-def decays_within(given: DecayOptions, records: "list[xr.Dataset]") -> "list[xr.Dataset]":
-    """The decays of records, those that the options ask for."""
-    those = [decay for record in records for decay in _decays(given, record)]
-    return _chosen(those, given.decay, given.records[0] if given.records else None)
-
-
-def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], str]":
+def _read(given: DecayOptions, record: Path | None) -> Source:
     """The runs of a file, or the embedded example, and what they are."""
-    from sysid_trib.forces.selection import load_system
-    from sysid_trib.records.inputs import named_inputs
-    from sysid_trib.records.read import read_records
-    from sysid_trib.records.reading import Reading
-    from sysid_trib.simulation.simulate import paper_twin
-
     how = {name: getattr(given, name) for name in READING}
+    factor = calibration_of(given)[0]
     if record is None:
         idle = [k for k, v in {**how, "input": given.input_}.items() if v is not None]
         if idle:
             raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
-        read = paper_twin()
-        source = f"Embedded example: {read.attrs['source']}; {read.attrs['synthetic']}."
-        return [_calibrated(read, given)], source
-    usual = load_system(given.system).signal
+        example = paper_twin()
+        source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
+        return record, [_multiplied(example, factor)], source
     try:
-        driving = named_inputs(given.input_ and given.input_.split(","))
-        runs = read_records(record, Reading(**how, usual=usual, inputs=driving, between=given.between))
+        usual, inputs = load_system(given.system).signal, driving_of(given)
+        runs = read_records(record, Reading(**how, usual=usual, inputs=inputs, between=given.between))
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -201,26 +204,18 @@ def _read(given: DecayOptions, record: Path | None) -> "tuple[list[xr.Dataset], 
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
-    return [_calibrated(run, given) for run in runs], f"Record: {record}, {'; '.join(facts)}."
+    return record, [_multiplied(run, factor) for run in runs], f"Record: {record}, {'; '.join(facts)}."
 
 
-def _refuse_inputs(given: DecayOptions) -> None:
-    """Refuse inputs in a command that takes free decays alone."""
-    if given.input_ is not None:
-        raise UsageError(
-            "--input is of driven records, which identify, discover and compare take; this command takes "
-            "free decays."
-        )
+def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
+    """A record with its signal multiplied."""
+    names = [name for name in ("angle", MEASURED) if name in record and factor != 1.0]
+    return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
 
-def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False) -> "list[xr.Dataset]":
-    from sysid_trib.records.free_decay import free_decays
-    from sysid_trib.records.units import signal_unit
-
+def _decays(given: DecayOptions, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
-        from sysid_trib.records.inputs import driven_part
-
         return [driven_part(record, limits)]
     centre: float | str = given.equilibrium
     if centre != "auto":
@@ -231,42 +226,27 @@ def _decays(given: DecayOptions, record: "xr.Dataset", *, as_it_is: bool = False
     return free_decays(record, window=limits, equilibrium=centre, **how)
 
 
-def _chosen(decays: "list[xr.Dataset]", number: int | None, record: Path | None) -> "list[xr.Dataset]":
-    """All decays of a file, or the one that is asked for."""
-    if number is None:
-        return decays
-    if number > len(decays):
-        count = "1 decay" if len(decays) == 1 else f"{len(decays)} decays"
-        raise UsageError(
-            f"--decay {number}: {record or 'the example'} holds {count}; give 1 to {len(decays)}."
-        )
-    return [decays[number - 1]]
-
-
-def _check_frequencies(decays: "Sequence[xr.Dataset]", model: "ModelOptions | StartOptions") -> None:
+def _check_frequencies(decays: Sequence[xr.Dataset], model: ModelOptions | StartOptions) -> None:
     """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
     contactless = parse_value_with_error(getattr(model, "omega0", None), OMEGA0)
     asked = {REFERENCE: model.reference_frequency, OMEGA0: contactless[0] if contactless else None}
     for flag, frequency in asked.items():
-        if frequency is not None:
-            for decay in decays:
-                _check_frequency(frequency, flag, decay)
-
-
-def _check_frequency(frequency: float, flag: str, decay: "xr.Dataset") -> None:
-    from sysid_trib.records.smoothing import swing_frequency
-
-    try:
-        swing = swing_frequency(decay)
-    except DecayError:
-        # Of too few half periods the methods have their own word to say.
-        return
-    in_hertz = swing / (2.0 * np.pi)
-    beginning = f"{flag} '{frequency:g}': the record swings at {swing:.4g} rad/s, "
-    # A frequency within this part of the record's own in Hz is meant in Hz.
-    if abs(frequency / in_hertz - 1.0) < 0.3:
-        raise UsageError(f"{beginning}which is {in_hertz:.4g} Hz; give it in rad/s.")
-    if frequency > MOST_RATIO * swing:
-        raise UsageError(f"{beginning}less than a fifth of that; {INSTEAD[flag]}.")
-    if frequency < swing / MOST_RATIO:
-        raise UsageError(f"{beginning}more than five times that; {INSTEAD[flag]}.")
+        if frequency is None:
+            continue
+        for decay in decays:
+            try:
+                swing = swing_frequency(decay)
+            except DecayError:
+                # Of too few half periods the methods have their own word to say.
+                continue
+            in_hertz = swing / (2.0 * np.pi)
+            said = ""
+            # A frequency within this part of the record's own in Hz is meant in Hz.
+            if abs(frequency / in_hertz - 1.0) < 0.3:
+                said = f"which is {in_hertz:.4g} Hz; give it in rad/s"
+            elif frequency > MOST_RATIO * swing:
+                said = f"less than a fifth of that; {INSTEAD[flag]}"
+            elif frequency < swing / MOST_RATIO:
+                said = f"more than five times that; {INSTEAD[flag]}"
+            if said:
+                raise UsageError(f"{flag} '{frequency:g}': the record swings at {swing:.4g} rad/s, {said}.")

@@ -1,185 +1,100 @@
-"""`sysid-trib look`, `backbone`, `report`, `export` and `forces`: what shows what is there, without a fit."""
+"""What `sysid-trib look`, `backbone`, `report`, `export` and `forces` do: they show what is there."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import xarray as xr
 
-from sysid_trib.commands.destination import Files, Shown
-from sysid_trib.commands.options import OUTPUT, RESULT_FILE, WHERE_TO_WRITE, DecayOptions, with_options
-from sysid_trib.errors import DecayError, RecordError, UsageError
-
-
-@with_options
-def backbone(*, given: DecayOptions, files: Files) -> None:
-    """Frequency and damping ratio against amplitude, with bands, without a model.
-
-    Examples
-    --------
-    sysid-trib backbone
-    sysid-trib backbone swing.csv --csv curves.csv --plot figures
-    """
-    from sysid_trib.commands.terminal import working
-
-    with working(given.records) as tell:
-        from functools import partial
-
-        import xarray as xr
-
-        from sysid_trib.commands.record_inputs import read_decays
-        from sysid_trib.cycles.backbone import backbone as curves_of
-        from sysid_trib.printing.looked import backbone_blocks, backbone_csv, backbone_json
-        from sysid_trib.results.variables import group_names
-
-        files.check(given.records)
-        tell("reading")
-        decays, sources = read_decays(given)
-        names = group_names("backbone", len(decays))
-        tell("frequency and damping against amplitude")
-        backbones = {name: curves_of(decay) for name, decay in zip(names, decays, strict=True)}
-        tree = xr.DataTree.from_dict(backbones)
-        files.save(tree, {files.csv: lambda: backbone_csv(backbones)})
-        files.draw(
-            lambda plots: [(name, partial(plots.backbone, data)) for name, data in backbones.items()], tell
-        )
-    files.say(lambda: backbone_json(backbones), lambda: backbone_blocks(backbones, sources))
+from sysid_trib.commands.asked import model_of_file
+from sysid_trib.commands.destination import check_output, deliver
+from sysid_trib.commands.options import DecayOptions, Files, Shown
+from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
+from sysid_trib.commands.terminal import command_after, print_table, print_written
+from sysid_trib.cycles.backbone import backbone as curves_of
+from sysid_trib.cycles.look import look as facts
+from sysid_trib.errors import DecayError, RecordError, Tell, UsageError
+from sysid_trib.forces.library import load_library
+from sysid_trib.printing import looked
+from sysid_trib.printing.equation import model_code
+from sysid_trib.printing.exported import forces_latex
+from sysid_trib.printing.next_step import NextStep
+from sysid_trib.results.files import load, write_file
+from sysid_trib.results.variables import group_names
 
 
-@with_options
-def look(*, given: DecayOptions, shown: Shown) -> None:
-    """Say what is in a file and what to do next, without a fit.
+def backbone(tell: Tell, given: DecayOptions, files: Files) -> Callable[[], None]:
+    """The curves of each decay."""
+    tell("reading")
+    decays, sources = read_decays(given)
+    names = group_names("backbone", len(decays))
+    tell("frequency and damping against amplitude")
+    curves = {name: curves_of(decay) for name, decay in zip(names, decays, strict=True)}
+    says = partial(looked.backbone_blocks, curves, sources), partial(looked.backbone_json, curves)
+    figures = {name: ("backbone", data) for name, data in curves.items()}
+    texts = {files.csv: partial(looked.backbone_csv, curves)}
+    return deliver(files, tell, says, figures, xr.DataTree.from_dict(curves), texts)
 
-    Examples
-    --------
-    sysid-trib look swing.csv
-    sysid-trib look swing.csv --angle 1 --units rad --plot figures
-    """
-    from sysid_trib.commands.terminal import progress
 
-    understood: list[str] = []
+def look(tell: Tell, given: DecayOptions, shown: Shown) -> Callable[[], None]:
+    """What is in files."""
+    tell("reading")
+    sources = read_sources(given)
+    records = [run for _, runs, _ in sources for run in runs]
+    sentences = [sentence for _, runs, sentence in sources for _ in runs]
     try:
-        with progress() as tell:
-            from sysid_trib.commands.record_inputs import decays_within, read_sources
-            from sysid_trib.commands.terminal import command_after
-            from sysid_trib.cycles.look import look as facts
-            from sysid_trib.printing.looked import look_blocks, look_json, pointed_options
-            from sysid_trib.printing.next_step import NextStep
-
-            shown.check(given.records)
-            tell("reading")
-            records, sentences = read_sources(given)
-            understood = sentences
-            decays = decays_within(given, records)
-            tree = facts(records, decays)
-            asked = pointed_options(tree, given.system is not None)
-            command = command_after(NextStep("identify", "the forces of this decay", asked), (given,))
-            shown.draw(lambda plots: [("look", lambda: plots.look(tree))], tell)
-    except DecayError:
+        tree = facts(records, [decay for source in sources for decay in decays_within(given, source)[0]])
+    except DecayError as error:
         # What was understood helps to see why.
-        if not shown.as_json and understood:
-            print("\n".join(dict.fromkeys(understood)))
-        raise
-    shown.say(lambda: look_json(tree, command), lambda: look_blocks(tree, sentences, command))
+        return partial(_refuse, [] if shown.as_json else sentences, error)
+    asked = looked.pointed_options(tree, given.system is not None)
+    command = command_after(NextStep("identify", "the forces of this decay", asked), (given,))
+    says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
+    return deliver(shown, tell, says, {"look": ("look", tree)})
 
 
-def report(
-    result: RESULT_FILE,
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="REPORT.html", help=WHERE_TO_WRITE, rich_help_panel=OUTPUT),
-    ],
-) -> None:
-    """Show a saved result as one self-contained page, with figures and tables.
-
-    Examples
-    --------
-    sysid-trib report forces.nc -o forces.html
-    sysid-trib report missing.nc -o missing.html
-    """
-    from sysid_trib.commands.terminal import print_written, progress
-
-    with progress() as tell:
-        from sysid_trib.commands.destination import check_output
-        from sysid_trib.reporting.page import page, write_page
-        from sysid_trib.results import files
-
-        check_output(output, ".html .htm", reads=[result])
-        tell("reading")
-        tree = files.load(result)
-        tell("page")
-        try:
-            text = page(tree)
-        except (RecordError, UsageError) as error:
-            raise RecordError(f"{result}: {error}") from None
-        write_page(text, output)
-    print_written(output)
+def _refuse(sentences: list[str], error: DecayError) -> None:
+    """Print what was understood, each sentence once, before what it ended with."""
+    for sentence in dict.fromkeys(sentences):
+        print(sentence)
+    raise error
 
 
-def export(
-    result: RESULT_FILE,
-    language: Annotated[
-        str,
-        typer.Option("--as", metavar="python|sympy|simulink", help="Language.", rich_help_panel=OUTPUT),
-    ] = "python",
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help=WHERE_TO_WRITE, rich_help_panel=OUTPUT),
-    ] = None,
-) -> None:
-    """Write an identified equation as a Python function, for sympy, or as a function block of Simulink.
+def report(tell: Tell, result: Path, output: Path) -> Callable[[], None]:
+    """The page of a result."""
+    from sysid_trib.reporting.page import page, write_page
 
-    Examples
-    --------
-    sysid-trib export forces.nc
-    sysid-trib export missing.nc --as simulink -o missing.m
-    """
-    from sysid_trib.commands.terminal import print_written, progress
+    tell("reading")
+    tree = load(result)
+    tell("page")
+    try:
+        text = page(tree)
+    except (RecordError, UsageError) as error:
+        raise RecordError(f"{result}: {error}") from None
+    write_page(text, output)
+    return partial(print_written, output)
 
-    with progress():
-        from sysid_trib.commands.checks import model_of_file
-        from sysid_trib.commands.destination import check_output
-        from sysid_trib.printing.equation import model_code
-        from sysid_trib.results.files import load, write_file
 
-        check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
-        text = model_code(model_of_file(result, load(result)), language)
-        if output is not None:
-            write_file(output, text.encode())
+def export(tell: Tell, result: Path, language: str, output: Path | None) -> Callable[[], None]:
+    """The equation of a result as a program."""
+    check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
+    text = model_code(model_of_file(result, load(result)), language)
     if output is None:
-        print(text, end="")
-    print_written(output)
+        return partial(print, text, end="")
+    write_file(output, text.encode())
+    return partial(print_written, output)
 
 
-def forces(
-    library: Annotated[
-        str, typer.Argument(metavar="NAME|FILE", help="Force library.", rich_help_panel="Library")
-    ] = "contact_forces",
-    latex: Annotated[
-        Path | None,
-        typer.Option("--latex", metavar="FILE", help="Where to write it for LaTeX.", rich_help_panel=OUTPUT),
-    ] = None,
-) -> None:
-    """Show the forces of a library: equations, kind, and signatures in envelope and frequency.
+def forces(tell: Tell, library: str, latex: Path | None) -> Callable[[], None]:
+    """The forces of a library."""
+    offered = load_library(library)
+    table = looked.force_table(offered)
+    if latex is not None:
+        write_file(latex, forces_latex(offered).encode())
 
-    Examples
-    --------
-    sysid-trib forces
-    sysid-trib forces candidate_effects
-    """
-    from sysid_trib.commands.terminal import print_table, print_written, progress
+    def say() -> None:
+        print(f"{offered.title}\n{looked.NORMALISED}\n")
+        print_table(table)
+        print_written(latex)
 
-    with progress():
-        from sysid_trib.commands.destination import check_output
-        from sysid_trib.forces.library import load_library
-        from sysid_trib.printing.exported import forces_latex
-        from sysid_trib.printing.looked import NORMALISED, force_table
-        from sysid_trib.results.files import write_file
-
-        check_output(latex, ".tex", reads=[Path(library)], flag="--latex")
-        offered = load_library(library)
-        table = force_table(offered)
-        if latex is not None:
-            write_file(latex, forces_latex(offered).encode())
-    print(f"{offered.title}\n{NORMALISED}\n")
-    print_table(table)
-    print_written(latex)
+    return say

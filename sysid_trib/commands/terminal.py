@@ -1,14 +1,16 @@
 """Text, tables and progress on the terminal, and the command that follows from a result."""
 
+import inspect
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import Field, fields, is_dataclass
-from typing import TYPE_CHECKING, Any, get_type_hints
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.options import default_of, flag_of
-from sysid_trib.errors import DecayError, printable, readable, silent
+from sysid_trib.errors import DecayError, Tell, printable, readable, silent
+from sysid_trib.printing import Block, Layer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.table import Table
 
-    from sysid_trib.errors import Tell
-    from sysid_trib.printing import Block, Layer
     from sysid_trib.printing.next_step import NextStep
 
 
@@ -40,10 +40,16 @@ def print_table(table: "Table") -> None:
     console.print(table, crop=False)
 
 
-def print_blocks(blocks: "Iterable[Block]", layer: "Layer") -> None:
-    """Print the blocks of a layer, with an empty line between two; `--explain` has headings."""
-    from sysid_trib.printing import Layer
+def print_blocks(
+    blocks: Iterable[Block],
+    layer: Layer = Layer.DEFAULT,
+    ends: Iterable[str] = (),
+    written: "Iterable[Path | None]" = (),
+) -> None:
+    """Print the blocks of a layer, with an empty line between two; `--explain` has headings.
 
+    Below them stand the lines `ends`, and the files and folders that were written.
+    """
     shown = [block for block in blocks if layer in block.layers and (block.sentences or block.table)]
     section = ""
     for at, block in enumerate(shown):
@@ -58,6 +64,9 @@ def print_blocks(blocks: "Iterable[Block]", layer: "Layer") -> None:
             if block.caption:
                 print(block.caption)
             print_table(block.table)
+    for sentence in ends:
+        print(sentence)
+    print_written(*written)
 
 
 def record_sentences(tree: "xr.DataTree", sentences: Sequence[str]) -> list[str]:
@@ -76,7 +85,7 @@ def print_written(*places: "Path | None") -> None:
 
 
 @contextmanager
-def working(records: "Sequence[Path]" = ()) -> "Iterator[Tell]":
+def working(records: "Sequence[Path]" = ()) -> Iterator[Tell]:
     """How a command works: it says what is under way, computes in one thread, and names what is refused.
 
     Parameters
@@ -88,8 +97,8 @@ def working(records: "Sequence[Path]" = ()) -> "Iterator[Tell]":
         try:
             yield tell
         except DecayError as error:
-            # A method knows numbers alone.
-            said, names = str(error), [record.name for record in records]
+            # A method knows numbers alone. A colon stands between two samples.
+            said, names = str(error), [record.name for record in records if record.name != ":"]
             if not names or any(name in said for name in names):
                 raise
             more = f" and {len(names) - 1} more" if len(names) > 1 else ""
@@ -97,7 +106,7 @@ def working(records: "Sequence[Path]" = ()) -> "Iterator[Tell]":
 
 
 @contextmanager
-def progress() -> "Iterator[Tell]":
+def progress() -> Iterator[Tell]:
     """What is under way, on stderr, gone when all is done; nothing where no terminal is.
 
     To import what computes takes longer than a reader likes to see nothing: a command begins with this.
@@ -182,8 +191,13 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
     groups : sequence of dataclasses
         Groups of options, in their order.
     """
-    known = _options_of(step.command)
-    words = ["sysid-trib", step.command]
+    from sysid_trib.commands.app import app
+
+    known = next(
+        inspect.signature(info.callback).parameters
+        for info in app.registered_commands
+        if info.callback and info.callback.__name__ == step.command
+    )
     replaced = {name.replace("-", "_") for name in (*step.options, *step.without)}
     given = {part.name: (part, getattr(group, part.name)) for group in groups for part in fields(group)}
     library, candidates = (given.get(name, (None, None)) for name in ("library", "candidates"))
@@ -192,28 +206,11 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
         given["library"] = (library[0], candidates[1] or library[1])
     files = map(str, given.pop(RECORDS, (None, []))[1])
     # A dash at the beginning of a word would be an option.
-    words += [f"./{file}" if file.startswith("-") else file for file in files] + list(step.records)
+    words = [f"./{file}" if file.startswith("-") else file for file in files] + list(step.records)
     for name, (part, value) in given.items():
         if name in known and name.strip("_") not in replaced and value != default_of(part):
-            words += _words(part, value)
+            for item in value if isinstance(value, list | tuple) else [value]:
+                # A switch is its flag alone.
+                words += [flag_of(part)] if isinstance(item, bool) else [flag_of(part), str(item)]
     words += [word for name, value in step.options.items() for word in (f"--{name}", value) if word]
-    return readable(shlex.join(words))
-
-
-def _options_of(command: str) -> set[str]:
-    """Names of the options of a command, those of its groups among them."""
-    from sysid_trib.commands.app import app
-
-    callbacks = [info.callback for info in app.registered_commands]
-    taken = next(callback for callback in callbacks if callback and callback.__name__ == command)
-    hints: Mapping[str, Any] = get_type_hints(taken.__wrapped__)  # type: ignore[attr-defined]
-    groups = [kind for kind in hints.values() if is_dataclass(kind)]
-    return {*hints, *(part.name for group in groups for part in fields(group))}
-
-
-def _words(part: "Field[Any]", value: Any) -> Iterator[str]:
-    """An option and its value as words; a switch is its flag alone, a list repeats it."""
-    for item in value if isinstance(value, list | tuple) else [value]:
-        yield flag_of(part)
-        if not isinstance(item, bool):
-            yield str(item)
+    return readable(shlex.join(["sysid-trib", step.command, *words]))

@@ -1,0 +1,195 @@
+"""What is asked of a method or of a search: its forces, shapes, constraints and frequencies."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from sysid_trib.commands.checks import assigned, parse_value_with_error
+from sysid_trib.commands.options import MOST, ConstraintOptions, ModelOptions, SearchOptions, StartOptions
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import (
+    forces_to_identify,
+    further_forces,
+    load_system,
+    viscous_model,
+    with_shipped,
+)
+from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
+from sysid_trib.methods.scope import Method, with_random_force
+from sysid_trib.results.files import kind_of
+from sysid_trib.validation.compare import every_method
+from sysid_trib.validation.findings import main_result
+
+
+def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
+    """The forces that are asked for, the linear elastic one among them where alpha is wanted.
+
+    What is asked for by name and the library lacks is taken from those that come with the package.
+    """
+    whole = load_library(library)
+    symbols = list(whole.symbols)
+    if forces is not None:
+        symbols = [s.strip() for s in forces.split(",") if s.strip()]
+        whole = with_shipped(whole, symbols)
+    if not symbols:
+        raise UsageError(f"--forces '{forces}' names no force; the library has {', '.join(whole.symbols)}.")
+    stiffness = whole.role("x")
+    if stiffness is not None and alpha:
+        symbols.append(stiffness.symbol)
+    elif stiffness is not None and set(symbols) == {stiffness.symbol}:
+        raise UsageError(
+            f"Force '{stiffness.symbol}' cannot be separated from the frequency: give --omega0 or "
+            "--reference-frequency, or further forces."
+        )
+    return whole.select(symbols)
+
+
+@dataclass(frozen=True)
+class AskedModel:
+    """What is to be identified, as the options have it.
+
+    Attributes
+    ----------
+    library : ForceLibrary
+        The forces.
+    shapes : dict of str to float
+        Shape parameters that are held.
+    constraints : Constraints
+        Checked against the forces.
+    contactless : (float, float) or None, rad/s
+        Frequency without contact and its error.
+    reference_frequency : float or None, rad/s
+        Held.
+    random_force : str or float
+        As methods take it.
+    """
+
+    library: ForceLibrary
+    shapes: dict[str, float]
+    constraints: Constraints
+    contactless: tuple[float, float] | None
+    reference_frequency: float | None
+    random_force: RandomForceOption
+
+    @property
+    def every_method(self) -> dict[str, Method]:
+        """Every method, by its label, with this frequency, these shapes and this random force."""
+        methods = every_method(self.reference_frequency, self.shapes)
+        return {label: with_random_force(method, self.random_force) for label, method in methods.items()}
+
+
+def asked_model(model: ModelOptions, given: ConstraintOptions, system: str | None = None) -> AskedModel:
+    """What is to be identified, with what a system (name or file) always has."""
+    moving = load_system(system)
+    contactless, held = parse_value_with_error(model.omega0, "--omega0"), model.reference_frequency
+    if contactless and held:
+        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+    offered = offered_forces(model.library, moving.with_held(model.forces), bool(contactless or held))
+    shapes = held_shapes(given.set_, offered)
+    constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
+    unconstrained = set(offered.symbols) - set(constraints.names)
+    always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
+    constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
+    constraints.check(forces_to_identify(offered, held, sensors=True))
+    random_force = parse_random_force(model.random_force)
+    return AskedModel(offered, shapes, constraints, contactless, held, random_force)
+
+
+def asked_search(
+    model: StartOptions | ModelOptions,
+    forces: str | None,
+    asked: SearchOptions,
+    system: str | None,
+    inputs: Collection[str] = (),
+) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
+    """The start model, what it may lack, and how to search, as `discover` takes them.
+
+    Parameters
+    ----------
+    model : dataclass
+        Options of the start model.
+    forces : str, optional
+        Its forces; without them viscous friction and inputs.
+    asked : SearchOptions
+        How to search. Without candidates of its own the model may lack the library's other forces and the
+        usual effects.
+    system : str, optional
+        Name or file of the system: what it always has is held, what it cannot have is not offered.
+    inputs : collection of str
+        Names of what drives.
+
+    Raises
+    ------
+    UsageError
+        A level that is none, a time limit that leaves no time, or a candidate with the symbol of another
+        force of the model: a name would then say nothing.
+    """
+    held, moving = model.reference_frequency, load_system(system)
+    if not 0.0 < asked.level < 1.0:
+        raise UsageError(f"--level '{asked.level:g}' must lie between 0 and 1, such as 0.01.")
+    if forces is None:
+        forces = ",".join(viscous_model(load_library(model.library), inputs).symbols)
+    start = offered_forces(model.library, moving.with_held(forces), held is not None)
+    offered = load_library(asked.candidates or model.library)
+    if asked.candidates is None:
+        offered = further_forces(offered, start, inputs)
+    offered = offered.select(symbol for symbol in offered.symbols if symbol not in moving.impossible)
+    for force in offered:
+        if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
+            raise UsageError(
+                f"Candidate '{force.symbol}' ({force.formula.text}) has the symbol of another force of the "
+                f"start model ({start[force.symbol].formula.text}); rename one of them."
+            )
+    options = {
+        "reference_frequency": held,
+        "constraints": dict(moving.held),
+        "max_effects": asked.max_effects,
+        "refit": asked.refit,
+        "level": asked.level,
+        "time_limit": asked.time_limit or float("inf"),
+    }
+    return start, offered, options
+
+
+def held_shapes(texts: list[str], library: ForceLibrary) -> dict[str, float]:
+    """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
+    known = list(library.shape_values())
+    refusal = f"--set '{{}}': give SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}."
+    shapes = assigned(texts, refusal)
+    for name in shapes:
+        if name not in known:
+            raise UsageError(refusal.format(name))
+    return shapes
+
+
+def parse_random_force(text: str) -> RandomForceOption:
+    """A word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
+    word = text.strip()
+    if word in OPTIONS:
+        return word  # type: ignore[return-value]
+    try:
+        density = float(word)
+    except ValueError:
+        density = float("nan")
+    if not 0.0 <= density <= MOST:
+        raise UsageError(
+            f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {MOST:g} "
+            f"{DENSITY_UNITS}."
+        )
+    return density
+
+
+def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
+    """The identification that stands for a saved result; refused where there is none."""
+    answer = main_result(tree)
+    if answer is None and kind_of(tree) == "difference":
+        raise UsageError(f"{result} compares samples and is no model of either; give what identify wrote.")
+    if answer is None:
+        raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
+    return answer

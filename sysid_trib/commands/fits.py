@@ -1,0 +1,208 @@
+"""What `sysid-trib identify`, `compare` and `difference` do: fits of given forces."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from sysid_trib.commands.asked import asked_model
+from sysid_trib.commands.checks import parse_value_with_error
+from sysid_trib.commands.destination import Drawings, deliver, figures_of_runs, texts_of
+from sysid_trib.commands.options import ConstraintOptions, DecayOptions, Destination, ModelOptions
+from sysid_trib.commands.own_options import IdentifyOptions
+from sysid_trib.commands.record_inputs import calibration_of, read_decays
+from sysid_trib.commands.terminal import keep_next, record_sentences
+from sysid_trib.errors import Tell, UsageError
+from sysid_trib.methods.scope import with_random_force
+from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
+from sysid_trib.printing import ALWAYS, Block, driven, exported, identification, json_results, sureness
+from sysid_trib.printing.comparison import comparison_blocks
+from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.results.files import kind_of
+from sysid_trib.results.references import with_scale_error
+from sysid_trib.results.variables import group_names, record_groups
+from sysid_trib.validation import findings, profiles, refits
+from sysid_trib.validation.compare import compare as compared
+from sysid_trib.validation.driven import is_driven, predict
+from sysid_trib.validation.identify import identify as identified, usual_methods
+from sysid_trib.validation.samples import held_against
+
+
+def names_in(text: str | None) -> list[str]:
+    """Names between commas, each once."""
+    return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
+
+
+def identify(
+    tell: Tell,
+    given: DecayOptions,
+    model: ModelOptions,
+    constraint: ConstraintOptions,
+    asked: IdentifyOptions,
+    into: Destination,
+) -> Callable[[], None]:
+    """Identify the forces of records in two ways."""
+    measured, calibration = _measured(asked), calibration_of(given)
+    wanted = asked_model(model, constraint, given.system)
+    profiled = names_in(asked.profile)
+    if len(pairs := [name for name in profiled if ":" in name]) > 1:
+        raise UsageError(f"--profile draws contours of one pair, not of {' and '.join(pairs)}; ask for one.")
+    tell("reading")
+    decays, sources = read_decays(given, model, driven=True)
+    driven = is_driven(decays)
+    if "mass" in measured:
+        check_length_unit(unit_of_signal(decays[0]))
+    if driven and (measured or asked.methods):
+        raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
+    if asked.warm_up is not None and not (asked.warm_up >= 0.0 and (driven or asked.test)):
+        raise UsageError(
+            "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
+        )
+    own, warm_up = tuple(names_in(constraint.own)), asked.warm_up or 0.0
+    usual = usual_methods(decays, wanted.library, wanted.reference_frequency, wanted.shapes, own, warm_up)
+    tree = identified(
+        decays,
+        wanted.library,
+        [with_random_force(method, wanted.random_force) for method in usual],
+        constraints=wanted.constraints.table,
+        contactless=wanted.contactless,
+        tell=tell,
+    )
+    predicted = []
+    if asked.test is not None:
+        tell("prediction")
+        others, _ = read_decays(replace(given, records=[asked.test]), as_it_is=True, driven=True)
+        answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
+        predicted = [predict(answer, other, warm_up=asked.warm_up) for other in others]
+    _add_sureness(tree, decays, asked.sensitivity, profiled, tell)
+    if calibration[1]:
+        tree = with_scale_error(tree, calibration[1] / calibration[0])
+    if measured and (result := findings.kept_results(tree).get(findings.answer_of(tree))) is not None:
+        # What has a covariance of forces is an identification.
+        converted = in_si_units(result, **measured).drop_dims("other_force")
+        tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
+    if not driven:
+        keep_next(tree, given, model, constraint)
+    texts = texts_of(into, tree)
+    if asked.methods is not None:
+        texts[asked.methods] = partial(exported.methods_text, tree)
+        texts[asked.methods.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
+    says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
+    return deliver(into, tell, says, _figures(tree), tree, texts)
+
+
+def _measured(asked: IdentifyOptions) -> dict[str, tuple[float, float]]:
+    """What gives SI units, with its errors; refused where it is too little for what it is for."""
+    names = ("inertia", "mass", "load", "radius")
+    read = {name: parse_value_with_error(getattr(asked, name), f"--{name}") for name in names}
+    given = {name: pair for name, pair in read.items() if pair is not None}
+    if given:
+        check_measured(given.keys())
+    return given
+
+
+def _add_sureness(
+    tree: xr.DataTree, decays: list[xr.Dataset], varied: bool, profiled: Iterable[str], tell: Tell
+) -> None:
+    """Add what is asked of how sure the answer is, as groups of the result."""
+    if not (varied or profiled):
+        return
+    answer = tree[findings.answer_of(tree)].to_dataset()
+    if names := [name for name in profiled if ":" not in name]:
+        tree["profile"] = profiles.profile(decays, answer, names, tell=tell)
+    for pair in profiled:
+        if ":" in pair:
+            tree["contour"] = profiles.contour(decays, answer, pair.split(":"), tell=tell)
+    if varied:
+        tree["sensitivity"] = refits.sensitivity(decays, answer, tell=tell)
+
+
+def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
+    """What is printed of an identification, of free decays or with inputs."""
+    sentences = record_sentences(tree, sources)
+    if kind_of(tree) == "driven":
+        said = [*driven.driven_blocks(tree, sentences), *sureness.sureness_blocks(tree)]
+    else:
+        said = identification.identification_blocks(tree, sentences)
+    return [*said, Block(driven.prediction_sentences(predicted), ALWAYS)]
+
+
+def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
+    whole = driven.driven_json(tree) if kind_of(tree) == "driven" else json_results.identification_json(tree)
+    return whole | driven.prediction_json(predicted) | sureness.sureness_json(tree)
+
+
+def _figures(tree: xr.DataTree) -> Drawings:
+    """The figures of each run, and of those groups that the result has."""
+    count = len(record_groups(tree))
+    followed, bands = (group_names(name, count) for name in ("innovations", "prediction_bands"))
+    groups_of = {"profile": ("profile", "contour"), "sensitivity": ("sensitivity",)}
+    groups_of |= dict(zip(followed, zip(followed, bands, strict=True), strict=True))
+    figures = figures_of_runs(tree, "overview")
+    for name, groups in groups_of.items():
+        if data := [tree[group].to_dataset() for group in groups if group in tree.children]:
+            figures[name] = (name.partition("_")[0], *data)
+    return figures
+
+
+def compare(
+    tell: Tell, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, into: Destination
+) -> Callable[[], None]:
+    """Identify the forces of records by every method."""
+    asked = asked_model(model, constraint, given.system)
+    tell("reading")
+    decays, sources = read_decays(given, model, driven=True)
+    tree = compared(
+        decays,
+        asked.library,
+        asked.every_method,
+        contactless=asked.contactless,
+        constraints=asked.constraints.table,
+        tell=tell,
+    )
+    keep_next(tree, given, model, constraint)
+    blocks = partial(comparison_blocks, tree, record_sentences(tree, sources))
+    says = blocks, partial(json_results.comparison_json, tree)
+    figures = figures_of_runs(tree, "overview") | {"comparison": ("comparison", tree)}
+    return deliver(into, tell, says, figures, tree, texts_of(into, tree))
+
+
+# Stands between the records of the two samples.
+AND = Path(":")
+
+
+def difference(
+    tell: Tell, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, into: Destination
+) -> Callable[[], None]:
+    """Hold two samples against each other."""
+    sides = _sides(given.records)
+    asked = asked_model(model, constraint, given.system)
+    tell("reading")
+    (first, of_first), (second, of_second) = (
+        read_decays(replace(given, records=side), model) for side in sides
+    )
+    sums, others = ({run.attrs.get("record_checksum") for run in side} for side in (first, second))
+    if sums & others - {None}:
+        raise UsageError("A record is given in both samples; their differences would share its noise.")
+    usual = usual_methods([*first, *second], asked.library, asked.reference_frequency, asked.shapes)
+    method = with_random_force(usual[-1], asked.random_force)
+    table = asked.constraints.table
+    tree = held_against(first, second, asked.library, method, constraints=table, tell=tell)
+    blocks = partial(sureness.difference_blocks, tree, [*of_first, *of_second])
+    says = blocks, partial(sureness.difference_json, tree)
+    return deliver(into, tell, says, {"difference": ("difference", tree)}, tree, texts_of(into, tree))
+
+
+def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:
+    """The records of each sample."""
+    marks = [at for at, record in enumerate(records) if record == AND]
+    if not marks and len(records) == 2:
+        return records[:1], records[1:]
+    if len(marks) == 1 and 0 < marks[0] < len(records) - 1:
+        return records[: marks[0]], records[marks[0] + 1 :]
+    raise UsageError(
+        "difference wants two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
+    )
