@@ -93,38 +93,28 @@ def campaign(
     is given up, and tried again when the campaign is gone on with.
     """
     check_extra()
-    _check_process()
-    whole = CampaignRecords(records)
-    # A link to a store stays one when records come to it.
-    path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
-    with sole_writer(path):
-        store = Store(path, task, whole, max(1, min(LARGEST_BLOCK, len(whole) // BLOCKS)))
-        _fill(store, task, whole, workers, memory, tell)
-        return as_dataset(path)
-
-
-def _fill(
-    store: Store, task: Task, records: CampaignRecords, workers: int | str, memory: str, tell: Tell
-) -> None:
-    """Do what is still to be done in a store."""
-    changed, count = store.changed(records), len(records)
-    blocks = store.unfinished(changed)
-    done, bad = count - sum(len(at) for at in blocks), store.without_result(changed)
-    tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
-    for at, rows in _finished_blocks(task, blocks, records.record, workers=workers, memory=memory):
-        store.write(at, rows)
-        done += len(at)
-        bad += sum(row["status"] > 1 for row in rows)
-        tell(f"{done:,} of {count:,} records, {bad:,} without a result", done / count)
-
-
-def _check_process() -> None:
-    """Refuse a campaign that a process which it starts would begin again, as its script is read there."""
     if getattr(current_process(), "_inheriting", False):
+        # A process that it started would begin it again, as its script is read there.
         raise UsageError(
             'A script that starts processes wants if __name__ == "__main__": around its campaign; '
             "or take workers=0."
         )
+    whole = CampaignRecords(records)
+    # A link to a store stays one when records come to it.
+    path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
+    with sole_writer(path):
+        count = len(whole)
+        store = Store(path, task, whole, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
+        changed = store.changed(whole)
+        blocks = store.unfinished(changed)
+        done, bad = count - sum(len(at) for at in blocks), store.without_result(changed)
+        tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
+        for at, rows in _finished_blocks(task, blocks, whole.record, workers=workers, memory=memory):
+            store.write(at, rows)
+            done += len(at)
+            bad += sum(row["status"] > 1 for row in rows)
+            tell(f"{done:,} of {count:,} records, {bad:,} without a result", done / count)
+        return as_dataset(path)
 
 
 def check_extra() -> None:
@@ -153,14 +143,11 @@ def _finished_blocks(
             yield block, rows_of(task, [record_at(at) for at in block])
         return
     with _without_current_folder(), _client(workers, memory) as client:
-        # On this machine not all may have started yet.
-        count = workers if isinstance(workers, int) else len(client.nthreads())
-        # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
-        yield from _through(client, task, blocks, record_at, 3 * max(1, count))
+        yield from _through(client, task, blocks, record_at, workers)
 
 
 def _through(
-    client: Any, task: Task, blocks: Sequence[Index], record_at: Callable[[int], Any], count: int
+    client: Any, task: Task, blocks: Sequence[Index], record_at: Callable[[int], Any], workers: int | str
 ) -> Iterator[tuple[Index, list[Row]]]:
     from distributed import as_completed
 
@@ -172,7 +159,10 @@ def _through(
         sent[future.key] = block
         return future
 
-    running = as_completed([submit(block) for block in islice(waiting, count)])
+    # On this machine not all may have started yet.
+    count = workers if isinstance(workers, int) else len(client.nthreads())
+    # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
+    running = as_completed([submit(block) for block in islice(waiting, 3 * max(1, count))])
     for future in running:
         block = sent.pop(future.key)
         if future.status == "finished":
@@ -232,7 +222,14 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 silence_logs=CRITICAL,
             )
         with local as cluster, Client(cluster) as client, _looked_after(cluster, workers):
-            _wait_for_one(client)
+            try:
+                client.wait_for_workers(1, timeout=STARTS_WITHIN)
+            except TimeoutError:
+                raise UsageError(
+                    f"No worker has started within {STARTS_WITHIN}; a script that starts processes wants "
+                    'if __name__ == "__main__": around its campaign. Else give them more memory, or take '
+                    "workers=0."
+                ) from None
             yield client
 
 
@@ -267,17 +264,6 @@ def _without_current_folder() -> Iterator[None]:
             del os.environ[SAFE_PATH]
         else:
             os.environ[SAFE_PATH] = before
-
-
-def _wait_for_one(client: Any) -> None:
-    """Wait until a worker has started."""
-    try:
-        client.wait_for_workers(1, timeout=STARTS_WITHIN)
-    except TimeoutError:
-        raise UsageError(
-            f"No worker has started within {STARTS_WITHIN}; a script that starts processes wants "
-            'if __name__ == "__main__": around its campaign. Else give them more memory, or take workers=0.'
-        ) from None
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.campaigns.variables import CHECKSUM, STATUS
 from sysid_trib.errors import RecordError
 
 # What a killed process leaves of a chunk ends so, as with zarr.
@@ -80,11 +81,8 @@ def _place(folder: Path, array: Any, number: int) -> Path:
     return folder / ".".join(["0"] * array.ndim).replace("0", str(number), 1)
 
 
-# The array of checksums of the others.
-CHECKSUM = "checksum"
 # Of numbers, texts and small integers; no other kind is read, as it may run code.
 KINDS = "fUi"
-STATUSES = 5
 # Bytes of the names that all records share; more is no name of a force or a method.
 LARGEST_LABELS = 2**24
 
@@ -185,7 +183,7 @@ def _damaged(path: Path, arrays: Mapping[str, Any]) -> Iterator[str]:
             continue
         known = read_chunk(path / CHECKSUM, arrays[CHECKSUM], number)[: len(of_block)]
         wrong = (status != 0) & (known != row_checksums(columns, of_block, labels))
-        wrong |= (status < 0) | (status >= STATUSES)
+        wrong |= (status < 0) | (status >= len(STATUS))
         yield from (of_block[at] for at in np.flatnonzero(wrong))
 
 

@@ -13,17 +13,15 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib._version import __version__
-from sysid_trib.campaigns.chunks import CHECKSUM
 from sysid_trib.campaigns.study import Study
 from sysid_trib.campaigns.task import Task, empty_row, shape_names
-from sysid_trib.campaigns.variables import EDGES, TRUTH, VARIABLES
+from sysid_trib.campaigns.variables import EDGES, STATUS, TRUTH, VARIABLES
 from sysid_trib.errors import UsageError, readable
 from sysid_trib.results.schema import force_labels
 
 # Of what a store holds; one of another format is of another version.
 STORE_FORMAT = 2
-STATUS = ("waiting", "done", "refused", "failed", "lost")
-FINGERPRINT, TASK_FINGERPRINT = "fingerprint", "task_fingerprint"
+FINGERPRINT = "task_fingerprint"
 
 
 @dataclass(frozen=True)
@@ -74,47 +72,24 @@ class CampaignRecords:
         return item if isinstance(item, xr.Dataset) else os.fspath(item)
 
     def fingerprint(self, task: Task) -> str:
-        """What a store must have been begun with to be gone on with: version, task, names, content."""
-        return _digest([self.fingerprint_of_task(task), self.names, self._content()])
-
-    def fingerprint_of_task(self, task: Task) -> str:
-        """A checksum without the records: of files and of a study more may come."""
+        """What a store must have been begun with to be gone on with; further records may come to it."""
         libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
         methods = {label: repr(method) for label, method in task.methods.items()}
         asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
         options = sorted((name, repr(value)) for name, value in task.options.items())
-        study = asdict(self.items) | {"records": None} if isinstance(self.items, Study) else None
-        in_memory = self._content() if study is None else []
-        return _digest(
-            [
-                __version__,
-                STORE_FORMAT,
-                study,
-                in_memory,
-                libraries,
-                asked,
-                options,
-                _callable_text(task.read),
-            ]
-        )
-
-    def _content(self) -> Any:
-        """What a study, or what is in memory, holds; files say themselves when they change."""
+        study, in_memory = None, []
         if isinstance(self.items, Study):
-            return asdict(self.items)
-        in_memory = [item for item in self.items if isinstance(item, xr.Dataset)]
-        return [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in in_memory]
-
-
-def _digest(content: Any) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _callable_text(read: Any) -> str:
-    """What is called, without its address in memory."""
-    inner = getattr(read, "func", read)
-    given = (getattr(read, "args", ()), getattr(read, "keywords", {}))
-    return f"{inner.__module__}.{inner.__qualname__} {given!r}"
+            study = asdict(self.items) | {"records": None}
+        else:
+            # Files say themselves when they change.
+            held = [item for item in self.items if isinstance(item, xr.Dataset)]
+            in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
+        # What is called, without its address in memory.
+        inner = getattr(task.read, "func", task.read)
+        given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
+        read = f"{inner.__module__}.{inner.__qualname__} {given!r}"
+        content = [__version__, STORE_FORMAT, study, in_memory, libraries, asked, options, read]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def made_near(path: Path, task: Task, records: CampaignRecords, block: int, known: Any = None) -> Path:
@@ -154,20 +129,15 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
     if records.simulated:
         row[TRUTH] = np.full(len(task.symbols), np.nan)
     for name, empty in row.items():
-        if not np.size(empty):
+        if not empty.size:
             continue
-        known, shape = VARIABLES[name], (len(records), *np.shape(empty))
-        kind = np.dtype(f"<U{known.length}" if known.length else float)
-        array = _array(group, name, ("record", *known.dims), shape, kind, block)
-        array.attrs["long_name"] = known.long_name
-        if known.units:
-            array.attrs["units"] = known.units
-    status = _array(group, "status", ("record",), (len(records),), np.dtype("int8"), block)
-    checksum = _array(group, CHECKSUM, ("record",), (len(records),), np.dtype("int64"), block)
-    checksum.attrs["long_name"] = "CRC-32 of the record's row"
-    status.attrs.update(flag_values=list(range(len(STATUS))), flag_meanings=" ".join(STATUS))
-    begun_with = {FINGERPRINT: records.fingerprint(task), TASK_FINGERPRINT: records.fingerprint_of_task(task)}
-    group.attrs.update(begun_with | {"task": task.name, "coordinates": "unit speed_degree"})
+        known, shape = VARIABLES[name], (len(records), *empty.shape)
+        array = _array(group, name, ("record", *known.dims), shape, empty.dtype, block)
+        flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
+        attrs = {"long_name": known.long_name} | ({"units": known.units} if known.units else {})
+        array.attrs.update(attrs | (flags if name == "status" else {}))
+    begun_with = {FINGERPRINT: records.fingerprint(task), "task": task.name}
+    group.attrs.update(begun_with | {"coordinates": "unit speed_degree"})
 
 
 def _array(

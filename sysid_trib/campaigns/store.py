@@ -14,32 +14,11 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.campaigns.chunks import (
-    CHECKSUM,
-    UNFINISHED,
-    arrays_of,
-    check_rows,
-    damaged,
-    labels_checksum,
-    read_chunk,
-    row_arrays,
-    row_checksums,
-    write_chunk,
-)
-from sysid_trib.campaigns.new_store import (
-    FINGERPRINT,
-    STATUS,
-    TASK_FINGERPRINT,
-    CampaignRecords,
-    exchange,
-    made_near,
-    recover,
-)
-from sysid_trib.campaigns.task import FAILED, REFUSED, Task, checksum_of, empty_row
-from sysid_trib.campaigns.variables import VARIABLES, Row
+from sysid_trib.campaigns import chunks
+from sysid_trib.campaigns.new_store import FINGERPRINT, CampaignRecords, exchange, made_near, recover
+from sysid_trib.campaigns.task import Task, checksum_of, empty_row
+from sysid_trib.campaigns.variables import CHECKSUM, FAILED, LOST, REFUSED, STATUS, WAITING, Row
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-
-WAITING, LOST = 0, 4
 
 
 class Store:
@@ -63,19 +42,20 @@ class Store:
     """
 
     def __init__(self, path: Path, task: Task, records: CampaignRecords, block: int) -> None:
-        self.path, fingerprint = path, records.fingerprint(task)
+        self.path, self._names = path, records.names
         with _readable(path):
             recover(path)
             if not path.exists():
                 os.replace(made_near(path, task, records, block), path)
             group, arrays = _opened(path)
-            same = dict(group.attrs).get(FINGERPRINT) == fingerprint
-            grown = not same and _has_grown(group, task, records)
-            if same or grown:
-                check_rows(path, arrays)
-            if grown:
+            same = group.attrs[FINGERPRINT] == records.fingerprint(task)
+            if same:
+                chunks.check_rows(path, arrays)
+            known = np.asarray(arrays["record"][:]).astype(str).tolist()
+            if same and set(known) < set(self._names):
                 exchange(path, made_near(path, task, records, block, group))
-                same, arrays = True, _opened(path)[1]
+                known, arrays = self._names, _opened(path)[1]
+            same = same and known == self._names
         if not same:
             raise UsageError(
                 f"{path}: is the store of another campaign (other task, options or version, or records that "
@@ -83,9 +63,13 @@ class Store:
                 "go on."
             )
         # Opened once: each time takes as long as to write a record.
-        self.arrays, self.rows, self.block = arrays, row_arrays(arrays), int(arrays["status"].chunks[0])
-        self._names, self._labels = records.names, labels_checksum(arrays)
-        for partial in path.rglob(f"*{UNFINISHED}"):
+        self.arrays, self.rows, self.block = (
+            arrays,
+            chunks.row_arrays(arrays),
+            int(arrays["status"].chunks[0]),
+        )
+        self._labels = chunks.labels_checksum(arrays)
+        for partial in path.rglob(f"*{chunks.UNFINISHED}"):
             partial.unlink(missing_ok=True)
 
     def unfinished(self, changed: Mask) -> list[Index]:
@@ -127,7 +111,7 @@ class Store:
         places, names = at - first, self._names[first : first + self.block]
         try:
             columns = {
-                name: read_chunk(self.path / name, array, number)[: len(names)]
+                name: chunks.read_chunk(self.path / name, array, number)[: len(names)]
                 for name, array in self.rows.items()
             }
             if columns["status"][places].any():
@@ -136,9 +120,9 @@ class Store:
                 self._write("status", number, columns["status"])
             for name in columns.keys() & rows[0].keys():
                 columns[name][places] = np.stack([np.asarray(row[name]) for row in rows])
-            known = read_chunk(self.path / CHECKSUM, self.arrays[CHECKSUM], number)[: len(names)]
+            known = chunks.read_chunk(self.path / CHECKSUM, self.arrays[CHECKSUM], number)[: len(names)]
             rows_done = {name: column[places] for name, column in columns.items()}
-            known[places] = row_checksums(rows_done, [names[place] for place in places], self._labels)
+            known[places] = chunks.row_checksums(rows_done, [names[place] for place in places], self._labels)
             columns[CHECKSUM] = known
             # Status last: a block counts when all of it is there.
             for name in sorted(columns, key=lambda name: name == "status"):
@@ -150,7 +134,7 @@ class Store:
             ) from None
 
     def _write(self, name: str, number: int, values: Array) -> None:
-        write_chunk(self.path / name, self.arrays[name], number, values)
+        chunks.write_chunk(self.path / name, self.arrays[name], number, values)
 
 
 def counts_of(store: xr.Dataset) -> dict[str, int]:
@@ -161,7 +145,7 @@ def counts_of(store: xr.Dataset) -> dict[str, int]:
 
 def lost_row(task: Task, reason: str) -> Row:
     """The row of a record whose worker died."""
-    return empty_row(task) | {"status": LOST, "message": reason[: VARIABLES["message"].length]}
+    return empty_row(task) | {"status": LOST, "message": reason}
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -183,7 +167,7 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     place = Path(path)
     with _readable(place):
-        check_rows(place, _opened(place)[1])
+        chunks.check_rows(place, _opened(place)[1])
         return as_dataset(place)
 
 
@@ -205,12 +189,12 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any]]:
     group = zarr.open_group(path, mode="r")
     if FINGERPRINT not in group.attrs:
         raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
-    return group, arrays_of(path)
+    return group, chunks.arrays_of(path)
 
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Say of a store that cannot be read that it is damaged, or none."""
+    """Say of a store that cannot be read that it is chunks.damaged, or none."""
     try:
         yield
     except (SysidTribError, MemoryError):
@@ -220,13 +204,6 @@ def _readable(path: Path) -> Iterator[None]:
             f"{path}: cannot be made, or is no store of a campaign ({error.strerror or error}); choose "
             "another with -o."
         ) from None
-    # What is damaged meets its reader with any exception at all.
+    # What is chunks.damaged meets its reader with any exception at all.
     except Exception as error:
-        raise damaged(path, error) from None
-
-
-def _has_grown(group: Any, task: Task, records: CampaignRecords) -> bool:
-    """True if a store is of the same campaign with fewer records."""
-    if dict(group.attrs).get(TASK_FINGERPRINT) != records.fingerprint_of_task(task):
-        return False
-    return set(np.asarray(group["record"][:]).astype(str).tolist()) < set(records.names)
+        raise chunks.damaged(path, error) from None

@@ -26,8 +26,14 @@ PART_NAMES: dict[str, tuple[str, ...]] = {
     "noise": ("deviation", "correlation"),
     "random_force": ("density",),
 }
-STUDY_PARTS = tuple(PART_NAMES)
-TOP = ("title", "records", "seed", "library", "reference_frequency", *STUDY_PARTS)
+LEFT_OUT: dict[str, dict[str, float]] = {
+    "shapes": {},
+    "start": {"angle": 0.3, "rate": 0.0},
+    "noise": {"deviation": 0.0, "correlation": 0.0},
+    "random_force": {"density": 0.0},
+}
+NEEDED_PARTS = ("reference_frequency", "coefficients", "sampling")
+TOP = ("title", "records", "seed", "library", "reference_frequency", *PART_NAMES)
 DRAWN = {"low", "high"}, {"mean", "deviation"}
 # What may be drawn of a value, where not any number is one: (lowest, highest).
 RANGES = {
@@ -79,10 +85,10 @@ class Study:
     def drawn(self, at: int) -> dict[str, dict[str, float]]:
         """All values of a record, by part and name."""
         random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(at,)))
-        return {
-            part: {name: _draw(value, random) for name, value in names.items()}
-            for part, names in self.values.items()
-        }
+        drawn = {part: dict(values) for part, values in LEFT_OUT.items()}
+        for part, names in self.values.items():
+            drawn.setdefault(part, {}).update({k: _draw(value, random) for k, value in names.items()})
+        return drawn
 
     def coefficients_of(self, at: int) -> dict[str, float]:
         """True coefficients of a record."""
@@ -99,30 +105,20 @@ class Study:
             It is no decay, or too long.
         """
         drawn = self.drawn(at)
-        start, sampling, noise = (drawn.get(part, {}) for part in ("start", "sampling", "noise"))
-        force = drawn.get("random_force", {}).get("density", 0.0)
-        library = load_library(self.library).select(drawn["coefficients"])
-        model = Model(
-            library, drawn["coefficients"], drawn["motion"]["reference_frequency"], drawn.get("shapes", {})
-        )
+        start, sampling, noise = drawn["start"], drawn["sampling"], drawn["noise"]
+        library, frequency = load_library(self.library), drawn["motion"]["reference_frequency"]
+        library = library.select(drawn["coefficients"])
+        model = Model(library, drawn["coefficients"], frequency, drawn["shapes"])
         samples = sampling["duration"] * sampling["rate"]
         if not 1.0 < samples <= LONGEST_RECORD:
             raise DecayError(f"{samples:.6g} samples were drawn; {SAMPLES_ALLOWED}.")
         time = np.arange(round(samples)) / sampling["rate"]
         # One stream for what is drawn, one for the noise, one for the random force.
         noisy, forced = np.random.SeedSequence(self.seed, spawn_key=(at, 1)).spawn(2)
-        motion = simulate(
-            model,
-            time,
-            start.get("angle", 0.3),
-            start.get("rate", 0.0),
-            random_force=force,
-            seed=int(forced.generate_state(1)[0]),
-        )
+        density, seed = drawn["random_force"]["density"], int(forced.generate_state(1)[0])
+        motion = simulate(model, time, start["angle"], start["rate"], random_force=density, seed=seed)
         white = np.random.default_rng(noisy).standard_normal(len(time))
-        angle = motion["angle"].values + noise.get("deviation", 0.0) * _coloured(
-            white, noise.get("correlation", 0.0)
-        )
+        angle = motion["angle"].values + noise["deviation"] * _coloured(white, noise["correlation"])
         attrs = {"source": f"record {at} of {self.title}", "synthetic": "drawn from a study"}
         record = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": time}, attrs)
         record.time.attrs["units"] = "s"
@@ -177,16 +173,17 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     except (OSError, ValueError, RecursionError) as error:
         raise RecordError(f"{name}: not a study in TOML ({error}).") from None
     _refuse_unknown(data, TOP, f"{name}: a study")
-    lacking = [key for key in ("reference_frequency", "coefficients", "sampling") if key not in data]
-    if lacking:
-        raise RecordError(f"{name}: a study needs '{lacking[0]}'.")
-    values: dict[str, dict[str, Any]] = {"motion": {"reference_frequency": data["reference_frequency"]}}
-    for part in STUDY_PARTS:
-        if part in data:
-            if not isinstance(data[part], Mapping) or not data[part]:
-                raise RecordError(f"{name}: '{part}' must be a table of values.")
-            values[part] = dict(data[part])
-            _refuse_unknown(data[part], PART_NAMES[part] or data[part], f"{name}: '{part}'")
+    for key in NEEDED_PARTS:
+        if key not in data:
+            raise RecordError(f"{name}: a study needs '{key}'.")
+    values = {"motion": {"reference_frequency": data["reference_frequency"]}}
+    for part, known in PART_NAMES.items():
+        if part not in data:
+            continue
+        if not isinstance(data[part], Mapping) or not data[part]:
+            raise RecordError(f"{name}: '{part}' must be a table of values.")
+        _refuse_unknown(data[part], known or data[part], f"{name}: '{part}'")
+        values[part] = dict(data[part])
     for part, names in values.items():
         for key, value in names.items():
             _check(value, RANGES.get((part, key)), f"{name}: '{key}' of '{part}'")

@@ -10,17 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import xarray as xr
 
-from sysid_trib.campaigns.variables import (
-    EDGES,
-    EFFECT_P_VALUE,
-    OUTLINE_PARTS,
-    TIED,
-    TRUTH,
-    VARIABLES,
-    Row,
-    filled,
-    outline_of,
-)
+from sysid_trib.campaigns import variables
 from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
@@ -47,7 +37,6 @@ Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 TASKS = get_args(Name)
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
-IDENTIFIED, REFUSED, FAILED = 1, 2, 3
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
 
@@ -133,42 +122,32 @@ class Task:
             return compare(
                 decays, self.library, self.methods, contactless=self.contactless, constraints=self.constraints
             )
-        decay = one_or_all(list(decays))
-        methods = {
-            label: constrained(method, Constraints(self.constraints))
-            for label, method in self._applying(decays).items()
-        }
-        asked = decay, self.library, list(methods.values())
+        methods = dict(self.methods)
+        averaging, taken = methods.get("averaging"), [decay.attrs.get("taken_as_it_is") for decay in decays]
+        if self.judged and isinstance(averaging, Averaging) and any(taken):
+            # There is no envelope to be averaged: the fit of the motion, as `identify` has.
+            names = ("reference_frequency", "shapes", "random_force")
+            trajectory = Trajectory(**{name: getattr(averaging, name) for name in names})
+            methods = {"trajectory": trajectory} | {k: m for k, m in methods.items() if m is not averaging}
+        table = Constraints(self.constraints)
+        chosen = [constrained(method, table) for method in methods.values()]
+        asked = one_or_all(list(decays)), self.library, chosen
         if self.judged:
             tree = identified_and_checked(*asked, **self.options)
         else:
             tree = xr.DataTree.from_dict(dict(zip(methods, identifications(*asked), strict=True)))
-        if self.contactless is not None:
-            contactless = self.contactless
-            tree = map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
-        return tree
-
-    def _applying(self, decays: Sequence[xr.Dataset]) -> Mapping[str, Method]:
-        """The methods; where there is no envelope to be averaged the fit of the motion, as `identify` has."""
-        averaging = self.methods.get("averaging")
-        if not self.judged or not isinstance(averaging, Averaging):
-            return self.methods
-        if not any(decay.attrs.get("taken_as_it_is") for decay in decays):
-            return self.methods
-        trajectory = Trajectory(
-            reference_frequency=averaging.reference_frequency,
-            shapes=averaging.shapes,
-            random_force=averaging.random_force,
-        )
-        return {"trajectory": trajectory} | {k: m for k, m in self.methods.items() if m is not averaging}
+        if self.contactless is None:
+            return tree
+        contactless = self.contactless
+        return map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
 
 
-def empty_row(task: Task) -> Row:
+def empty_row(task: Task) -> variables.Row:
     """A row of which nothing is known: nan, and empty texts."""
-    sizes = {"method": len(task.labels), "edge": len(EDGES), "part": OUTLINE_PARTS}
+    sizes = {"method": len(task.labels), "edge": len(variables.EDGES), "part": variables.OUTLINE_PARTS}
     sizes |= {"force": len(task.symbols), "shape_parameter": len(shape_names(task))}
-    without = {TRUTH} if task.name == "discover" else {TRUTH, TIED, EFFECT_P_VALUE}
-    return {name: known.empty(sizes) for name, known in VARIABLES.items() if name not in without}
+    without = {variables.TRUTH} | (set() if task.name == "discover" else variables.OF_SEARCH)
+    return {name: known.empty(sizes) for name, known in variables.VARIABLES.items() if name not in without}
 
 
 def shape_names(task: Task) -> list[str]:
@@ -177,7 +156,7 @@ def shape_names(task: Task) -> list[str]:
     return list(dict.fromkeys(name for lib in libraries if lib is not None for name in lib.shape_values()))
 
 
-def rows_of(task: Task, records: Sequence[Any]) -> list[Row]:
+def rows_of(task: Task, records: Sequence[Any]) -> list[variables.Row]:
     """The rows of some records, one after the other; a bad record has its reason in the place of numbers.
 
     Parameters
@@ -189,28 +168,26 @@ def rows_of(task: Task, records: Sequence[Any]) -> list[Row]:
     return [_row_of(task, record) for record in records]
 
 
-def _row_of(task: Task, record: Any) -> Row:
+def _row_of(task: Task, record: Any) -> variables.Row:
     start, row = perf_counter(), empty_row(task)
     try:
+        row["record_checksum"] = checksum_of(record)
         if isinstance(record, tuple):
+            study, at = record
             # What a simulated record was drawn with.
-            truth = record[0].coefficients_of(record[1])
-            row |= {TRUTH: np.array([truth.get(symbol, np.nan) for symbol in task.symbols])}
-        checksum = {"record_checksum": checksum_of(record)}
-        row |= checksum
-        decays = _decays(task, record)
-        seen = checksum | {"signal_units": signal_units(decays[0]), "outline": outline_of(decays[0])}
-        row |= seen
-        row |= _numbers(task, task.result(decays)) | seen | {"status": IDENTIFIED}
+            truth = study.coefficients_of(at)
+            row[variables.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.symbols])
+            decays: Sequence[xr.Dataset] = [study.decay(at)]
+        else:
+            decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
+        row |= {"signal_units": signal_units(decays[0]), "outline": variables.outline_of(decays[0])}
+        row |= _numbers(task, task.result(decays)) | {"status": variables.IDENTIFIED}
     except SysidTribError as error:
-        row |= {"status": REFUSED, "message": str(error)}
+        row |= {"status": variables.REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record ends no campaign; what it was is kept with it.
-        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
-    texts = {
-        name: row[name][: known.length] for name, known in VARIABLES.items() if known.length and name in row
-    }
-    return row | texts | {"seconds": perf_counter() - start}
+        row |= {"status": variables.FAILED, "message": f"{type(error).__name__}: {error}"}
+    return row | {"seconds": perf_counter() - start}
 
 
 def checksum_of(record: Any) -> str:
@@ -225,25 +202,18 @@ def checksum_of(record: Any) -> str:
         return ""
 
 
-def _decays(task: Task, record: Any) -> Sequence[xr.Dataset]:
-    if isinstance(record, xr.Dataset):
-        return [record]
-    if isinstance(record, tuple):
-        study, at = record
-        return [study.decay(at)]
-    return task.read(record)
-
-
-def _numbers(task: Task, tree: xr.DataTree) -> Row:
+def _numbers(task: Task, tree: xr.DataTree) -> variables.Row:
     """The numbers of a result in the places of the store."""
-    row = {name: value for name, value in empty_row(task).items() if "method" in VARIABLES[name].dims}
+    of_methods = (name for name, known in variables.VARIABLES.items() if "method" in known.dims)
+    empty = empty_row(task)
+    row = {name: empty[name] for name in of_methods}
     labels = {"force": task.symbols, "shape_parameter": shape_names(task)}
     for at, label in enumerate(task.labels):
         if label not in tree.children or "covariance" not in tree[label]:
             continue
         # What a record's text withholds is not kept either.
         if not (task.judged and breakdown(tree, label)):
-            filled(row, at, tree[label].to_dataset(), labels)
+            variables.filled(row, at, tree[label].to_dataset(), labels)
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]
         row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
@@ -256,7 +226,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> Row:
     return row
 
 
-def _named(tree: xr.DataTree, symbols: Sequence[str]) -> Row:
+def _named(tree: xr.DataTree, symbols: Sequence[str]) -> variables.Row:
     """The effects that a discovery named, each with its p-value and what it cannot be separated from."""
     table = tree["steps"].to_dataset()
     steps = [table.isel(step=at) for at in range(table.attrs["count"])]
@@ -265,6 +235,6 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> Row:
     tied = [tied_name(step, 10) for step in steps if alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
-        TIED: "; ".join(tied),
-        EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
+        variables.TIED: "; ".join(tied),
+        variables.EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
     }

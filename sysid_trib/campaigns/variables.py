@@ -17,6 +17,14 @@ FORCE_UNIT = "see the coordinate unit"
 TRUTH, TIED, EFFECT_P_VALUE = "true_coefficient", "tied", "effect_p_value"
 
 
+OF_SEARCH = {TIED, EFFECT_P_VALUE}
+# What may become of a record, by the number that the store has of it.
+STATUS = ("waiting", "done", "refused", "failed", "lost")
+WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
+# CRC-32 of a record's name and row.
+CHECKSUM = "checksum"
+
+
 @dataclass(frozen=True)
 class StoredVariable:
     """A variable of a store.
@@ -27,41 +35,32 @@ class StoredVariable:
         As in the store.
     dims : tuple of str
         Beside the record.
-    length : int
-        Characters of a text; 0 of numbers. A million records of 400 in every text would be 6 GB.
-    error : str
-        The variable that is its standard error.
+    kind : str
+        As numpy has it, of texts with their length: a million records of 400 letters are 1.6 GB.
     """
 
     long_name: str
     units: str = ""
     dims: tuple[str, ...] = ()
-    length: int = 0
-    error: str = ""
+    kind: str = "f8"
 
-    def empty(self, sizes: dict[str, int]) -> Any:
+    def empty(self, sizes: dict[str, int]) -> Array:
         """What it is of a record of which nothing is known."""
-        return "" if self.length else np.full([sizes[dim] for dim in self.dims], np.nan)
+        fill = {"f": np.nan, "U": "", "i": 0}[self.kind[0]]
+        return np.full([sizes[dim] for dim in self.dims], fill, dtype=self.kind)
 
 
-def _of_method(long_name: str, units: str, error: str = "", *dims: str) -> StoredVariable:
-    return StoredVariable(long_name, units, ("method", *dims), error=error)
-
-
+OF_METHOD, OF_FORCE = ("method",), ("method", "force")
 VARIABLES = {
-    "coefficient": _of_method("coefficient", FORCE_UNIT, "standard_error", "force"),
-    "shape": _of_method("shape parameter", "see the library", "shape_standard_error", "shape_parameter"),
-    "reference_frequency": _of_method("reference frequency", "rad/s", "reference_frequency_standard_error"),
-    "asymptotic_frequency": _of_method(
-        "asymptotic frequency", "rad/s", "asymptotic_frequency_standard_error"
-    ),
-    "random_force_density": _of_method(
-        "density of the random force", "(rad/s^2)^2/Hz", "random_force_standard_error"
-    ),
-    "noise": _of_method("noise of a sample", ""),
+    "coefficient": StoredVariable("coefficient", FORCE_UNIT, OF_FORCE),
+    "shape": StoredVariable("shape parameter", "see the library", ("method", "shape_parameter")),
+    "reference_frequency": StoredVariable("reference frequency", "rad/s", OF_METHOD),
+    "asymptotic_frequency": StoredVariable("asymptotic frequency", "rad/s", OF_METHOD),
+    "random_force_density": StoredVariable("density of the random force", "(rad/s^2)^2/Hz", OF_METHOD),
+    "noise": StoredVariable("noise of a sample", "", OF_METHOD),
     TRUTH: StoredVariable("coefficient that the record was simulated with", FORCE_UNIT, ("force",)),
     EFFECT_P_VALUE: StoredVariable("corrected p-value of an effect that a discovery named", "1", ("force",)),
-    TIED: StoredVariable("effects that those named cannot be separated from", length=400),
+    TIED: StoredVariable("effects that those named cannot be separated from", kind="U400"),
     "outline": StoredVariable(
         "lowest and highest value of the record in each part of its time",
         "see signal_units",
@@ -69,16 +68,25 @@ VARIABLES = {
     ),
     "p_value": StoredVariable("p-value of the agreement of both methods", "1"),
     "seconds": StoredVariable("time that the record took", "s"),
-    "verdict": StoredVariable("verdict on the record", length=100),
-    "named": StoredVariable("effects that a discovery named", length=200),
-    "message": StoredVariable("why a record has no numbers", length=400),
-    "signal_units": StoredVariable("unit of the record's signal", length=40),
-    "record_checksum": StoredVariable("SHA-256 of the record's file", length=64),
+    "verdict": StoredVariable("verdict on the record", kind="U100"),
+    "named": StoredVariable("effects that a discovery named", kind="U200"),
+    "message": StoredVariable("why a record has no numbers", kind="U400"),
+    "signal_units": StoredVariable("unit of the record's signal", kind="U40"),
+    "record_checksum": StoredVariable("SHA-256 of the record's file", kind="U64"),
+    "status": StoredVariable("what became of the record", kind="i1"),
+    CHECKSUM: StoredVariable("CRC-32 of the record's row", kind="i8"),
+}
+# By their names, those that are standard errors of others.
+STATED_ERRORS = {
+    "standard_error": "coefficient",
+    "shape_standard_error": "shape",
+    "reference_frequency_standard_error": "reference_frequency",
+    "asymptotic_frequency_standard_error": "asymptotic_frequency",
+    "random_force_standard_error": "random_force_density",
 }
 VARIABLES |= {
-    known.error: replace(known, long_name=f"standard error of the {known.long_name}", error="")
-    for known in list(VARIABLES.values())
-    if known.error
+    name: replace(VARIABLES[of], long_name=f"standard error of the {VARIABLES[of].long_name}")
+    for name, of in STATED_ERRORS.items()
 }
 
 
