@@ -15,11 +15,11 @@ from scipy.stats import chi2
 from sysid_trib import Model, compare, identify, load_library
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LogarithmicDecrement
-from sysid_trib.plots.compared import compared_quantity, shown_methods
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.files import load
 from sysid_trib.validation.compare import every_method
+from sysid_trib.validation.comparison_table import column_power
 from sysid_trib.validation.holdout import split
 
 FORCES = load_library()
@@ -118,9 +118,13 @@ def test_a_missing_force_is_told():
         if label != table.attrs["best"]:
             both = np.hypot(row.standard_error, best.standard_error)
             np.testing.assert_allclose(row.z, (row.coefficient - best.coefficient) / both)
-    drawn = compared_quantity(shown_methods(tree), "lambda")
-    errors = table.standard_error.sel(force="lambda") / 10.0 ** drawn.attrs["power"]
-    np.testing.assert_allclose(drawn.error, errors.sel({"method": drawn.method.values}))
+    names, drawn = _rows(tree), _panel(tree, r"\lambda").containers
+    power = 10.0 ** column_power(table.sel(force="lambda"))
+    assert len(drawn) > 0
+    for bar in drawn:
+        row, ends = round(float(bar.lines[0].get_ydata()[0])), bar.lines[2][0].get_segments()[0][:, 0]
+        error = of(table, names[row]).standard_error.sel(force="lambda").item()
+        assert np.ptp(ends) / 2.0 * power == pytest.approx(error)
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """A result at a glance: the record, what is left of it, the forces, and the force that is missing."""
 
+from collections.abc import Mapping
+from contextlib import suppress
 from itertools import cycle
 from typing import Any
 
@@ -9,33 +11,21 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.looked import CURVE_LABELS, draw_curve, driven_overview
-from sysid_trib.plots.motion_panels import draw_in_time
-from sysid_trib.plots.named_effects import draw_cells
-from sysid_trib.plots.overview_data import (
-    DOT_BEYOND,
-    INTERVAL,
-    OverviewData,
-    held_out_sentence,
-    overview_data,
-)
-from sysid_trib.plots.style import (
-    FONT_SIZE,
-    FULL_WIDTH,
-    LEGEND,
-    MODEL_LINES,
-    SERIES,
-    TWO_COLUMNS,
-    WHITE,
-    footnote,
-    in_latex,
-    letter,
-    line,
-    new_figure,
-    short_unit,
-)
+from sysid_trib.errors import SysidTribError
+from sysid_trib.physics.force_weights import weights
+from sysid_trib.plots import style
+from sysid_trib.plots.looked import CURVE_LABELS, curves_of, draw_curve, driven_overview
+from sysid_trib.plots.motion_panels import MotionData, draw_in_time, held_out_sentence, motion_data
+from sysid_trib.plots.named_effects import COLOUR_PERCENT, DOT_BEYOND, draw_cells
+from sysid_trib.plots.style import FONT_SIZE, FULL_WIDTH, LEGEND, TWO_COLUMNS
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.results.files import is_of_driven
+from sysid_trib.records.half_sines import envelope
+from sysid_trib.results.effects import determines
+from sysid_trib.results.files import is_of_driven, kind_of
+from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
+from sysid_trib.validation.cross_check import LARGE
+from sysid_trib.validation.findings import answer_of, holds, kept_results
+from sysid_trib.validation.lack_of_fit import residual_force
 
 # Of a row of panels, and of one of residuals, over the page and in a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
@@ -46,6 +36,8 @@ RESIDUAL_PANELS = "BK"
 # A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
 # beside, where the axis goes on.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
+# Standard errors of a 95 % interval, and amplitudes between which shares are drawn.
+INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
 EFFECTIVE_TITLE = "The model does not explain the record."
@@ -72,40 +64,76 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     if is_of_driven(tree):
         # Its motion has no half periods.
         figure = driven_overview(tree, run, width=width)
-        footnote(figure, held_out_sentence(tree))
+        style.footnote(figure, held_out_sentence(tree))
         return figure
-    return drawn_overview(overview_data(tree, run), width)
-
-
-def drawn_overview(data: OverviewData, width: float = FULL_WIDTH) -> Figure:
-    """The overview of its numbers."""
-    wide, rows = width >= TWO_COLUMNS, ["IJ"] if data.backbone is not None else []
-    models = () if data.of_discovery else data.models or ("",)
+    record, of_discovery = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree) == "discover"
+    motion, (results, explained) = motion_data(tree, run), _results(tree)
+    curves = None
+    with suppress(KeyError):
+        curves = curves_of(tree, run)
+    wide = width >= TWO_COLUMNS
+    models = () if of_discovery else tuple(motion.lines) or ("",)
     residuals = RESIDUAL_PANELS[: len(models)]
+    rows = ["IJ"] if curves is not None else []
     rows += [name * 2 for name in ("A", *residuals)] + ["CD"]
-    rows += ["EE"] if data.of_discovery else ["EF"] if wide else ["EE", "FF"]
+    rows += ["EE"] if of_discovery else ["EF"] if wide else ["EE", "FF"]
     heights = [(RESIDUAL_HEIGHT if row[0] in RESIDUAL_PANELS else ROW_HEIGHT)[not wide] for row in rows]
-    most = max((result.sizes["force"] for result in data.results.values()), default=0)
+    most = max((result.sizes["force"] for result in results.values()), default=0)
     heights[-2 if rows[-1] == "FF" else -1] += COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
-        figure = new_figure(width, sum(heights))
+        figure = style.new_figure(width, sum(heights))
         panels = figure.subplot_mosaic(";".join(rows), height_ratios=heights)
-        draw_in_time([panels["A"], *(panels[name] for name in residuals)], data.motion, models)
-        if data.backbone is not None:
-            for panel, name in zip("IJ", CURVE_LABELS, strict=True):
-                draw_curve(panels[panel], data.backbone[0], name, data.backbone[1])
-        _shares(panels["C"], data, "decay_share", "share of decay (%)")
-        _shares(panels["D"], data, "frequency_share", "share of shift (%)")
-        _coefficients(panels["E"], data)
+        draw_in_time([panels["A"], *(panels[name] for name in residuals)], motion, models)
+        for panel, name in zip("IJ", CURVE_LABELS, strict=True):
+            if curves is not None:
+                draw_curve(panels[panel], curves[0], name, curves[1])
+        main = next(reversed(list(results.values())), None)
+        weighed = _weighed(main, record)
+        units = signal_units(record)
+        _shares(panels["C"], weighed, "decay_share", f"amplitude ({units})", "share of decay (%)")
+        _shares(panels["D"], weighed, "frequency_share", f"amplitude ({units})", "share of shift (%)")
+        _coefficients(panels["E"], results, motion, units)
         titles = [""] * len(panels)
         if "F" in panels:
-            _surface(panels["F"], data, "right" if wide else "bottom")
+            # A model that failed has no weights, but what it lacks can be seen.
+            of_surface = main if main is not None else tree[tree["comparison"].attrs["second"]].to_dataset()
+            _surface(panels["F"], of_surface, record[["angle"]], run, "right" if wide else "bottom")
             titles[-1] = MISSING_TITLE
-        letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
-        footnote(figure, data.held_out)
-        if not data.holds:
+        style.letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
+        style.footnote(figure, held_out_sentence(tree))
+        if not explained:
             figure.suptitle(EFFECTIVE_TITLE, fontsize=FONT_SIZE, color="0.3")
     return figure
+
+
+def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
+    """Identifications whose coefficients are shown, the main one last, and whether it explains the record."""
+    if kind_of(tree) == "discover":
+        final = tree["after"].to_dataset()
+        # Of one that lacks nothing names alone are in doubt.
+        tests = [tree[group].significant.isel(selection_step=-1) for group in ("omnibus", "ranking")]
+        lacks = tree.attrs["verdict"] == "unknown effect" and any(test.values.any() for test in tests)
+        return {"final model": final}, not lacks and determines(final)
+    if kind_of(tree) == "compare":
+        best = tree["comparison"].attrs["best"]
+        ratio = tree["comparison"].holdout_over_noise.sel({"method": best})
+        return {best: tree[best].to_dataset()}, bool(ratio <= LARGE)
+    results = kept_results(tree).items()
+    return dict(sorted(results, key=lambda pair: pair[0] == answer_of(tree))), holds(tree)
+
+
+def _weighed(result: xr.Dataset | None, record: xr.Dataset) -> xr.Dataset | None:
+    """Weights of the forces over the amplitudes of a decay, each at its own time; None of what has none."""
+    if result is None:
+        return None
+    with suppress(SysidTribError):
+        halves = envelope(record[["angle"]]).sortby("amplitude")
+        amplitude = halves.amplitude.values
+        # `t` of a formula is the time since the first sample.
+        elapsed = (halves.instant_time - float(record.time[0])).values
+        drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), DRAWN_AMPLITUDES)
+        return weights(result, drawn, time=np.interp(drawn, amplitude, elapsed))
+    return None
 
 
 def _no_data(ax: Axes, text: str) -> None:
@@ -113,58 +141,55 @@ def _no_data(ax: Axes, text: str) -> None:
     ax.set(xticks=[], yticks=[])
 
 
-def _series(forces: list[str]) -> dict[str, Any]:
-    return dict(zip(forces, cycle(SERIES)))
-
-
-def _shares(ax: Axes, data: OverviewData, quantity: str, label: str) -> None:
+def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -> None:
     """Share of each force with a band of one standard error, against amplitude."""
-    if data.weighed is None or not np.isfinite(data.weighed[quantity].values).any():
+    if weighed is None or not np.isfinite(weighed[quantity].values).any():
         _no_data(ax, "no force acts here")
         return
-    amplitude = data.weighed.amplitude.values
-    for symbol, series in _series(data.weighed.force.values.tolist()).items():
-        part, error = (100.0 * data.weighed[name].sel(force=symbol).values for name in _pair(quantity))
+    amplitude = weighed.amplitude.values
+    for symbol, series in zip(weighed.force.values.tolist(), cycle(style.SERIES)):
+        names = quantity, f"{quantity}_standard_error"
+        part, error = (100.0 * weighed[name].sel(force=symbol).values for name in names)
         if np.any(np.abs(part) > 0.0):
-            ax.plot(amplitude, part, label=in_latex(symbol), **line(series))
-            look: dict[str, Any] = {"color": series["color"], "alpha": 0.2, "linewidth": 0}
-            ax.fill_between(amplitude, part - error, part + error, **look)
+            style.line_with_band(ax, amplitude, part, error, series, style.in_latex(symbol))
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
     low, high = ax.get_ylim()
-    ax.set(xlabel=f"amplitude ({data.units})", ylabel=label, xlim=(amplitude[0], amplitude[-1]))
+    ax.set(xlabel=labels[0], ylabel=labels[1], xlim=(amplitude[0], amplitude[-1]))
     # Errors of shares may exceed all that a share can be.
     ax.set_ylim(max(low, -110.0), min(high, 110.0))
     ax.legend(ncols=6, **LEGEND)
 
 
-def _coefficients(ax: Axes, data: OverviewData) -> None:
+def _coefficients(ax: Axes, results: Mapping[str, xr.Dataset], motion: MotionData, units: str) -> None:
     """Each coefficient over its value by the main identification, with 95 % intervals, and in numbers."""
-    if not data.results:
+    if not results:
         _no_data(ax, "all methods failed")
         return
-    main = list(data.results.values())[-1]
+    main = list(results.values())[-1]
     symbols = main.force.values.tolist()
-    for at, ((name, result), style) in enumerate(zip(data.results.items(), _styles(data), strict=True)):
-        shift = 0.3 * (at - 0.5 * (len(data.results) - 1))
-        ax.plot([], [], "o-", markersize=3, linewidth=1.0, color=style["color"], label=name)
+    # One alone looks as the second does.
+    usual = style.MODEL_LINES[2 - len(results) :]
+    note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
+    for at, ((name, result), look) in enumerate(zip(results.items(), usual, strict=False)):
+        color, shift = motion.lines.get(name, look)["color"], 0.3 * (at - 0.5 * (len(results) - 1))
+        ax.plot([], [], "o-", markersize=3, linewidth=1.0, color=color, label=name)
         for row, symbol in enumerate(symbols):
             scale = main.coefficient.sel(force=symbol).item()
             if symbol in result.force and scale != 0.0:
                 of_force = result.sel(force=symbol)
                 error = INTERVAL * abs(of_force.standard_error.item() / scale)
-                _interval(ax, of_force.coefficient.item() / scale, error, row + shift, style["color"])
-    note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
+                _interval(ax, of_force.coefficient.item() / scale, error, row + shift, color)
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
         text = value_with_error(of_force.coefficient.item(), of_force.standard_error.item())
-        unit = short_unit(of_force.unit.item(), data.units)[0]
+        unit = style.short_unit(of_force.unit.item(), units)[0]
         written = ax.text(0.99, row, f"{text}{unit}", transform=ax.get_yaxis_transform(), **note)
-        written.set_bbox(WHITE)
+        written.set_bbox(style.WHITE)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":")
     ax.axvline(1.0, color="0.85", linewidth=0.6, zorder=0)
-    ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
+    style.name_rows(ax, [style.in_latex(symbol) for symbol in symbols])
     ax.set(xlim=(COEFFICIENT_RANGE[0], END_OF_NUMBERS), xticks=[0, 1, 2], ylim=(len(symbols) - 0.4, -0.7))
-    ax.set_xlabel(f"coefficient over its value, 95 % intervals{short_unit('', data.units)[1]}")
+    ax.set_xlabel(f"coefficient over its value, 95 % intervals{style.short_unit('', units)[1]}")
     ax.legend(ncols=2, **LEGEND)
 
 
@@ -179,26 +204,19 @@ def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> N
         ax.plot(value, row, "o", **look)
 
 
-def _surface(ax: Axes, data: OverviewData, bar_at: str) -> None:
-    """Mean force over angle and rate, and dots where it is beyond three standard errors."""
-    if data.missing is None:
+def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at: str) -> None:
+    """Mean force that is missing over angle and rate, and dots where it is beyond three standard errors."""
+    units = signal_units(record)
+    factor, unit = small_units(units)
+    try:
+        missing = residual_force(record, result, run)
+    except SysidTribError:
         _no_data(ax, TOO_FEW)
         return
-    factor, unit = data.motion.small_units
-    force, error = (factor * data.missing[name] for name in _pair("force"))
-    mesh = draw_cells(ax, force, error, data.colour_limit)
+    force, error = (factor * missing[name] for name in ("force", "force_standard_error"))
+    # What is but noise stays pale.
+    largest, noise = (np.nanpercentile(np.abs(part.values), COLOUR_PERCENT) for part in (force, error))
+    mesh = draw_cells(ax, force, error, float(max(largest, DOT_BEYOND * noise)) or 1.0)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02, location=bar_at)
     bar.set_label(f"force over $I\\omega^2$ ({unit})")
-    ax.set(xlabel=data.motion.label, ylabel=f"rate over $\\omega$ ({data.units})")
-
-
-def _pair(name: str) -> tuple[str, str]:
-    return name, f"{name}_standard_error"
-
-
-def _styles(data: OverviewData) -> list[Any]:
-    """The styles of identifications: those of their motions."""
-    if len(data.results) == 1:
-        return [data.motion.lines.get(next(iter(data.results)), MODEL_LINES[1])]
-    pairs = zip(data.results, MODEL_LINES, strict=True)
-    return [data.motion.lines.get(name, style) for name, style in pairs]
+    ax.set(xlabel=signal_label(units), ylabel=f"rate over $\\omega$ ({units})")

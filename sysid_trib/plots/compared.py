@@ -9,40 +9,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Array
-from sysid_trib.plots.style import (
-    BLUE,
-    FULL_WIDTH,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    TWO_COLUMNS,
-    Style,
-    grid,
-    legend_marks,
-    letter,
-    logarithmic_ticks,
-    name_rows,
-    unit_label,
-)
+from sysid_trib.plots import style
 from sysid_trib.results.schema import library_of
 from sysid_trib.validation.comparison_table import column_power
 
 # Marks of the families that methods state (see `MethodScope`).
 OTHER_FAMILY = "other"
 FAMILY_MARKS: dict[str, dict[str, Any]] = {
-    "trajectory": {"color": GREEN, "marker": "D"},
-    "direct": {"color": BLUE, "marker": "s"},
-    "averaging": {"color": ORANGE, "marker": "o"},
-    OTHER_FAMILY: {"color": INK, "marker": "^"},
+    "trajectory": {"color": style.GREEN, "marker": "D"},
+    "direct": {"color": style.BLUE, "marker": "s"},
+    "averaging": {"color": style.ORANGE, "marker": "o"},
+    OTHER_FAMILY: {"color": style.INK, "marker": "^"},
 }
 FAMILY_LABELS = {OTHER_FAMILY: "decrements and others"}
 ASYMPTOTIC = "asymptotic_frequency"
 PREDICTION = ("train_over_noise", "holdout_over_noise")
 # Marks of the last panel.
 OF_THE_RMS: dict[str, dict[str, Any]] = {
-    "RMS: fitted": {"color": GREY, "marker": "o", "markerfacecolor": "white"},
-    "RMS: held out": {"color": GREY, "marker": "o"},
+    "RMS: fitted": {"color": style.GREY, "marker": "o", "markerfacecolor": "white"},
+    "RMS: held out": {"color": style.GREY, "marker": "o"},
 }
 # A method farther from the best than this many times the usual distance is an arrow at the edge.
 ARROW_BEYOND = 5.0
@@ -58,50 +43,16 @@ def shown_methods(tree: xr.DataTree) -> xr.Dataset:
     return table.isel(method=np.flatnonzero(np.any(there, axis=0)))
 
 
-def _marks(table: xr.Dataset) -> tuple[list[Style], dict[str, Style]]:
+def _marks(table: xr.Dataset) -> tuple[list[style.Style], dict[str, style.Style]]:
     """Mark of each method, that of its family, open for all but the first of it; and marks by family."""
-    marks: list[Style] = []
+    marks: list[style.Style] = []
     before: set[str] = set()
     for stated in table.family.values.tolist():
         family = stated if stated in FAMILY_MARKS else OTHER_FAMILY
         face = {"markerfacecolor": "white"} if family in before - {OTHER_FAMILY} else {}
         marks.append(FAMILY_MARKS[family] | face)
         before.add(family)
-    return marks, {FAMILY_LABELS.get(k, k): style for k, style in FAMILY_MARKS.items() if k in before}
-
-
-def compared_quantity(table: xr.Dataset, name: str) -> xr.Dataset:
-    """A coefficient or the `asymptotic_frequency` by method, as an axis shows it.
-
-    Parameters
-    ----------
-    table : xr.Dataset
-        Of `shown_methods`.
-    name : str
-        Symbol of a force, or `asymptotic_frequency`.
-
-    Returns
-    -------
-    xr.Dataset
-        `value(method)` and `error(method)` over ten to the attribute `power`, and `side(method)`: -1 or 1
-        for a value beyond the axis, else 0. Attributes: `power`, `unit`, the ends `low` and `high` of the
-        axis, and the band of the method that predicts best, `band_low` and `band_high` (nan without one).
-    """
-    if name == ASYMPTOTIC:
-        power, unit = 0, "rad/s"
-        columns = table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"]
-    else:
-        column = table.sel(force=name)
-        power, unit = column_power(column), column.unit.item()
-        columns = column.coefficient, column.standard_error
-    value, error = (column.values / 10.0**power for column in columns)
-    at = table.method.values.tolist().index(table.attrs["best"])
-    low, high = _limits(value, error, at)
-    side = np.where(value > high, 1, np.where(value < low, -1, 0))
-    shown = {name: ("method", c) for name, c in (("value", value), ("error", error), ("side", side))}
-    band = {"band_low": value[at] - error[at], "band_high": value[at] + error[at]}
-    attrs = {"power": power, "unit": unit, "low": low, "high": high} | band
-    return xr.Dataset(shown, {"method": table.method.values}, attrs)
+    return marks, {FAMILY_LABELS.get(k, k): mark for k, mark in FAMILY_MARKS.items() if k in before}
 
 
 def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
@@ -121,7 +72,7 @@ def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
 PANEL_HEIGHT, METHOD_HEIGHT = 0.7, 0.14
 
 
-def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
+def comparison(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
     """Coefficient of each force and asymptotic frequency by method, and the RMS in time and out of it.
 
     A method that does not apply has no row.
@@ -136,66 +87,69 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     table = shown_methods(tree)
     marks, legend = _marks(table)
     names = [*table.force.values.tolist(), ASYMPTOTIC]
-    wide = width >= TWO_COLUMNS
+    wide = width >= style.TWO_COLUMNS
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 3
     height = PANEL_HEIGHT + METHOD_HEIGHT * len(marks)
-    figure, panels = grid(len(names) + 1, across if wide else 2 * across, width, height, sharing="y")
+    figure, panels = style.grid(len(names) + 1, across if wide else 2 * across, width, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
-        _coefficients(panel, compared_quantity(table, name), marks, _symbol(tree, name))
+        _coefficients(panel, table, name, marks, _symbol(tree, name))
     _prediction(panels[-1], table, marks)
-    letter(panels, fontsize=8)
+    style.letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
         # Names stand once a row; the rows share them.
         panel.tick_params(labelleft=at % across == 0)
-    figure.legend(
-        handles=legend_marks(legend | OF_THE_RMS),
-        ncols=6 if wide else 2,
-        loc="outside upper center",
-        frameon=False,
-        fontsize=7,
-    )
+    style.legend_above(figure, style.legend_marks(legend | OF_THE_RMS), 6 if wide else 2, 7)
     return figure
 
 
-def _coefficients(ax: Axes, data: xr.Dataset, marks: Sequence[Style], symbol: str) -> None:
-    if np.isfinite(data.band_low):
-        ax.axvspan(data.band_low, data.band_high, color="0.88", zorder=0)
+def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.Style], symbol: str) -> None:
+    """A coefficient or the `asymptotic_frequency` by method, over a power of ten that its label states."""
+    power, unit, columns = 0, "rad/s", (table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"])
+    if name != ASYMPTOTIC:
+        column = table.sel(force=name)
+        power, unit = column_power(column), column.unit.item()
+        columns = column.coefficient, column.standard_error
+    values, errors = (column.values / 10.0**power for column in columns)
+    best = table.method.values.tolist().index(table.attrs["best"])
+    low, high = _limits(values, errors, best)
+    if np.isfinite(values[best]):
+        ax.axvspan(values[best] - errors[best], values[best] + errors[best], color="0.88", zorder=0)
     bars: dict[str, Any] = {"markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5, "linestyle": ""}
-    for row, style in enumerate(marks):
-        value, error, side = (data[name].values[row] for name in ("value", "error", "side"))
-        if side:
-            edge, arrow = (data.high, ">") if side > 0 else (data.low, "<")
-            ax.plot(edge, row, arrow, color=style["color"], markersize=4, clip_on=False)
+    for row, (value, error, mark) in enumerate(zip(values, errors, marks, strict=True)):
+        if not low <= value <= high and np.isfinite(value):
+            edge, arrow = (high, ">") if value > high else (low, "<")
+            ax.plot(edge, row, arrow, color=mark["color"], markersize=4, clip_on=False)
         elif np.isfinite(value):
-            ax.errorbar(value, row, xerr=error, markersize=4, **style, **bars)
-    ax.set(xlabel=_axis_label(symbol, data), xlim=(data.low, data.high))
+            ax.errorbar(value, row, xerr=error, markersize=4, **mark, **bars)
+    # A power of ten is in the label, not in the ticks.
+    scale = [f"$10^{{{power}}}$"] * bool(power) + [style.unit_label(unit)] * (unit != "1")
+    ax.set(xlabel=f"${symbol}$ ({' '.join(scale) or '1'})", xlim=(low, high))
     ax.ticklabel_format(axis="x", useOffset=False)
     ax.locator_params(axis="x", nbins=3)
-    _with_methods(ax, data)
+    _with_methods(ax, table)
     # Labels of a coefficient that is well known are long: larger ones run into each other.
     ax.tick_params(axis="x", labelsize=6)
 
 
-def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[Style]) -> None:
-    for row, style in enumerate(marks):
+def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[style.Style]) -> None:
+    for row, mark in enumerate(marks):
         pair = [float(table[name].values[row]) for name in PREDICTION]
-        mark = {"color": style["color"], "marker": style["marker"], "markersize": 4, "linestyle": ""}
-        ax.plot(pair, [row, row], "-", color=style["color"], linewidth=0.7)
-        ax.plot(pair[:1], [row], markerfacecolor="white", **mark)
-        ax.plot(pair[1:], [row], **mark)
+        full = {"color": mark["color"], "marker": mark["marker"], "markersize": 4, "linestyle": ""}
+        ax.plot(pair, [row, row], "-", color=mark["color"], linewidth=0.7)
+        ax.plot(pair[:1], [row], markerfacecolor="white", **full)
+        ax.plot(pair[1:], [row], **full)
     ax.axvline(1.0, color="0.6", linewidth=0.7, linestyle=":")
     ax.set(xlabel="RMS over noise", xscale="log")
-    logarithmic_ticks(ax.xaxis, *ax.get_xlim())
+    style.logarithmic_ticks(ax.xaxis, *ax.get_xlim())
     _with_methods(ax, table)
 
 
 def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     """Methods as rows, the first on top."""
-    name_rows(ax, table.method.values.tolist())
+    style.name_rows(ax, table.method.values.tolist())
     ax.tick_params(labelsize=7, which="both")
     ax.xaxis.label.set_fontsize(8)
-    ax.grid(axis="y", color="0.93", linewidth=0.5)
-    ax.set_axisbelow(True)
+    style.row_lines(ax)
 
 
 def _symbol(tree: xr.DataTree, quantity: str) -> str:
@@ -204,10 +158,3 @@ def _symbol(tree: xr.DataTree, quantity: str) -> str:
         return r"\omega_\infty"
     result = next(node.ds for node in tree.children.values() if quantity in node.ds.get("force", ()))
     return library_of(result, whole=True)[quantity].latex_symbol
-
-
-def _axis_label(symbol: str, data: xr.Dataset) -> str:
-    """Symbol and unit; a power of ten is in the label, not in the ticks."""
-    scale = f"$10^{{{data.power}}}$" if data.power else ""
-    unit = " ".join(filter(None, (scale, unit_label(data.unit) if data.unit != "1" else ""))) or "1"
-    return f"${symbol}$ ({unit})"

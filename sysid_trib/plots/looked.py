@@ -1,5 +1,6 @@
 """A record as it is: decays, spectrum, inputs; frequency and damping ratio against amplitude."""
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -7,24 +8,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.motion_panels import RECORD_POINTS, curve, drawn_samples
-from sysid_trib.plots.style import (
-    BLUE,
-    FULL_WIDTH,
-    GREY,
-    INK,
-    LEGEND,
-    MODEL_LINES,
-    OPEN_MARKS,
-    ORANGE,
-    grid,
-    letter,
-    line,
-    logarithmic_amplitude,
-    logarithmic_ticks,
-    new_figure,
-    unit_label,
-)
+from sysid_trib.plots import style
+from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
+from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, LEGEND, MODEL_LINES, ORANGE
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
 from sysid_trib.validation.findings import kept_results
@@ -35,13 +21,7 @@ CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping rati
 MARGIN = 0.15
 # A band so many times the median is an end's.
 END_WIDTH = 4.0
-DOTS: dict[str, Any] = OPEN_MARKS | {
-    "color": GREY,
-    "marker": "o",
-    "markersize": 2,
-    "linestyle": "",
-    "zorder": 1,
-}
+DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
 
 def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
@@ -57,10 +37,10 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     data, models = curves_of(data, run) if isinstance(data, xr.DataTree) else (data, None)
-    figure, panels = grid(2, 2, width, CURVE_HEIGHT)
+    figure, panels = style.grid(2, 2, width, CURVE_HEIGHT)
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         draw_curve(ax, data, name, models)
-    letter(panels)
+    style.letter(panels)
     if models is not None:
         panels[1].legend(**LEGEND, ncols=2)
     return figure
@@ -104,25 +84,21 @@ def draw_curve(
     """
     amplitude = data.amplitude.values
     low, high = (data[f"{name}_{end}"].values for end in ("low", "high"))
-    dots = DOTS if colour == INK else DOTS | {"color": colour, "alpha": 0.4}
-    ax.plot(data.period_amplitude, data[f"period_{name}"], **dots)
+    dots = {"color": GREY} if colour == INK else {"color": colour, "alpha": 0.4}
+    ax.plot(data.period_amplitude, data[f"period_{name}"], **DOTS, **dots)
     ax.fill_between(amplitude, low, high, color=colour, alpha=0.2, linewidth=0, zorder=2, label=label)
     ax.plot(amplitude, data[name], color=colour, linewidth=0.8, zorder=2)
-    if models is not None:
-        _draw_models(ax, models, name)
+    labels = models.model.values.tolist() if models is not None else []
+    for model, series in zip(labels, cycle(MODEL_LINES)):
+        lines = models[name].sel(model=model)  # type: ignore[index]
+        ax.plot(lines.amplitude, lines, **style.line(series), zorder=series["zorder"], label=model)
     # All of the curve, and the band where it is narrow: an end of few periods would hide all else.
     narrow = high - low <= END_WIDTH * np.median(high - low)
     bottom = min(float(low[narrow].min()), float(data[name].min()))
     top = max(float(high[narrow].max()), float(data[name].max()))
     ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
     ax.set(xlabel=f"amplitude ({data.amplitude.attrs['units']})", ylabel=CURVE_LABELS[name])
-    logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))
-
-
-def _draw_models(ax: Axes, models: xr.Dataset, name: str) -> None:
-    for at, label in enumerate(models.model.values.tolist()):
-        series, curve = MODEL_LINES[at % len(MODEL_LINES)], models[name].sel(model=label)
-        ax.plot(models.amplitude, curve, **line(series), zorder=series["zorder"], label=label)
+    style.logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))
 
 
 HEIGHT = 2.1
@@ -140,7 +116,7 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure, panels = grid(3, 1, width, HEIGHT)
+    figure, panels = style.grid(3, 1, width, HEIGHT)
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
     records = [node.to_dataset() for name, node in tree.children.items() if name.startswith("record")]
     unit = str(records[0].angle.attrs["units"])
@@ -149,23 +125,18 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         panels[0].plot(drawn.time, drawn.angle, color="0.6", linewidth=0.5)
     for decay in decays:
         panels[0].axvspan(decay.start.item(), decay.stop.item(), color=BLUE, alpha=0.12, linewidth=0)
-        panels[1].plot(decay.instant_time, decay.amplitude, **line(MODEL_LINES[0]))
+        panels[1].plot(decay.instant_time, decay.amplitude, **style.line(MODEL_LINES[0]))
         panels[2].plot(decay.frequency_line, decay.spectrum, color=ORANGE, linewidth=0.8)
-    _label(panels, unit, records[0].angle.attrs["long_name"])
-    letter(panels)
+    panels[0].set(xlabel="time (s)", ylabel=f"{records[0].angle.attrs['long_name']} ({unit})")
+    panels[1].set(xlabel="time (s)")
+    style.logarithmic_amplitude(panels[1], unit)
+    panels[2].set(xlabel="frequency (Hz)", ylabel=f"density ({unit}$^2$/Hz)", xscale="log", yscale="log")
+    for axis in (panels[2].xaxis, panels[2].yaxis):
+        style.logarithmic_ticks(axis, *axis.get_view_interval())
+    style.letter(panels)
     return figure
 
 
-def _label(panels: list[Axes], unit: str, name: str) -> None:
-    panels[0].set(xlabel="time (s)", ylabel=f"{name} ({unit})")
-    panels[1].set(xlabel="time (s)")
-    logarithmic_amplitude(panels[1], unit)
-    panels[2].set(xlabel="frequency (Hz)", ylabel=f"density ({unit}$^2$/Hz)", xscale="log", yscale="log")
-    for axis in (panels[2].xaxis, panels[2].yaxis):
-        logarithmic_ticks(axis, *axis.get_view_interval())
-
-
-COLOURS = (ORANGE, BLUE)
 # Of one panel, inch: its label has room.
 INPUT_HEIGHT = 1.6
 
@@ -187,27 +158,26 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     compared = tree.children.get("comparison")
     answer = record.model.values[-1] if compared is None else compared.attrs["answer"]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
-    figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
+    figure = style.new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
     for panel, (name, given) in zip(panels, inputs.items(), strict=False):
         curve(panel, time[0] + given.elapsed, given.values, {"color": "0.3", "linewidth": 0.6})
         units = str(record[name].attrs.get("units", ""))
-        panel.set_ylabel(f"input {name}{f' ({unit_label(units)})' if units else ''}")
+        panel.set_ylabel(f"input {name}{f' ({style.unit_label(units)})' if units else ''}")
     motion, residual = panels[-2:]
     curve(motion, time, record.angle.values, RECORD_POINTS)
-    for name, colour in zip(record.model.values.tolist(), COLOURS, strict=False):
+    for name, colour in zip(record.model.values.tolist(), (ORANGE, BLUE), strict=False):
         simulated = record.simulated_angle.sel(model=name).values
         if name == answer:
             curve(motion, time, simulated, {"color": colour, "linewidth": 0.8, "label": name})
         remainder = record.angle.values - simulated
         rms = float(np.sqrt(np.mean(remainder**2)))
-        shown = drawn_samples(remainder)
-        label = f"{name}, RMS {rms:.3g} {unit_label(unit)}"
-        residual.plot(time[shown], remainder[shown], color=colour, linewidth=0.6, label=label)
+        label = f"{name}, RMS {rms:.3g} {style.unit_label(unit)}"
+        curve(residual, time, remainder, {"color": colour, "linewidth": 0.6, "label": label})
     motion.set_ylabel(signal_label(unit))
-    residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model ({unit_label(unit)})")
+    residual.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} model ({style.unit_label(unit)})")
     for panel in (motion, residual):
         panel.legend(ncols=3, **LEGEND)
     residual.set_xlim(time[0], time[-1])
-    letter(panels)
+    style.letter(panels)
     return figure

@@ -1,4 +1,4 @@
-"""A record with its models: panels over time, the figure of the half periods, and their numbers."""
+"""A record with its models: what is drawn of them, and panels over time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,20 +10,39 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array
-from sysid_trib.plots.style import (
-    LEGEND,
-    MODEL_LINES,
-    Style,
-)
+from sysid_trib.plots.style import LEGEND, MODEL_LINES, Style
 from sysid_trib.results.effects import tied_name
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
+from sysid_trib.validation.findings import LAST_THIRD, is_refitted
+from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import breakdown, run_record_noise
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 3000
 # Effects that a legend names.
 MOST_NAMES = 2
+RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
+
+
+def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
+    """What of the records was held out; empty where nothing was.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of a command; of `compare` the figure has it on grey.
+    of_search : bool
+        Whether the figure is of the search itself, which never sees what is held out; models may be fitted to
+        the whole records in the end.
+    """
+    if kind_of(tree) != "discover":
+        return "The part of the record on grey was held out." if kind_of(tree) == "compare" else ""
+    held = str(tree.attrs["held_out"])
+    held += " of the record" * (held == LAST_THIRD)
+    if is_refitted(tree):
+        return f"Held out of the search, {'and of these numbers' if of_search else 'then fitted'}: {held}."
+    return f"Held out, and not in this figure: {held}."
 
 
 @dataclass(frozen=True)
@@ -47,55 +66,35 @@ class MotionData:
     lines: Mapping[str, Style]
     labels: Mapping[str, str]
 
-    @property
-    def time(self) -> Array:
-        """Instants of the samples, s."""
-        return self.data.time.values
-
-    @property
-    def angle(self) -> Array:
-        """Angle of the record, rad."""
-        return self.data.angle.values
-
     def motion(self, model: str) -> Array:
         """Angle of a model, rad."""
         return self.data.simulated_angle.sel(model=model).values
 
-    @property
-    def units(self) -> str:
-        """Unit of the record."""
-        return signal_units(self.data)
-
-    @property
-    def label(self) -> str:
-        """Label of an axis of the record."""
-        return signal_label(self.units)
-
-    @property
-    def small_units(self) -> tuple[float, str]:
-        """Factor and unit of what is small beside the record."""
-        return small_units(self.units)
-
-    def residual(self, model: str) -> Array:
-        """Record minus model, in small units."""
-        return self.small_units[0] * (self.angle - self.motion(model))
-
 
 def motion_data(tree: xr.DataTree, run: int) -> MotionData:
-    """The record of a run with the models of a cross-check, or those before and after of a discovery."""
-    data = tree[record_groups(tree)[run]].to_dataset()
-    if kind_of(tree) == "discover":
-        names = ("before", "after")
+    """The record of a run with its models.
+
+    Those of a cross-check, those before and after of a discovery, that which predicts best of a comparison.
+    """
+    data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
+    noise = run_record_noise(tree, run)
+    if kind == "compare":
+        best = tree["comparison"].attrs["best"]
+        motion = fitted_motion(data, tree[best].to_dataset(), run)
+        if motion is None:
+            return MotionData(data, noise, {}, {best: best})
+        angle = (("model", "time"), (motion.x + motion.offset)[None])
+        shown = data.assign_coords(model=[best]).assign(simulated_angle=angle)
+        return MotionData(shown, noise, {best: MODEL_LINES[1]}, {best: best})
+    if kind == "discover":
         labels = {"before": "start model", "after": f"with {_few(_tied_names(tree))}"}
-        shown = [np.isfinite(data.simulated_angle.sel(model=name).values).all() for name in names]
+        drawn = [np.isfinite(data.simulated_angle.sel(model=name).values).all() for name in labels]
     else:
         checked = tree["comparison"].attrs
-        names = (checked["first"], checked["second"])
-        labels = {name: name for name in names}
+        labels = {name: name for name in (checked["first"], checked["second"])}
         # A model that broke down must not set a scale.
-        shown = [not breakdown(tree, name) for name in names]
-    lines = {name: style for name, style, drawn in zip(names, MODEL_LINES, shown, strict=True) if drawn}
-    noise = run_record_noise(tree, run)
+        drawn = [not breakdown(tree, name) for name in labels]
+    lines = {name: look for name, look, there in zip(labels, MODEL_LINES, drawn, strict=True) if there}
     return MotionData(data, noise, lines, labels)
 
 
@@ -122,13 +121,10 @@ def drawn_samples(values: Array) -> NDArray[np.intp]:
     return np.unique(ends)
 
 
-RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
-
-
-def curve(ax: Axes, time: Array, values: Array, style: Style) -> None:
+def curve(ax: Axes, time: Array, values: Array, look: Style) -> None:
     """A curve over time, decimated."""
     shown = drawn_samples(values)
-    ax.plot(time[shown], values[shown], **style)
+    ax.plot(time[shown], values[shown], **look)
 
 
 def draw_in_time(panels: Sequence[Axes], drawn: MotionData, models: Sequence[str]) -> None:
@@ -136,34 +132,28 @@ def draw_in_time(panels: Sequence[Axes], drawn: MotionData, models: Sequence[str
 
     In one panel a residual would hide another where models agree.
     """
-    _record(panels[0], drawn)
-    for panel, model in zip(panels[1:], models, strict=True):
-        _residual(panel, drawn, model)
-        panel.sharex(panels[0])
-    for panel in panels[:-1]:
-        panel.set_xlabel("")
-        panel.tick_params(labelbottom=False)
-
-
-def _record(ax: Axes, drawn: MotionData) -> None:
-    curve(ax, drawn.time, drawn.angle, RECORD_POINTS)
-    for name, style in drawn.lines.items():
-        curve(ax, drawn.time, drawn.motion(name), {"linewidth": 0.8, "label": drawn.labels[name], **style})
+    time, angle, units = drawn.data.time.values, drawn.data.angle.values, signal_units(drawn.data)
+    curve(panels[0], time, angle, RECORD_POINTS)
+    for name, look in drawn.lines.items():
+        curve(panels[0], time, drawn.motion(name), {"linewidth": 0.8, "label": drawn.labels[name], **look})
     if "holdout_start" in drawn.data:
-        ax.axvspan(drawn.data.holdout_start.item(), drawn.time[-1], color="0.93", zorder=0)
-    ax.set(xlabel="time (s)", ylabel=drawn.label, xlim=(drawn.time[0], drawn.time[-1]))
+        panels[0].axvspan(drawn.data.holdout_start.item(), time[-1], color="0.93", zorder=0)
+    panels[0].set_ylabel(signal_label(units))
     # Above the panel: inside there is no room that the oscillation leaves free.
-    ax.legend(ncols=3, **LEGEND)
-
-
-def _residual(ax: Axes, drawn: MotionData, model: str) -> None:
-    """The residual of a model, named by the axis where there are several."""
-    if model in drawn.lines:
-        look = {"linewidth": 0.6, **drawn.lines[model], "linestyle": "-"}
-        curve(ax, drawn.time, drawn.residual(model), look)
-    factor, unit = drawn.small_units
-    band = ax.axhspan(-2.0 * factor * drawn.noise, 2.0 * factor * drawn.noise, color="0.85", zorder=0)
-    ax.legend([band], ["± 2 noise levels"], **LEGEND)
-    name = model if len(drawn.labels) > 1 else "model"
-    label = f"record \N{MINUS SIGN} {name} ({unit})"
-    ax.set(xlabel="time (s)", ylabel=label, xlim=(drawn.time[0], drawn.time[-1]))
+    panels[0].legend(ncols=3, **LEGEND)
+    factor, unit = small_units(units)
+    for panel, model in zip(panels[1:], models, strict=True):
+        if model in drawn.lines:
+            look = {"linewidth": 0.6, **drawn.lines[model], "linestyle": "-"}
+            curve(panel, time, factor * (angle - drawn.motion(model)), look)
+        width = 2.0 * factor * drawn.noise
+        band = panel.axhspan(-width, width, color="0.85", zorder=0)
+        panel.legend([band], ["± 2 noise levels"], **LEGEND)
+        # Named by the axis where there are several.
+        name = model if len(drawn.labels) > 1 else "model"
+        panel.set_ylabel(f"record \N{MINUS SIGN} {name} ({unit})")
+        panel.sharex(panels[0])
+    panels[0].set_xlim(time[0], time[-1])
+    for panel in panels[:-1]:
+        panel.tick_params(labelbottom=False)
+    panels[-1].set_xlabel("time (s)")

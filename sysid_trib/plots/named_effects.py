@@ -1,4 +1,4 @@
-"""Figures of a discovery: the gap, the effects named, the force that is missing, and the scores."""
+"""A discovery in one picture: the gap, the effects named, and the force that is missing."""
 
 from collections.abc import Sequence
 from textwrap import fill, wrap
@@ -14,14 +14,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
-from sysid_trib.plots.motion_panels import draw_in_time, motion_data
-from sysid_trib.plots.overview_data import (
-    DOT_BEYOND,
-    MOST_CANDIDATES,
-    held_out_sentence,
-    missing_force,
-    rankings_data,
-)
+from sysid_trib.plots.motion_panels import draw_in_time, held_out_sentence, motion_data
 from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.effects import added_effects, credible_set, or_others, replacing_pairs
@@ -29,69 +22,11 @@ from sysid_trib.results.variables import signal_label, signal_symbol, signal_uni
 from sysid_trib.validation.findings import residual_of
 from sysid_trib.validation.verdict import record_noise
 
-# Height of a panel of rankings, inch: without candidates, and of a candidate.
-RANKING_HEIGHT, CANDIDATE_HEIGHT = 0.75, 0.135
-# For which there is always room: the legend beside takes some.
-FEWEST_CANDIDATES = 6
-
-
-def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """The ranking before each step and at the end, side by side.
-
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `discover`.
-    width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
-    """
-    rows = -(-len(rankings_data(tree)) // (2 if width >= TWO_COLUMNS else 1))
-    room = int((style.TALLEST - 0.3 - rows * RANKING_HEIGHT) / (rows * CANDIDATE_HEIGHT))
-    drawn = rankings_data(tree, min(room, MOST_CANDIDATES))
-    most = max(FEWEST_CANDIDATES, *(data.sizes["candidate"] for data in drawn))
-    figure, panels = style.grid(len(drawn), 2, width, RANKING_HEIGHT + CANDIDATE_HEIGHT * most)
-    for data, panel in zip(drawn, panels, strict=True):
-        _ranking(panel, data)
-    style.letter(panels, [data.title for data in drawn])
-    handles = style.legend_marks(style.CANDIDATE_MARKS | {"threshold": style.THRESHOLD})
-    figure.legend(
-        handles=handles,
-        ncols=4 if width >= TWO_COLUMNS else 2,
-        loc="outside upper center",
-        frameon=False,
-        fontsize=8,
-    )
-    style.footnote(figure, held_out_sentence(tree, of_search=True))
-    return figure
-
-
-def _ranking(ax: Axes, data: xr.Dataset) -> None:
-    sizes, kinds = data["size"].values.tolist(), data.kind.values.tolist()
-    for row, (size, kind) in enumerate(zip(sizes, kinds, strict=True)):
-        look = style.CANDIDATE_MARKS[kind]
-        if data.low == 0.0 or data.logarithmic:
-            # A bar would be as long as it must not be where the axis starts elsewhere.
-            ax.plot([data.low, size], [row, row], "-", color=look["color"], linewidth=0.8)
-        ax.plot([size], [row], linestyle="", **look)
-        # Three digits, and no power of ten as long as there is room without.
-        digits = f"{float(f'{size:.3g}'):g}"
-        text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.LABEL_OFFSET)
-        text.set_bbox(style.WHITE)
-    threshold = data.threshold.item()
-    if data.low < threshold:
-        ax.axvline(threshold, **style.THRESHOLD)
-    style.name_rows(ax, data.candidate.values.tolist())
-    if data.logarithmic:
-        ax.set(xscale="log", xlim=(data.low, data.high * (data.high / data.low) ** 0.2))
-        style.logarithmic_ticks(ax.xaxis, data.low, data.high)
-    else:
-        ax.set_xlim(data.low, data.high + 0.15 * (data.high - data.low))
-        ax.grid(axis="y", color="0.93", linewidth=0.5)
-        ax.set_axisbelow(True)
-    ax.set_xlabel(f"score |z| (threshold {threshold:.3g})", fontsize=8)
-    ax.tick_params(labelsize=7, which="both")
-
-
+# A cell of fewer samples has no mean; colours end where so many percent of the cells lie within; a dot marks
+# cells of more standard errors.
+FEWEST_IN_CELL = 5
+COLOUR_PERCENT = 98.0
+DOT_BEYOND = 3.0
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 2
 # Heights of the panels, inch: record, gap before, gap after; models without rows; maps over a page and in a
@@ -128,7 +63,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
         drawn = motion_data(tree, run)
         draw_in_time(panels[:3], drawn, ["before", "after"])
         for panel in panels[1:3]:
-            panel.set_ylabel(f"gap ({drawn.small_units[1]})")
+            panel.set_ylabel(f"gap ({small_units(signal_units(tree))[1]})")
         figure.align_ylabels(panels[:3])
         _maps(tree, panels[3:5], wide)
         _explained(panels[5], tree, texts, below)
@@ -218,3 +153,29 @@ def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float)
     at_x, at_v = np.nonzero(np.abs(values) > DOT_BEYOND * error.values)
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5)
     return mesh
+
+
+def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:
+    """Mean force over angle and rate that a model lacks, relative to I w^2.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of `discover`.
+    after : bool
+        Of the final model, else of the start model.
+
+    Returns
+    -------
+    tuple
+        The force and its standard error, in small units, nan where samples are few; and the force at which
+        the colours of both models end.
+    """
+    first, last = (tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after"))
+    kept = np.abs(first.force.values[first.samples.values >= FEWEST_IN_CELL])
+    kept = kept[np.isfinite(kept)]
+    factor, _ = small_units(signal_units(tree))
+    limit = factor * float(np.percentile(kept, COLOUR_PERCENT)) if kept.size else 1.0
+    shown = last if after else first
+    force = (factor * shown.force).where(shown.samples >= FEWEST_IN_CELL)
+    return force, factor * shown.standard_error, limit

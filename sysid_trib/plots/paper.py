@@ -9,16 +9,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from sysid_trib.plots import style
 from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
-from sysid_trib.plots.style import (
-    BAR_WIDTH,
-    LEGEND,
-    SERIES,
-    axes,
-    in_latex,
-    line,
-    mark,
-)
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units
 
 # Points of a half-sine.
@@ -40,18 +32,18 @@ def frequency_shift(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
-    ax = axes(ax)
-    styles = dict(zip(dict.fromkeys([*measured, *predicted]), cycle(SERIES)))
+    ax = style.axes(ax)
+    styles = dict(zip(dict.fromkeys([*measured, *predicted]), cycle(style.SERIES)))
     for label, shifts in measured.items():
         a, w, error = (shifts[k].values for k in ("amplitude", "frequency", "frequency_standard_error"))
-        ax.plot(a, w, label=label, linestyle="", **mark(styles[label]))
-        ax.errorbar(a, w, error, fmt="none", ecolor=styles[label]["color"], elinewidth=BAR_WIDTH)
+        ax.plot(a, w, label=label, linestyle="", **style.mark(styles[label]))
+        ax.errorbar(a, w, error, fmt="none", ecolor=styles[label]["color"], elinewidth=style.BAR_WIDTH)
     for label, shifts in predicted.items():
         named = "" if label in measured else label
-        ax.plot(shifts.amplitude.values, shifts.frequency.values, label=named, **line(styles[label]))
+        ax.plot(shifts.amplitude.values, shifts.frequency.values, label=named, **style.line(styles[label]))
     units = signal_units(next(iter({**measured, **predicted}.values()), xr.Dataset()))
     ax.set(xlabel=f"amplitude $a$ ({units})", ylabel=r"frequency $\omega$ (rad/s)", xlim=(0.0, None))
-    ax.legend(ncols=4, **LEGEND)
+    ax.legend(ncols=4, **style.LEGEND)
     return ax
 
 
@@ -76,12 +68,12 @@ def motions(
         `envelope` of the whole decay: half-sines are drawn on the record, a few half periods of it
         (`decay.sel(time=slice(0, 1.5))`), and what three of them give at t_i.
     """
-    ax = axes(ax)
+    ax = style.axes(ax)
     curve(ax, record.time.values, record.angle.values, RECORD_POINTS)
     if half_periods is not None:
         _half_sines(ax, record, half_periods)
-    for (label, motion), series in zip((models or {}).items(), cycle(SERIES)):
-        look = line(series) | {"label": label, "linewidth": 0.9}
+    for (label, motion), series in zip((models or {}).items(), cycle(style.SERIES)):
+        look = style.line(series) | {"label": label, "linewidth": 0.9}
         if "angle" in motion:
             curve(ax, motion.time.values, motion.angle.values, look)
             continue
@@ -89,7 +81,7 @@ def motions(
             curve(ax, motion.time.values, sign * motion.amplitude.values, look)
             look |= {"label": ""}
     ax.set(xlabel="time (s)", ylabel=_signal(record), xlim=_ends(record))
-    ax.legend(ncols=4, **LEGEND)
+    ax.legend(ncols=4, **style.LEGEND)
     return ax
 
 
@@ -109,12 +101,11 @@ def weights(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
-    ax = axes(ax)
+    ax = style.axes(ax)
     a = weighed.amplitude.values
-    for symbol, series in zip(weighed.force.values.tolist(), cycle(SERIES)):
+    for symbol, series in zip(weighed.force.values.tolist(), cycle(style.SERIES)):
         value, error = (weighed[k].sel(force=symbol).values for k in (quantity, f"{quantity}_standard_error"))
-        ax.plot(a, value, label=in_latex(symbol), **line(series))
-        ax.fill_between(a, value - error, value + error, color=series["color"], alpha=0.25, linewidth=0)
+        style.line_with_band(ax, a, value, error, series, style.in_latex(symbol))
     attrs = weighed[quantity].attrs
     unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
@@ -124,7 +115,7 @@ def weights(
         ylabel=f"{attrs['long_name']}{unit}",
         xlim=(a.min(), a.max()),
     )
-    ax.legend(ncols=6, **LEGEND)
+    ax.legend(ncols=6, **style.LEGEND)
     return ax
 
 
@@ -139,8 +130,8 @@ def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
     arcs = t[whole, None] + phase / w[whole, None], b[whole, None] * np.cos(phase)
     # Arcs do not join: each is a fit of its own.
     broken = [np.pad(arc, ((0, 0), (0, 1)), constant_values=np.nan).ravel() for arc in arcs]
-    ax.plot(*broken, label="half-sines", **line(SERIES[1]))
-    points = mark(SERIES[0] | {"marker": "o"})
+    ax.plot(*broken, label="half-sines", **style.line(style.SERIES[1]))
+    points = style.mark(style.SERIES[0] | {"marker": "o"})
     ax.plot(t[whole], b[whole], label=r"$\pm b_i$ at $t_i$", linestyle="", **points)
     if len(whole) >= 3:
         _construction(ax, t[whole[:3]], b[whole[:3]])

@@ -9,27 +9,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import norm
 
-from sysid_trib.plots.motion_panels import drawn_samples
-from sysid_trib.plots.style import (
-    BAR_WIDTH,
-    BLUE,
-    FULL_WIDTH,
-    GREY,
-    INK,
-    LEGEND,
-    OPEN_MARKS,
-    ORANGE,
-    grid,
-    letter,
-    new_figure,
-    unit_label,
-)
+from sysid_trib.plots import style
+from sysid_trib.plots.motion_panels import curve
+from sysid_trib.plots.style import BAR_WIDTH, BLUE, FULL_WIDTH, GREY, INK, LEGEND, ORANGE
 from sysid_trib.results.variables import signal_units, small_units
 
 # Of a Gaussian, in standard deviations.
 BAND_LEVEL = 0.95
 BAND_WIDTH = float(norm.isf(0.5 * (1.0 - BAND_LEVEL)))
-BAND_COLOR = "0.85"
+BAND_NAME, BAND_COLOR = f"{100.0 * BAND_LEVEL:g} % band", "0.85"
 RESPONSE_HEIGHT = 2.8
 # Inch: innovations, autocorrelation, random force, predictions.
 INNOVATION_HEIGHTS = (2.3, 1.8, 2.1, 2.3)
@@ -38,7 +26,7 @@ SWEEP_LINES: dict[str, dict[str, Any]] = {
     "up": {"color": ORANGE, "linestyle": "--"},
     "unstable": {"color": GREY, "linestyle": ":"},
 }
-SIMULATED: dict[str, Any] = OPEN_MARKS | {"color": INK, "marker": "o", "linestyle": "", "zorder": 4}
+SIMULATED: dict[str, Any] = style.OPEN_MARKS | {"color": INK, "marker": "o", "linestyle": "", "zorder": 4}
 
 
 def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: float = FULL_WIDTH) -> Figure:
@@ -56,14 +44,14 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
-    figure = new_figure(width, sum(heights))
+    figure = style.new_figure(width, sum(heights))
     panels = figure.subplots(len(heights), 1, height_ratios=heights)
     _in_time(panels[0], data)
     _autocorrelation(panels[1], data)
     _random_force(panels[2], data)
     if bands is not None:
         _prediction_bands(panels[3], bands)
-    letter(panels)
+    style.letter(panels)
     return figure
 
 
@@ -71,62 +59,56 @@ def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
     error = factor * BAND_WIDTH * data.predicted_standard_error
     missed = factor * (data.measured - data.predicted)
-    label = f"{100.0 * BAND_LEVEL:g} % band of the prediction"
     for at in range(data.sizes["origin"]):
         time, width = data.time_ahead.values[at], error.values[at]
         band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
-        (line,) = ax.plot(time, missed.values[at], color=ORANGE, marker=".", markersize=2, linewidth=0.8)
+        look: dict[str, Any] = {"color": ORANGE, "marker": ".", "markersize": 2, "linewidth": 0.8}
+        (line,) = ax.plot(time, missed.values[at], **look)
         ax.axvline(float(data.origin[at]), color=INK, linewidth=BAR_WIDTH, linestyle=":")
     ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
     ax.set(xlabel="time (s)", ylabel=f"record \N{MINUS SIGN} prediction ({unit})")
-    ax.legend([line, band], ["record", label], ncols=2, **LEGEND)
+    ax.legend([line, band], ["record", f"{BAND_NAME} of the prediction"], ncols=2, **LEGEND)
 
 
 def _random_force(ax: Axes, data: xr.Dataset) -> None:
     """The smoothed random force over time, with its band."""
-    time, force = data.time.values, data.random_force.values
-    error = BAND_WIDTH * data.random_force_standard_error.values
+    force, error = data.random_force.values, BAND_WIDTH * data.random_force_standard_error.values
     # First samples of the spans of equal force, which draw them all, and the last sample.
     first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
-    band = ax.fill_between(
-        time[first],
-        (force - error)[first],
-        (force + error)[first],
-        step="post",
-        color=BAND_COLOR,
-        linewidth=0,
-    )
-    (line,) = ax.step(time[first], force[first], where="post", color=BLUE, linewidth=0.8)
+    time, force, error = data.time.values[first], force[first], error[first]
+    look: dict[str, Any] = {"step": "post", "color": BAND_COLOR, "linewidth": 0}
+    band = ax.fill_between(time, force - error, force + error, **look)
+    (line,) = ax.step(time, force, where="post", color=BLUE, linewidth=0.8)
     ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
     ax.set(xlabel="time (s)", ylabel=f"random force ({signal_units(data)}/s²)", xlim=(time[0], time[-1]))
-    span = f"mean over {float(data.averaging_time):.2g} s"
-    ax.legend([line, band], [span, f"{100.0 * BAND_LEVEL:g} % band"], ncols=2, **LEGEND)
+    ax.legend([line, band], [f"mean over {float(data.averaging_time):.2g} s", BAND_NAME], ncols=2, **LEGEND)
 
 
 def _in_time(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
     time, innovation = data.time.values, factor * data.innovation.values
     width = factor * BAND_WIDTH * data.innovation_standard_deviation.values
-    shown = drawn_samples(innovation)
     band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
-    ax.plot(time[shown], innovation[shown], color=BLUE, marker=".", markersize=1.5, linestyle="")
+    curve(ax, time, innovation, {"color": BLUE, "marker": ".", "markersize": 1.5, "linestyle": ""})
     # The first samples fix the start: their band is wider than all that follows.
-    ax.set_ylim(*(side * 1.1 * max(np.abs(innovation).max(), float(np.median(width))) for side in (-1, 1)))
-    ax.set(xlabel="time (s)", ylabel=f"innovation ({unit})", xlim=(time[0], time[-1]))
-    ax.legend([band], [f"{100.0 * BAND_LEVEL:g} % band"], **LEGEND)
+    largest = 1.1 * max(np.abs(innovation).max(), float(np.median(width)))
+    ax.set(xlabel="time (s)", ylabel=f"innovation ({unit})")
+    ax.set(xlim=(time[0], time[-1]), ylim=(-largest, largest))
+    ax.legend([band], [BAND_NAME], **LEGEND)
 
 
 def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
     width = BAND_WIDTH / np.sqrt(data.sizes["time"])
     band = ax.axhspan(-width, width, color=BAND_COLOR, zorder=0)
-    marks = ax.stem(data.lag.values, data.autocorrelation.values, linefmt=BLUE, markerfmt="o", basefmt=" ")
+    look: dict[str, Any] = {"linefmt": BLUE, "markerfmt": "o", "basefmt": " "}
+    marks = ax.stem(data.lag.values, data.autocorrelation.values, **look)
     marks.markerline.set(markersize=3.5, color=BLUE)
     marks.stemlines.set_linewidth(1.0)
     ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH)
     largest = max(1.2 * float(np.abs(data.autocorrelation).max()), 2.0 * width)
     ax.set(xlabel="lag (samples)", ylabel="autocorrelation", ylim=(-largest, largest))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.legend([band], [f"{100.0 * BAND_LEVEL:g} % band of white noise"], **LEGEND)
+    ax.legend([band], [f"{BAND_NAME} of white noise"], **LEGEND)
 
 
 def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
@@ -139,7 +121,7 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure, panels = grid(2, 2, width, RESPONSE_HEIGHT)
+    figure, panels = style.grid(2, 2, width, RESPONSE_HEIGHT)
     amplitude, phase = panels
     w, unit = data.frequency.values, data.amplitude.attrs["units"]
     for sweep, look in SWEEP_LINES.items():
@@ -152,8 +134,10 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         amplitude.plot(w, motions.amplitude, linewidth=1.0, label=label, **look)
         phase.plot(w, np.unwrap(np.nan_to_num(motions.phase)) + 0.0 * motions.phase, linewidth=1.0, **look)
     amplitude.plot(data.check_frequency, data.simulated_amplitude, label="simulated", **SIMULATED)
-    amplitude.set(xlabel="frequency (rad/s)", ylabel=f"amplitude ({unit_label(unit)})", ylim=(0.0, None))
+    amplitude.set(
+        xlabel="frequency (rad/s)", ylabel=f"amplitude ({style.unit_label(unit)})", ylim=(0.0, None)
+    )
     phase.set(xlabel="frequency (rad/s)", ylabel="phase (rad)")
     amplitude.legend(**LEGEND, ncols=2)
-    letter(panels)
+    style.letter(panels)
     return figure

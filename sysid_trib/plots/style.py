@@ -17,6 +17,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import Bbox
 
+from sysid_trib.arrays import Array
 from sysid_trib.printing.exported import unit_in_latex
 
 Style = Mapping[str, Any]
@@ -84,6 +85,12 @@ def line(series: Style) -> dict[str, Any]:
 def mark(series: Style) -> dict[str, Any]:
     """Open marks of a series."""
     return {"color": series["color"], "marker": series["marker"], **OPEN_MARKS}
+
+
+def line_with_band(ax: Axes, x: Array, value: Array, error: Array, series: Style, label: str) -> None:
+    """The line of a series in a band of one standard error."""
+    ax.plot(x, value, label=label, **line(series))
+    ax.fill_between(x, value - error, value + error, color=series["color"], alpha=0.2, linewidth=0)
 
 
 def in_latex(symbol: str) -> str:
@@ -308,6 +315,18 @@ def name_rows(ax: Axes, names: list[str]) -> None:
     """Names as rows, the first on top."""
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(max(len(names), 1) - 0.4, -0.6)
+
+
+def row_lines(ax: Axes) -> None:
+    """A faint line behind each row."""
+    ax.grid(axis="y", color="0.93", linewidth=0.5)
+    ax.set_axisbelow(True)
+
+
+def legend_above(figure: Figure, handles: list[Line2D], columns: int, fontsize: float) -> None:
+    """A legend of a whole figure, above all panels."""
+    place: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "fontsize": fontsize}
+    figure.legend(handles=handles, ncols=columns, **place)
 
 
 def legend_marks(styles: Mapping[str, Style]) -> list[Line2D]:

@@ -1,5 +1,7 @@
 """How sure coefficients are: profile likelihoods, other defensible fits, and two samples compared."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -8,21 +10,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import norm
 
 from sysid_trib.arrays import Array
+from sysid_trib.plots import style
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
-from sysid_trib.plots.style import (
-    BLUE,
-    FULL_WIDTH,
-    GREY,
-    INK,
-    LEGEND,
-    ORANGE,
-    TWO_COLUMNS,
-    WHITE,
-    grid,
-    in_latex,
-    letter,
-    new_figure,
-)
+from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, TWO_COLUMNS
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.validation.samples import SIDES
 
@@ -54,12 +44,12 @@ def profile(*data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
     ]
     contours = [part for part in data if "correlation" in part]
     count = len(rows) + len(contours)
-    figure, panels = grid(count, 4, width if count > 1 else min(width, TWO_COLUMNS), PROFILE_HEIGHT)
+    figure, panels = style.grid(count, 4, width if count > 1 else min(width, TWO_COLUMNS), PROFILE_HEIGHT)
     for ax, row in zip(panels, rows, strict=False):
         _profile(ax, row)
     for ax, of_two in zip(panels[len(rows) :], contours, strict=True):
         _contour(ax, of_two)
-    letter(panels)
+    style.letter(panels)
     return figure
 
 
@@ -86,27 +76,22 @@ def _contour(ax: Axes, data: xr.Dataset) -> None:
     """Contours of two parameters; dashed, the ellipses of their standard errors."""
     levels = np.sqrt(data.attrs["thresholds"])
     names, estimate, error = data.parameter.values.tolist(), data.estimate.values, data.standard_error.values
-    (x_unit, x_label), (y_unit, y_label) = (
-        _power_of_ten(value, name) for value, name in zip(data.value.values, names, strict=True)
-    )
+    pairs = [_power_of_ten(value, name) for value, name in zip(data.value.values, names, strict=True)]
+    units, labels = np.array([unit for unit, _ in pairs]), [label for _, label in pairs]
+    middle, error = (estimate / units)[:, None], (error / units)[:, None]
     slope = data.correlation.item()
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     round_ = np.array([np.cos(turn), slope * np.cos(turn) + np.sqrt(1.0 - slope**2) * np.sin(turn)])
     for level in levels:
-        x, y = estimate[:, None] + level * error[:, None] * round_
-        ax.plot(x / x_unit, y / y_unit, color=GREY, linewidth=0.8, linestyle="--")
-    x, y = data.value.values
+        ax.plot(*(middle + level * error * round_), color=GREY, linewidth=0.8, linestyle="--")
+    x, y = (value / unit for value, unit in zip(data.value.values, units, strict=True))
     # The root of the deviance is nearly straight between points.
-    lines = ax.contour(
-        x / x_unit, y / y_unit, np.sqrt(data.deviance), levels, colors=[INK, ORANGE], linewidths=1
-    )
-    ax.legend(
-        lines.legend_elements()[0], [f"{100.0 * p:g} %" for p in data.attrs["levels"]], **LEGEND, ncol=2
-    )
-    ax.plot(estimate[0] / x_unit, estimate[1] / y_unit, color=INK, marker="+", linestyle="")
+    lines = ax.contour(x, y, np.sqrt(data.deviance), levels, colors=[INK, ORANGE], linewidths=1)
+    names = [f"{100.0 * p:g} %" for p in data.attrs["levels"]]
+    ax.legend(lines.legend_elements()[0], names, **style.LEGEND, ncol=2)
+    ax.plot(*middle, color=INK, marker="+", linestyle="")
     shown = np.isfinite(data.deviance.values)
-    ax.set(xlabel=x_label, ylabel=y_label)
-    ax.set(xlim=_around(x[shown] / x_unit), ylim=_around(y[shown] / y_unit))
+    ax.set(xlabel=labels[0], ylabel=labels[1], xlim=_around(x[shown]), ylim=_around(y[shown]))
     ax.locator_params(nbins=4)
 
 
@@ -120,8 +105,8 @@ def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
     """What values are drawn in, and the label of their axis: an offset at its end would hide the label."""
     power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))
     if -2 <= power <= 3:
-        return 1.0, in_latex(name)
-    return 10.0**power, f"{in_latex(name)} ($10^{{{power}}}$)"
+        return 1.0, style.in_latex(name)
+    return 10.0**power, f"{style.in_latex(name)} ($10^{{{power}}}$)"
 
 
 def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
@@ -135,7 +120,7 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
-    figure, panels = grid(count, 6, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
+    figure, panels = style.grid(count, 6, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
     colours = [KIND_COLOURS.get(kind, INK) for kind in data.kind.values.tolist()]
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
         row = data.sel(force=symbol)
@@ -143,20 +128,16 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         estimate, error = row.estimate.item() / unit, row.stated_error.item() / unit
         ax.axvspan(estimate - 2.0 * error, estimate + 2.0 * error, color=INK, alpha=0.12, linewidth=0)
         ax.axvline(estimate, color=INK, linewidth=0.6)
-        for at, (value, of_it, colour) in enumerate(
-            zip(row.coefficient.values, row.standard_error.values, colours, strict=True)
-        ):
-            if np.isfinite(value):
-                ax.errorbar(
-                    value / unit, at, xerr=of_it / unit, fmt="o", color=colour, markersize=3, linewidth=0.8
-                )
+        values, errors = row.coefficient.values / unit, row.standard_error.values / unit
+        for at in np.flatnonzero(np.isfinite(values)):
+            look: dict[str, Any] = {"fmt": "o", "color": colours[at], "markersize": 3, "linewidth": 0.8}
+            ax.errorbar(values[at], at, xerr=errors[at], **look)
         ax.set_xlabel(label, fontsize=FONT + 1.0)
         ax.locator_params(axis="x", nbins=2)
         ax.tick_params(labelsize=FONT)
     labels = [f"{kind}: {fit}" for kind, fit in zip(data.kind.values.tolist(), fits, strict=True)]
-    panels[0].set_yticks(range(len(fits)), labels)
-    panels[0].set_ylim(len(fits) - 0.4, -0.6)
-    letter(panels)
+    style.name_rows(panels[0], labels)
+    style.letter(panels)
     return figure
 
 
@@ -172,16 +153,15 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS
-    heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
-    figure = new_figure(width, sum(heights))
-    rows = figure.add_gridspec(2, 1, height_ratios=heights)
-    curves = rows[0].subgridspec(*((1, 2) if wide else (2, 1)))
-    panels = [figure.add_subplot(curves[at]) for at in range(2)]
+    rows = ["AB"] if wide else ["AA", "BB"]
+    heights = [*(CURVES_HEIGHT for _ in rows), ROW * (1.0 if wide else 1.5) * (count + 2)]
+    figure = style.new_figure(width, sum(heights))
+    mosaic = figure.subplot_mosaic(";".join([*rows, "CC"]), height_ratios=heights)
+    *panels, differences = mosaic.values()
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         _draw_samples(ax, tree, name)
-    panels.append(figure.add_subplot(rows[1]))
-    _draw_differences(panels[-1], tree, wide)
-    letter(panels)
+    _draw_differences(differences, tree, wide)
+    style.letter(mosaic.values())
     lines, labels = panels[0].get_legend_handles_labels()
     figure.legend(lines, labels, ncols=2 if wide else 1, loc="outside upper right", frameon=False, fontsize=8)
     return figure
@@ -221,17 +201,10 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
         # Beside the row, or in a column above it.
         place, side = ((1.01, at), "center") if wide else ((0.02, at - 0.16), "bottom")
-        text = " and ".join(pair) + outside
-        ax.annotate(
-            text,
-            place,
-            xycoords=("axes fraction", "data"),
-            va=side,
-            color=colour,
-            fontsize=8 if wide else FONT,
-            annotation_clip=False,
-            bbox=None if wide else WHITE,
-        )
-    ax.set(xlim=(-edge, edge), ylim=(len(symbols) - 0.4, -0.6))
-    ax.set_yticks(range(len(symbols)), [in_latex(symbol) for symbol in symbols])
+        note: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
+        look: dict[str, Any] = {"va": side, "color": colour, "fontsize": 8 if wide else FONT}
+        look["bbox"] = None if wide else style.WHITE
+        ax.annotate(" and ".join(pair) + outside, place, **note, **look)
+    ax.set_xlim(-edge, edge)
+    style.name_rows(ax, [style.in_latex(symbol) for symbol in symbols])
     ax.set_xlabel("first minus second, over its standard error", fontsize=8)

@@ -11,9 +11,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from sysid_trib import plots
-from sysid_trib.plots.at_a_glance import drawn_overview
-from sysid_trib.plots.motion_panels import MOST_POINTS
-from sysid_trib.plots.overview_data import held_out_sentence, overview_data
+from sysid_trib.plots.motion_panels import MOST_POINTS, held_out_sentence
 from sysid_trib.printing import Block, Layer
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
@@ -92,10 +90,10 @@ def _glance(tree: xr.DataTree) -> list[Part]:
         return FIGURES["driven"](tree)
     figures = []
     for run in range(len(record_groups(tree))):
-        data = overview_data(tree, run)
-        caption = CAPTIONS["glance_backbone"] * (data.backbone is not None)
-        caption += CAPTIONS["glance_discovery" if data.of_discovery else "glance"]
-        figures.append(_over_time(tree, run, caption, drawn_overview(data)))
+        curves = group_names("lack_of_fit", len(record_groups(tree)))[run]
+        caption = CAPTIONS["glance_backbone"] * (curves in tree.children)
+        caption += CAPTIONS["glance_discovery" if kind_of(tree) == "discover" else "glance"]
+        figures.append(_over_time(tree, run, caption, plots.overview(tree, run)))
     return figures
 
 
