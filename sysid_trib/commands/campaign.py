@@ -10,23 +10,14 @@ from typing import Any
 
 import xarray as xr
 
+from sysid_trib.campaigns import new_store, task
 from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
-from sysid_trib.campaigns.new_store import CampaignRecords
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.campaigns.study import load_study
-from sysid_trib.campaigns.task import TASKS, Task
+from sysid_trib.commands import options
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.destination import check_output, print_json
-from sysid_trib.commands.options import (
-    ConstraintOptions,
-    DecayOptions,
-    ModelOptions,
-    SearchOptions,
-    StartOptions,
-    changed_flags,
-    flag_of,
-)
 from sysid_trib.commands.own_options import CampaignOptions
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import command_line, print_blocks
@@ -37,10 +28,10 @@ from sysid_trib.validation.between_runs import between_runs, without_collinear
 
 def campaign(
     tell: Tell,
-    given: DecayOptions,
-    model: ModelOptions,
-    constraint: ConstraintOptions,
-    search: SearchOptions,
+    given: options.DecayOptions,
+    model: options.ModelOptions,
+    constraint: options.ConstraintOptions,
+    search: options.SearchOptions,
     asked: CampaignOptions,
 ) -> Callable[[], None]:
     """Do a task with each record, and write what varies between them on a page."""
@@ -54,7 +45,7 @@ def campaign(
     reads = [*([] if asked.study else records), asked.study, asked.conditions]
     reads += [model.library, search.candidates, given.system]
     check_output(page, page.suffix, reads=[Path(name) for name in reads if name is not None])
-    table = _conditions(asked, CampaignRecords(records).names)
+    table = _conditions(asked, new_store.CampaignRecords(records).names)
     store = filled(
         records,
         _task(given, model, constraint, search, asked),
@@ -82,32 +73,32 @@ def campaign(
     return say
 
 
-def decays_of(given: DecayOptions, model: ModelOptions, path: str) -> Sequence[xr.Dataset]:
+def decays_of(given: options.DecayOptions, model: options.ModelOptions, path: str) -> Sequence[xr.Dataset]:
     """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
     return read_decays(replace(given, records=[Path(path)]), model)[0]
 
 
 def _task(
-    given: DecayOptions,
-    model: ModelOptions,
-    constraint: ConstraintOptions,
-    search: SearchOptions,
+    given: options.DecayOptions,
+    model: options.ModelOptions,
+    constraint: options.ConstraintOptions,
+    search: options.SearchOptions,
     asked: CampaignOptions,
-) -> Task:
+) -> task.Task:
     """The task that the options ask for; an option that it does not have is refused."""
     name = asked.task
-    if name not in TASKS:
-        raise UsageError(f"--task '{name}' is unknown: give {', '.join(TASKS)}.")
+    if name not in task.TASKS:
+        raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
     # How a file is read does not depend on which others there are.
     read = partial(decays_of, replace(given, records=[]), model)
     if name == "discover":
-        known = [flag_of(part) for part in fields(StartOptions)]
-        _refuse(name, [flag for flag in changed_flags(model, constraint) if flag not in known])
+        known = [options.flag_of(part) for part in fields(options.StartOptions)]
+        _refuse(name, [flag for flag in options.changed_flags(model, constraint) if flag not in known])
         if asked.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
-        start, offered, options = asked_search(model, model.forces, search, given.system)
-        return Task("discover", start, candidates=offered, read=read, options=options)
-    _refuse(name, changed_flags(search))
+        start, offered, how = asked_search(model, model.forces, search, given.system)
+        return task.Task("discover", start, candidates=offered, read=read, options=how)
+    _refuse(name, options.changed_flags(search))
     of_model = asked_model(model, constraint, given.system)
     methods = of_model.every_method
     # The two that `identify` holds against each other.
@@ -116,7 +107,7 @@ def _task(
         wanted = [label.strip() for label in asked.methods.split(",")]
     if misspelt := [label for label in wanted if label not in methods]:
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
-    return Task(
+    return task.Task(
         name,  # type: ignore[arg-type]
         of_model.library,
         {label: methods[label] for label in wanted},
