@@ -64,7 +64,7 @@ def to_nonlinear_system(
     """
     import control
 
-    given = _model(model)
+    given = model if isinstance(model, Model) else model_of(model)
     _refuse_memory(given)
     forces = given.forces
     gain = _gain(inertia)
@@ -117,7 +117,7 @@ def linearise(
     """
     import control
 
-    given = _model(model)
+    given = model if isinstance(model, Model) else model_of(model)
     matrix, names = _at_rest(given) if amplitude is None else _about_a_cycle(given, amplitude)
     size = len(names)
     enters = np.zeros((size, 1))
@@ -176,10 +176,6 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
     return xr.Dataset(data)
 
 
-def _model(model: Model | xr.Dataset) -> Model:
-    return model if isinstance(model, Model) else model_of(model)
-
-
 def _gain(inertia: float | None) -> float:
     if inertia is None:
         return 1.0
@@ -196,18 +192,24 @@ def _refuse_memory(model: Model) -> None:
             )
 
 
+def _values(force: Force, model: Model, x: float, v: float, time: float, inner: Any) -> list[float]:
+    """Value of h and of the rates of a force's internal states."""
+    hidden = dict(zip(force.state, np.asarray(inner).tolist(), strict=True))
+    names = {"x": x, "v": v, "t": time, **hidden, **force.shape_values(model.shapes)}
+    h = force.value(x, v, time, shapes=model.shapes, hidden=hidden)
+    return [float(h), *(float(formula.evaluate(names)) for formula in force.state.values())]
+
+
 def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:
     """Rates of theta, theta_dot and the internal states (per s), without the input."""
-    w = model.reference_frequency
-    x, v, at = float(state[0]), float(state[1]) / w, 2
-    rates = [state[1], -(w**2) * x]
+    w, at = model.reference_frequency, 2
+    rates = [state[1], -(w**2) * state[0]]
     for force in model.forces:
-        hidden = dict(zip(force.state, np.asarray(state)[at:].tolist(), strict=False))
+        inner = state[at : at + len(force.state)]
+        h, *inner_rates = _values(force, model, float(state[0]), float(state[1]) / w, time, inner)
         at += len(force.state)
-        h = float(force.value(x, v, time, shapes=model.shapes, hidden=hidden))
         rates[1] -= w**2 * coefficients[force.symbol] * h
-        names = {"x": x, "v": v, "t": time, **hidden, **force.shape_values(model.shapes)}
-        rates += [w * float(formula.evaluate(names)) for formula in force.state.values()]
+        rates += [w * rate for rate in inner_rates]
     return np.array(rates, dtype=float)
 
 
