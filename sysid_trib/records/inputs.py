@@ -51,16 +51,15 @@ class KnownInput:
     between: str = "linear"
 
     def __post_init__(self) -> None:
-        shapes = np.shape(self.elapsed), np.shape(self.values)
-        if shapes[0] != shapes[1] or len(shapes[0]) != 1:
-            raise UsageError(
-                f"A known input has one number for each sample; {shapes[1]} came for {shapes[0]}."
-            )
+        given, wanted = np.shape(self.values), np.shape(self.elapsed)
+        if given != wanted or len(wanted) != 1:
+            raise UsageError(f"A known input has one number for each sample; {given} came for {wanted}.")
         if not np.all(np.isfinite(self.values)):
             raise UsageError("A known input must be finite numbers; cut the record where it is not.")
-        if self.between not in BETWEEN_SAMPLES:
-            words = ", ".join(BETWEEN_SAMPLES)
-            raise UsageError(f"Between samples an input is one of {words}, not '{self.between}'.")
+        if (between := self.between) not in BETWEEN_SAMPLES:
+            raise UsageError(
+                f"Between samples an input is one of {', '.join(BETWEEN_SAMPLES)}, not '{between}'."
+            )
 
     @cached_property
     def _polynomials(self) -> tuple[PPoly, ...]:
@@ -73,10 +72,8 @@ class KnownInput:
             knots, held = self.elapsed, self.values[:-1]
             slope = np.diff(self.values) / np.diff(self.elapsed)
             powers = np.array([held] if self.between == "held" else [slope, held])
-        still = np.zeros((len(powers), 1))
-        ends = still.copy(), still.copy()
-        ends[0][-1], ends[1][-1] = self.values[0], self.values[-1]
-        whole = np.hstack([ends[0], powers, ends[1]])
+        whole = np.pad(powers, ((0, 0), (1, 1)))
+        whole[-1, [0, -1]] = self.values[[0, -1]]
         value = PPoly(whole, np.concatenate([[knots[0] - 1.0], knots, [knots[-1] + 1.0]]))
         return value, value.derivative()
 
