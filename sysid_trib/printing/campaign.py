@@ -11,17 +11,15 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.campaigns.variables import EFFECT_P_VALUE, TIED
-from sysid_trib.printing import USUALLY, Block
-from sysid_trib.printing.layout import by_label, first_and_more, p_value_text, text_table, values_with_errors
-from sysid_trib.printing.plain_data import Source, per_label, same
+from sysid_trib.printing import USUALLY, Block, layout, plain_data
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
 STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
 SCATTER = "Mean, effects of conditions, scatter"
-QUANTITY: dict[str, Source] = {
-    **same("verdict", "between_run", "between_run_lower", "between_run_upper"),
+QUANTITY: dict[str, plain_data.Source] = {
+    **plain_data.same("verdict", "between_run", "between_run_lower", "between_run_upper"),
     "effects": ("term", "effect±"),
 }
 
@@ -65,7 +63,7 @@ def _refusals(store: xr.Dataset) -> list[str]:
         why if why.startswith(name.rpartition("/")[2]) else f"{name}: {why}"
         for name, why in _reasons(store).items()
     ]
-    return first_and_more(sentences, REFUSALS, ": see `message` in the store")
+    return layout.first_and_more(sentences, REFUSALS, ": see `message` in the store")
 
 
 def _of_done(store: xr.Dataset, name: str) -> list[str]:
@@ -112,7 +110,7 @@ def named_text(record: xr.Dataset) -> str:
     if not named or EFFECT_P_VALUE not in record:
         return named
     p_values = record[EFFECT_P_VALUE]
-    pairs = [f"{s} (p {p_value_text(p_values.sel(force=s).item())})" for s in named.split(", ")]
+    pairs = [f"{s} (p {layout.p_value_text(p_values.sel(force=s).item())})" for s in named.split(", ")]
     tied = str(record[TIED].item())
     return f"{', '.join(pairs)}{f'; not to be separated: {tied}' if tied else ''}"
 
@@ -123,9 +121,9 @@ def _between_records(compared: xr.Dataset) -> Table:
     deviations = {"between records": "between_run"}
     deviations |= {k: k for k in ("repeatability", "reproducibility") if "repeatability" in compared}
     rows = []
-    for name, row in by_label(compared, "quantity").items():
-        effects = values_with_errors(row.effect, row.effect_standard_error)
-        p_values = [p_value_text(p, "") for p in row.condition_p_value.values.tolist()]
+    for name, row in layout.by_label(compared, "quantity").items():
+        effects = layout.values_with_errors(row.effect, row.effect_standard_error)
+        p_values = [layout.p_value_text(p, "") for p in row.condition_p_value.values.tolist()]
         rows.append(
             {
                 "quantity": name,
@@ -136,7 +134,7 @@ def _between_records(compared: xr.Dataset) -> Table:
                 "verdict": row.verdict.item(),
             }
         )
-    return text_table(rows, ("quantity", "unit", "verdict"))
+    return layout.text_table(rows, ("quantity", "unit", "verdict"))
 
 
 def _interval(of_quantity: xr.Dataset, name: str) -> str:
@@ -166,7 +164,7 @@ def _outliers(compared: xr.Dataset) -> list[str]:
         f"{largest[at]:.1f} standard deviations."
         for at in order
     ]
-    return first_and_more(sentences, REFUSALS)
+    return layout.first_and_more(sentences, REFUSALS)
 
 
 def campaign_json(
@@ -177,6 +175,6 @@ def campaign_json(
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
     if compared is not None:
-        made["between_records"] = per_label(compared, "quantity", QUANTITY)
+        made["between_records"] = plain_data.per_label(compared, "quantity", QUANTITY)
         made["collinear_conditions"] = _collinear(compared)
     return made

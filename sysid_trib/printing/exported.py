@@ -15,9 +15,7 @@ from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import layout
 from sysid_trib.printing.equation import equation_latex, formula_latex, frequency_text, power_of_ten
 from sysid_trib.printing.plain_data import csv_of
-from sysid_trib.results.files import kind_of
-from sysid_trib.results.schema import library_of
-from sysid_trib.results.variables import record_groups, signal_units
+from sysid_trib.results import files, schema, variables
 from sysid_trib.validation import findings
 from sysid_trib.validation.verdict import record_noise
 
@@ -65,12 +63,12 @@ def _tabular(columns: str, head: str, rows: Sequence[str]) -> list[str]:
 
 def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     """What a table carries of its record and of the verdict on it, by name."""
-    records = [tree[group] for group in record_groups(tree)]
+    records = [tree[group] for group in variables.record_groups(tree)]
     windows = [f"{float(r.time.values[0]):.6g} to {float(r.time.values[-1]):.6g} s" for r in records]
     samples = [str(record.sizes["time"]) for record in records]
     details = {"window": ", ".join(windows), "samples": ", ".join(samples)}
-    details["units"] = signal_units(tree)
-    kind = kind_of(tree)
+    details["units"] = variables.signal_units(tree)
+    kind = files.kind_of(tree)
     if kind == "difference":
         return {"verdict": str(tree.attrs["verdict"])} | details
     details["noise"] = f"{record_noise(tree):.2g} {details['units']}"
@@ -110,7 +108,7 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
                 yield own | _number(force, MU) | {"name": MU.replace("_", " "), "unit": "1"}
         for name in (name for name in GIVEN if name in values):
             yield words | {"quantity": name, "unit": values[name].attrs["units"]} | _number(values, name)
-    if kind_of(tree) == "difference":
+    if files.kind_of(tree) == "difference":
         for symbol, row in layout.by_label(tree.to_dataset(), "force").items():
             tested = {name: row[name].item() for name in ("standard_error", "z", "p_value")}
             yield {"method": DIFFERENCE, "quantity": symbol, "value": row.difference.item()} | tested
@@ -123,7 +121,7 @@ def _number(data: xr.Dataset, name: str) -> dict[str, float]:
 def latex_text(tree: xr.DataTree) -> str:
     r"""A table (`booktabs`) of all coefficients with errors, and the equation of the main identification."""
     named = findings.given_results(tree)
-    letters = {f.symbol: f.latex_symbol for result in named.values() for f in library_of(result)}
+    letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
     for row in _rows(tree):
         if row["quantity"] in GIVEN:
@@ -147,7 +145,7 @@ def latex_text(tree: xr.DataTree) -> str:
     lines = _tabular(f"l{'c' * (len(table[0]) - 1)}", head, rows)
     caption = rf"\caption{{{_caption(tree, named)}}}"
     lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
-    if kind_of(tree) != "difference":
+    if files.kind_of(tree) != "difference":
         main = findings.main_result(tree)
         lines += ["", "% no method gave a model" if main is None else equation_latex(main)]
     return "\n".join([*lines, ""])
@@ -196,7 +194,7 @@ def _escaped(text: str) -> str:
 def methods_text(tree: xr.DataTree) -> str:
     """A paragraph in LaTeX on a result of `identify`, and the equation of its answer."""
     main = findings.main_result(tree)
-    records, unit = [tree[group] for group in record_groups(tree)], signal_units(tree)
+    records, unit = [tree[group] for group in variables.record_groups(tree)], variables.signal_units(tree)
     rate = 1.0 / float(np.median(np.diff(records[0].time.values)))
     samples = ", ".join(f"{record.sizes['time']:,}" for record in records)
     what, were = ("Free decays", "were") if len(records) > 1 else ("A free decay", "was")
@@ -207,7 +205,7 @@ def methods_text(tree: xr.DataTree) -> str:
     method = main.attrs["method"]
     others = [name for name in findings.kept_results(tree) if name != method]
     # A library is its user's: no letter of a name is a command.
-    forces = ", ".join(re.sub(r"[^\w ,().-]", " ", force.name) for force in library_of(main))
+    forces = ", ".join(re.sub(r"[^\w ,().-]", " ", force.name) for force in schema.library_of(main))
     said.append(
         rf"The equation of motion~\cite{{lebot2019}} has the forces {forces}; their coefficients "
         f"come from {IN_WORDS.get(method, method)}, in PySINDy's optimisers"

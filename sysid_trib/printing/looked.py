@@ -14,9 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.printing import Block
-from sysid_trib.printing.layout import text_table, value_with_error
-from sysid_trib.printing.plain_data import Source, csv_of, mapped, same
+from sysid_trib.printing import Block, layout, plain_data
 
 # What the table of a library refers to, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -39,7 +37,7 @@ def force_table(library: ForceLibrary) -> Table:
         averaged = (text.removesuffix(AT_TWO).replace(", ", "\n") for text in signature_text(force))
         cells = (force.symbol, words, "\n".join(kind), *averaged)
         rows.append(dict(zip(FORCE_HEADS, cells, strict=True)))
-    return text_table(rows, FORCE_HEADS, (FORCE_HEADS[0], *FORCE_HEADS[3:]))
+    return layout.text_table(rows, FORCE_HEADS, (FORCE_HEADS[0], *FORCE_HEADS[3:]))
 
 
 def equations_of(force: Force) -> list[str]:
@@ -111,9 +109,9 @@ FACTS = (
     *("drift", "noise", "sensor_step", "samples_per_period"),
 )
 SAID = ("source", "signal", "angle_unit_in_file", "angle_column", "time_column", "clock", "reading")
-RECORD_JSON: dict[str, Source] = {name: f"@{name}" for name in SAID}
-DECAY_JSON: dict[str, Source] = {
-    **same(*FACTS),
+RECORD_JSON: dict[str, plain_data.Source] = {name: f"@{name}" for name in SAID}
+DECAY_JSON: dict[str, plain_data.Source] = {
+    **plain_data.same(*FACTS),
     "unit": lambda decay: decay.first_amplitude.attrs["units"],
     **{name: f"@{name}" for name in ("free_decay", "points_to_forces", "points_to_system")},
 }
@@ -123,10 +121,10 @@ CURVE_NAMES = ("frequency", "damping_ratio", "dissipative_force", "elastic_force
 CURVE_COLUMNS = tuple(
     f"{name}{end}" for name in CURVE_NAMES for end in ("", "_standard_error", "_low", "_high")
 )
-CURVES_JSON: dict[str, Source] = {
+CURVES_JSON: dict[str, plain_data.Source] = {
     "source": "@source",
     "unit": lambda data: data.amplitude.attrs["units"],
-    **same("amplitude", *CURVE_COLUMNS),
+    **plain_data.same("amplitude", *CURVE_COLUMNS),
 }
 EXPLANATION = (
     "±: half the band that holds the whole curve in 95 % of records, for noise of the sensor and a random "
@@ -157,8 +155,8 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     """The facts about a record as plain data, in the unit of the record."""
     records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
-        "records": [mapped(record, RECORD_JSON) for record in records],
-        "decays": [mapped(decay, DECAY_JSON) for decay in _decays(tree)],
+        "records": [plain_data.mapped(record, RECORD_JSON) for record in records],
+        "decays": [plain_data.mapped(decay, DECAY_JSON) for decay in _decays(tree)],
         "next": next_command,
     }
 
@@ -252,7 +250,7 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
 
 def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
     """The curves of each run as plain data, in the unit of the record."""
-    return {"runs": [mapped(data, CURVES_JSON) for data in backbones.values()]}
+    return {"runs": [plain_data.mapped(data, CURVES_JSON) for data in backbones.values()]}
 
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
@@ -262,7 +260,7 @@ def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
         words = {"run": run, "unit": data.amplitude.attrs["units"]}
         table = zip(*(data[name].values.tolist() for name in heads), strict=True)
         rows += [words | dict(zip(heads, values, strict=True)) for values in table]
-    return csv_of(["run", "unit", *heads], rows)
+    return plain_data.csv_of(["run", "unit", *heads], rows)
 
 
 def _table(data: xr.Dataset) -> Table:
@@ -275,6 +273,6 @@ def _table(data: xr.Dataset) -> Table:
     for at in places:
         point = data.isel(amplitude=at)
         pairs = {head: (point[name].item(), point[f"{name}_high"].item()) for name, head in heads.items()}
-        cells = {head: value_with_error(value, high - value) for head, (value, high) in pairs.items()}
+        cells = {head: layout.value_with_error(value, high - value) for head, (value, high) in pairs.items()}
         rows.append({f"amplitude ({unit})": f"{amplitude[at]:.3g}", **cells})
-    return text_table(rows)
+    return layout.text_table(rows)

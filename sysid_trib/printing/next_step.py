@@ -7,10 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing import ALWAYS, Block
-from sysid_trib.printing.comparison import ratio_of_best
-from sysid_trib.printing.layout import by_label, name_and_unit, text_table
-from sysid_trib.printing.plain_data import per_label, same
+from sysid_trib.printing import ALWAYS, Block, comparison, layout, plain_data
 from sysid_trib.results.effects import candidates_of, credible_set, determines
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
@@ -85,7 +82,7 @@ def _after_nothing(result: xr.Dataset) -> NextStep:
 
 def _after_comparison(tree: xr.DataTree) -> NextStep:
     table = tree["comparison"].to_dataset()
-    reason = "tests further effects" if ratio_of_best(table) <= LARGE else "names what is missing"
+    reason = "tests further effects" if comparison.ratio_of_best(table) <= LARGE else "names what is missing"
     return _search(tree, reason)
 
 
@@ -141,7 +138,7 @@ def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
     """What is said of runs that may be made next; `stated` is the identification that is known."""
     return [
         Block(_sentences(data, stated), ALWAYS),
-        Block(table=text_table(_rows(data, stated)[:MOST_RUNS]), layers=ALWAYS),
+        Block(table=layout.text_table(_rows(data, stated)[:MOST_RUNS]), layers=ALWAYS),
     ]
 
 
@@ -187,8 +184,8 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
     """What is printed of each run: release, duration, and what it tells."""
     several, rows = len(data.attrs["models"]) > 1, []
     units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
-    heads = [name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
-    for run in by_label(data, "run").values():
+    heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
+    for run in layout.by_label(data, "run").values():
         row = {f"release ({_unit(data)})": _size(run), "duration (s)": f"{run.duration.item():.3g}"}
         if several:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
@@ -201,7 +198,7 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
     """A plan as plain data, all runs."""
-    table = same("amplitude", "duration", "samples", "probability", "entropy", "meets")
-    runs = per_label(data, "run", table | {"errors": ("force", "standard_error")})
+    table = plain_data.same("amplitude", "duration", "samples", "probability", "entropy", "meets")
+    runs = plain_data.per_label(data, "run", table | {"errors": ("force", "standard_error")})
     models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
     return {"models": models, "odds": data.attrs["odds"], "runs": list(runs.values())}

@@ -15,9 +15,7 @@ from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import ALWAYS, Block
 from sysid_trib.printing.layout import by_label, quantity, text_table
 from sysid_trib.printing.plain_data import COEFFICIENT, Source, mapped, per_label, same
-from sysid_trib.results.effects import significant
-from sysid_trib.results.schema import library_of
-from sysid_trib.results.variables import signal_units
+from sysid_trib.results import effects, schema, variables
 
 # A share below this is not worth a word.
 SMALL = 5e-4
@@ -161,7 +159,7 @@ def _ends(amplitude: ArrayLike, time: ArrayLike) -> list[tuple[float, float]]:
 
 def _significant(result: xr.Dataset) -> set[str]:
     """Symbols of the forces that differ from zero."""
-    return set(result.force.values[significant(result)].tolist())
+    return set(result.force.values[effects.significant(result)].tolist())
 
 
 def _weights(result: xr.Dataset, amplitude: float, time: float) -> list[str]:
@@ -174,7 +172,7 @@ def _weights(result: xr.Dataset, amplitude: float, time: float) -> list[str]:
         if kept:
             texts = [f"{force.force.item()} {quantity(force, weight, ' %', 100.0)}" for force in kept]
             parts.append(f"the {what} comes from {', '.join(texts)}")
-    return [f"At {amplitude:.3g} {signal_units(result)}, {'; '.join(parts)}."] if parts else []
+    return [f"At {amplitude:.3g} {variables.signal_units(result)}, {'; '.join(parts)}."] if parts else []
 
 
 def _inertia(si: xr.Dataset | None) -> dict[str, float]:
@@ -190,13 +188,13 @@ def _energy(result: xr.Dataset, amplitude: float, time: float, si: xr.Dataset | 
         return []
     percent = quantity(values, "lost_fraction", " %", 100.0)
     joule = "" if not inertia else f", {quantity(values, 'total_energy', ' J')}"
-    place = f"{amplitude:.3g} {signal_units(result)}"
+    place = f"{amplitude:.3g} {variables.signal_units(result)}"
     return [f"A cycle at {place} dissipates {percent} of the energy I w^2 a^2/2{joule}."]
 
 
 def _crossovers(result: xr.Dataset, ends: list[float]) -> list[str]:
     """Where two significant forces weigh the same; what the motion does not pass is extrapolated."""
-    sentences, known, unit = [], _significant(result), signal_units(result)
+    sentences, known, unit = [], _significant(result), variables.signal_units(result)
     for pair in by_label(crossovers(result), "pair").values():
         first, second = pair["first"].item(), pair["second"].item()
         finite = [rule for rule in RULE_WORDS if np.isfinite(pair.amplitude.sel(rule=rule).item())]
@@ -218,13 +216,13 @@ def _arrest(result: xr.Dataset, amplitude: float) -> list[str]:
     """When the motion stops; nothing where it is not known that what stops it, friction, acts."""
     stopping = {
         force.symbol
-        for force in library_of(result)
+        for force in schema.library_of(result)
         if force.character == "dissipative" and force.degree is not None and force.degree < 1.0
     }
     if not stopping <= _significant(result):
         return []
     values = arrest_time(result, amplitude)
-    start = f"From {values.amplitude.item():.3g} {signal_units(result)}, the averaged motion"
+    start = f"From {values.amplitude.item():.3g} {variables.signal_units(result)}, the averaged motion"
     if not np.isfinite(values.arrest_time.item()):
         return [f"{start} does not stop in a finite time."]
     exact = values.stop_time.item()

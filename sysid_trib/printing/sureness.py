@@ -9,18 +9,7 @@ import xarray as xr
 from rich.table import Table
 from scipy.stats import norm
 
-from sysid_trib.printing import ALWAYS, Block, Layer
-from sysid_trib.printing.layout import (
-    by_label,
-    name_and_unit,
-    p_value_text,
-    quantity,
-    text_table,
-    value_with_error,
-    with_unit,
-)
-from sysid_trib.printing.plain_data import Source, mapped, same
-from sysid_trib.printing.verdict import error_parts_sentence
+from sysid_trib.printing import ALWAYS, Block, Layer, layout, plain_data, verdict
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS, sufficient_forces
 from sysid_trib.results.files import identifications_of
 from sysid_trib.validation.findings import verdict_of
@@ -54,12 +43,12 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
 def _profile_blocks(data: xr.Dataset, lacking: bool) -> list[Block]:
     """Intervals by the profile likelihood, beside those by the standard error; `lacking` : of the model."""
     rows, misled = [], []
-    for name, row in by_label(data, "parameter").items():
+    for name, row in layout.by_label(data, "parameter").items():
         estimate, error, low, high = (row[k].item() for k in ("estimate", "standard_error", "low", "high"))
         rows.append(
             {
                 "parameter": name,
-                "by the motion": value_with_error(estimate, error),
+                "by the motion": layout.value_with_error(estimate, error),
                 **{k: f"{v:.4g}" if np.isfinite(v) else "none" for k, v in (("from", low), ("to", high))},
                 "over the error": f"-{(estimate - low) / error:.2f} +{(high - estimate) / error:.2f}",
             }
@@ -67,20 +56,20 @@ def _profile_blocks(data: xr.Dataset, lacking: bool) -> list[Block]:
         misled += [name] * bool(row.asymmetric.item())
     said = [f"The standard error misleads for {', '.join(misled)}: quote the interval."] * bool(misled)
     caption = f"Intervals of {100.0 * data.attrs['confidence']:g} % by the profile likelihood"
-    table = text_table(rows, ("parameter",))
+    table = layout.text_table(rows, ("parameter",))
     return [Block([NOISE_ALONE] if lacking else said, ALWAYS, "Profiles", table, caption, PROFILE)]
 
 
 def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
     """The range of each coefficient over all fits, and those that differ most."""
     rows, changed = [], []
-    for symbol, row in by_label(data, "force").items():
+    for symbol, row in layout.by_label(data, "force").items():
         change = np.nan_to_num(np.abs(row.change.values))
         at, kept = int(np.argmax(change)), int(np.isfinite(row.coefficient.values).sum())
         rows.append(
             {
                 "force": symbol,
-                "stated": value_with_error(row.estimate.item(), row.stated_error.item()),
+                "stated": layout.value_with_error(row.estimate.item(), row.stated_error.item()),
                 "from": f"{row.low.item():.4g}",
                 "to": f"{row.high.item():.4g}",
                 "fits": f"{kept} of {data.sizes['fit']}",
@@ -89,27 +78,33 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
             }
         )
         changed += [symbol] * bool(round(change[at], 1) > SIGNIFICANT_ERRORS)
-    failed = [label for label, row in by_label(data, "fit").items() if row.reason.item()]
+    failed = [label for label, row in layout.by_label(data, "fit").items() if row.reason.item()]
     sentences = []
     if changed:
         sentences.append(f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {', '.join(changed)}.")
     sentences += [f"Without a result: {', '.join(failed)}."] if failed else []
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
-    return [Block(sentences, ALWAYS, "Sensitivity", text_table(rows, ("force", "by")), caption, SENSITIVITY)]
+    return [
+        Block(
+            sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption, SENSITIVITY
+        )
+    ]
 
 
-SURE_JSON: dict[str, Source] = {
-    PROFILE: ("parameter", same("estimate", "standard_error", "low", "high", "asymmetric")),
+SURE_JSON: dict[str, plain_data.Source] = {
+    PROFILE: ("parameter", plain_data.same("estimate", "standard_error", "low", "high", "asymmetric")),
     SENSITIVITY: {
-        "forces": ("force", same("estimate", "stated_error", "low", "high")),
-        "fits": ("fit", same("kind", "reason") | {"coefficients": ("force", "coefficient")}),
+        "forces": ("force", plain_data.same("estimate", "stated_error", "low", "high")),
+        "fits": ("fit", plain_data.same("kind", "reason") | {"coefficients": ("force", "coefficient")}),
     },
 }
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
-    return mapped(tree, {name: (name, table) for name, table in SURE_JSON.items() if name in tree.children})
+    return plain_data.mapped(
+        tree, {name: (name, table) for name, table in SURE_JSON.items() if name in tree.children}
+    )
 
 
 def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
@@ -151,7 +146,7 @@ def _details(tree: xr.DataTree) -> list[str]:
     """The test of all forces, of what the errors of each run are made, and how far its model is off."""
     sentences = [f"All differences together: {_test_of_all(tree.to_dataset())}."]
     for name, run in _runs(tree):
-        sentences.append(error_parts_sentence(name, run))
+        sentences.append(verdict.error_parts_sentence(name, run))
         if "held_out_rms" in run:
             ratio = f"{(run.held_out_rms / run.noise).item():.3g} times the noise"
             sentences.append(f"Of held-out parts of {name} its model leaves {ratio}.")
@@ -161,19 +156,21 @@ def _details(tree: xr.DataTree) -> list[str]:
 def _test_of_all(data: xr.Dataset) -> str:
     """The test of all forces together."""
     test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
-    return test + p_value_text(data.p_value_of_all.item())
+    return test + layout.p_value_text(data.p_value_of_all.item())
 
 
 def _first_sentence(tree: xr.DataTree) -> str:
     """Which coefficients differ, and which do not."""
     data = tree.to_dataset()
-    rows = by_label(data, "force")
+    rows = layout.by_label(data, "force")
     held = [name for name, row in rows.items() if not np.isfinite(row.z)]
     others = [name for name, row in rows.items() if not row.differs.item() and name not in held]
     parts = []
     for name, row in rows.items():
         if row.differs.item():
-            pair = " and ".join(with_unit(quantity(row, side), _unit(tree, name)) for side in SIDES)
+            pair = " and ".join(
+                layout.with_unit(layout.quantity(row, side), _unit(tree, name)) for side in SIDES
+            )
             parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
     if parts:
         rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
@@ -194,7 +191,7 @@ def _sufficient(tree: xr.DataTree) -> str:
     parts = []
     for choice in sufficient_forces(contrast):
         of_each = (
-            f"{name} by {with_unit(value_with_error(*pair), _unit(tree, name))}"
+            f"{name} by {layout.with_unit(layout.value_with_error(*pair), _unit(tree, name))}"
             for name, pair in choice.items()
         )
         parts.append(" and ".join(of_each))
@@ -206,7 +203,7 @@ def _stiffness_sentence(data: xr.Dataset) -> str:
     value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
     z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
     first, second = _names(data)
-    return f"Stiffness of {first} over that of {second}, less 1: {value_with_error(value, error)}{z}."
+    return f"Stiffness of {first} over that of {second}, less 1: {layout.value_with_error(value, error)}{z}."
 
 
 def _warnings(tree: xr.DataTree) -> list[str]:
@@ -242,37 +239,37 @@ def _table(tree: xr.DataTree, between: bool) -> Table:
     names = dict(zip(SIDES, _names(data), strict=True))
     factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER_STATED)
     several = [side for side in SIDES if between and np.isfinite(data[f"{side}_between_runs"]).any()]
-    for symbol, row in by_label(data, "force").items():
+    for symbol, row in layout.by_label(data, "force").items():
         error = row.standard_error.item()
         rows.append(
             {
                 "force": symbol,
-                "": name_and_unit(_force(tree, symbol)["name"].item(), _unit(tree, symbol)),
-                **{name: quantity(row, side) for side, name in names.items()},
-                "difference": value_with_error(row.difference.item(), error),
+                "": layout.name_and_unit(_force(tree, symbol)["name"].item(), _unit(tree, symbol)),
+                **{name: layout.quantity(row, side) for side, name in names.items()},
+                "difference": layout.value_with_error(row.difference.item(), error),
                 "z": f"{row.z.item():+.1f}" if np.isfinite(row.z) else "-",
-                "p": p_value_text(row.p_value.item(), ""),
+                "p": layout.p_value_text(row.p_value.item(), ""),
                 "detectable": f"{factor * error:.2g}" if error > 0.0 else "-",
                 **{f"{names[s]} between its runs": f"{row[f'{s}_between_runs'].item():.2g}" for s in several},
             }
         )
-    return text_table(rows, ("force", ""))
+    return layout.text_table(rows, ("force", ""))
 
 
 # By key of the JSON.
-CONTRAST_JSON: dict[str, Source] = {
+CONTRAST_JSON: dict[str, plain_data.Source] = {
     **{side: f"{side}±" for side in SIDES},
-    **same(*(f"{side}_between_runs" for side in SIDES)),
-    **same("difference", "standard_error", "z", "p_value", "differs"),
+    **plain_data.same(*(f"{side}_between_runs" for side in SIDES)),
+    **plain_data.same("difference", "standard_error", "z", "p_value", "differs"),
 }
-JSON: dict[str, Source] = {
+JSON: dict[str, plain_data.Source] = {
     **{name: f"@{name}" for name in ("verdict", "level", "first_record", "second_record")},
     "coefficients": ("force", CONTRAST_JSON),
     "stiffness_difference": "stiffness_difference±",
-    **same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
+    **plain_data.same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
 }
 
 
 def difference_json(tree: xr.DataTree) -> dict[str, Any]:
     """A difference as plain data."""
-    return mapped(tree.to_dataset(), JSON)
+    return plain_data.mapped(tree.to_dataset(), JSON)

@@ -12,12 +12,7 @@ from rich.table import Table
 
 from sysid_trib import plots
 from sysid_trib.plots.motion_panels import MOST_POINTS, held_out_sentence
-from sysid_trib.printing import Block, Layer
-from sysid_trib.printing.comparison import comparison_blocks
-from sysid_trib.printing.discovery import discovery_blocks
-from sysid_trib.printing.driven import driven_blocks
-from sysid_trib.printing.identification import estimate_blocks, identification_blocks
-from sysid_trib.printing.sureness import difference_blocks
+from sysid_trib.printing import Block, Layer, comparison, discovery, driven, identification, sureness
 from sysid_trib.results.files import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
@@ -31,12 +26,12 @@ CAPTIONS = tomllib.loads(Path(__file__).with_name("captions.toml").read_text(enc
 TITLE = "Forces of a free decay"
 # By kind of result: the title of its page, and its blocks.
 PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
-    "identify": (TITLE, estimate_blocks),
-    "cross_check": (f"{TITLE}, by two methods", identification_blocks),
-    "driven": ("Forces of a driven record", driven_blocks),
-    "compare": (f"{TITLE}, method by method", comparison_blocks),
-    "difference": ("Two samples held against each other", difference_blocks),
-    "discover": ("What a model lacks to explain a free decay", discovery_blocks),
+    "identify": (TITLE, identification.estimate_blocks),
+    "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
+    "driven": ("Forces of a driven record", driven.driven_blocks),
+    "compare": (f"{TITLE}, method by method", comparison.comparison_blocks),
+    "difference": ("Two samples held against each other", sureness.difference_blocks),
+    "discover": ("What a model lacks to explain a free decay", discovery.discovery_blocks),
 }
 
 
