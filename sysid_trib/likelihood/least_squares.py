@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,26 +98,7 @@ def constraint_map(
     return ConstraintMap(free, matrix, constant, limits[:, 0], limits[:, 1])
 
 
-class WhiteSolution(NamedTuple):
-    """Least squares of white rows.
-
-    Attributes
-    ----------
-    coefficients : (column,) array of float
-    covariance : (column, column) array of float
-    noise : float
-        RMS residual.
-    lags : int
-        Over which the covariance allows for correlation.
-    """
-
-    coefficients: Array
-    covariance: Array
-    noise: float
-    lags: int
-
-
-def white_least_squares(columns: Array, target: Array, lags: int = 0) -> WhiteSolution:
+def white_least_squares(columns: Array, target: Array, lags: int = 0) -> tuple[Array, Array, float, int]:
     """Solve white rows.
 
     Parameters
@@ -128,6 +108,15 @@ def white_least_squares(columns: Array, target: Array, lags: int = 0) -> WhiteSo
     lags : int
         Over which the covariance is to allow for correlation where the residual has one; 0 takes it for
         white.
+
+    Returns
+    -------
+    coefficients : (column,) array of float
+    covariance : (column, column) array of float
+    noise : float
+        RMS residual.
+    lags : int
+        Over which the covariance does.
 
     Notes
     -----
@@ -149,7 +138,7 @@ def white_least_squares(columns: Array, target: Array, lags: int = 0) -> WhiteSo
         from statsmodels.stats.sandwich_covariance import S_hac_simple
 
         covariance = inverse @ S_hac_simple(scaled * residual[:, None], nlags=lags) @ inverse
-    return WhiteSolution(solved * unit, covariance * np.outer(unit, unit), noise, lags)
+    return solved * unit, covariance * np.outer(unit, unit), noise, lags
 
 
 def _correlated(residual: Array) -> bool:

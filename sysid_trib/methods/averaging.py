@@ -143,6 +143,7 @@ class Averaging(Constrained):
     def _auxiliary(self, library: ForceLibrary, free: ConstraintMap) -> AuxiliaryModel:
         """The averaged equations of the free coefficients, whose parameters are w c of each, and w."""
         whole, reference = averaged_equations(library, self.shapes), self.reference_frequency
+        damping = [(library.symbols.index(s), factor) for s, factor in library.damping_factors.items()]
         # Of (w c of each force, w) as linear functions of (w c of each free one, w).
         expand = np.block([[free.matrix, free.constant[:, None]], [np.zeros(len(free.free)), np.ones(1)]])
 
@@ -164,8 +165,8 @@ class Averaging(Constrained):
             )
             if reference is None:
                 # That at zero amplitude, which damping lowers.
-                for symbol, factor in library.damping_factors.items():
-                    frequency = np.hypot(frequency, factor * products[library.symbols.index(symbol)])
+                for at, factor in damping:
+                    frequency = np.hypot(frequency, factor * products[at])
             # Of the frequency that holds here, and not of the one at zero amplitude.
             coefficients = np.array(products)[free.free] / frequency
             return np.append(free.matrix @ coefficients + free.constant, frequency)

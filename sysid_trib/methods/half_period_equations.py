@@ -167,13 +167,14 @@ def solve(
     design, target = (np.concatenate(parts) for parts in zip(*(table[:2] for table in tables), strict=True))
     free = design[:, :-1] if rule == "last" else design
     _check_rank(free, names, sum(table[2][-1] + 1 for table in tables))
+    linear = [_linear(equations, run) for run in measured]
     size = np.linalg.norm(design, axis=0)
     parameters = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
     rounded = [_with_rounding(run) for run in measured]
     ends = np.cumsum([len(table[1]) for table in tables])[:-1]
     # The covariance depends on the parameters, weakly.
     for _ in range(2):
-        runs = [_linear(equations, run, parameters) for run in measured]
+        runs = [at(parameters) for at in linear]
         noises = [run.noise(errors) for run, errors in zip(runs, rounded, strict=True)]
         factors = [whitener(noise) for noise in noises]
         pairs = list(zip(factors, np.split(design / size, ends), strict=True))
@@ -231,25 +232,34 @@ def _rows(
     return design.reshape(target.size, -1), target.ravel(), instant
 
 
-def _linear(equations: Equations, measured: xr.Dataset, parameters: Array) -> HalfPeriodEquations:
-    """The equations with their slopes by the extrema and their times."""
+def _linear(equations: Equations, measured: xr.Dataset) -> Callable[[Array], HalfPeriodEquations]:
+    """The equations with their slopes by the extrema and their times, of any parameters."""
     design, target, instant = _rows(equations, measured)
     steps = _steps(measured)
     half_periods = steps.shape[1]
     count = half_periods - instant[-1]
-    entries, columns = [], []
+    of_design, of_target, columns = [], [], []
     for kind, first in np.ndindex(2, count):
         # Half periods so far apart that no equation holds two of them are changed at once.
         shift = np.zeros_like(steps)
         shift[kind, first::count] = steps[kind, first::count]
-        changed = [_rows(equations, measured, side * shift) for side in (1.0, -1.0)]
-        change = np.subtract(*(y - a @ parameters for a, y, _ in changed))
+        (after, y_after, _), (before, y_before, _) = (
+            _rows(equations, measured, side * shift) for side in (1.0, -1.0)
+        )
         half = instant + (first - instant) % count
-        entries.append(change / (2.0 * steps[kind, half]))
+        difference = 2.0 * steps[kind, half]
+        of_design.append((after - before) / difference[:, None])
+        of_target.append((y_after - y_before) / difference)
         columns.append(kind * half_periods + half)
     places = np.tile(np.arange(len(target)), len(columns)), np.concatenate(columns)
-    slopes = sp.csr_matrix((np.concatenate(entries), places), (len(target), 2 * half_periods))
-    return HalfPeriodEquations(design, target - design @ parameters, slopes, instant)
+    slopes_of_design, slopes_of_target = np.concatenate(of_design), np.concatenate(of_target)
+
+    def at(parameters: Array) -> HalfPeriodEquations:
+        entries = slopes_of_target - slopes_of_design @ parameters
+        slopes = sp.csr_matrix((entries, places), (len(target), 2 * half_periods))
+        return HalfPeriodEquations(design, target - design @ parameters, slopes, instant)
+
+    return at
 
 
 def _steps(measured: xr.Dataset) -> Array:
