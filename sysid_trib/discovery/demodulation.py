@@ -244,7 +244,6 @@ def _force(run: FreeMotion) -> Array:
 
 def _force_of_noise(run: FreeMotion) -> Array:
     """Forces that drawings of the noise ask for, (draw, sample); the model's forces change little."""
-    # Drawings of noise, for the errors of the map.
     drawn = run.noise.draws(len(run.time), 32)
     angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
     return np.asarray(-(curvature + angle).T)

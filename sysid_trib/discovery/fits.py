@@ -98,9 +98,7 @@ def credible(probability: Array, part: float) -> Mask:
     """Which models are in the smallest set that holds the truth with the probability `part`."""
     order = np.argsort(-probability, kind="stable")
     before = np.cumsum(probability[order]) - probability[order]
-    inside = np.zeros(len(probability), dtype=bool)
-    inside[order] = before < part
-    return inside
+    return np.isin(np.arange(len(probability)), order[before < part])
 
 
 @dataclass

@@ -5,6 +5,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
@@ -64,28 +65,25 @@ def _differing(model: FittedModel) -> tuple[float, int, str]:
 
 def _explained(tables: Sequence[Array], columns: Sequence[int]) -> tuple[float, int]:
     """Squares explained by columns that act in each run but the first on their own, and how many they are."""
-    common = np.concatenate([table[:, 1:] for table in tables])
-    target = np.concatenate([table[:, 0] for table in tables])
-    ends = np.cumsum([0, *(len(table) for table in tables)])
-    of_runs = []
-    for at in range(1, len(tables)):
-        of_run = np.zeros((len(target), len(columns)))
-        of_run[ends[at] : ends[at + 1]] = tables[at][:, 1:][:, list(columns)]
-        of_runs.append(of_run)
-    scaled = [
-        part / np.maximum(np.linalg.norm(part, axis=0), 1e-300) for part in (common, np.hstack(of_runs))
-    ]
-    squares, rank = _squares_left(scaled[0], target)
-    more, full = _squares_left(np.hstack(scaled), target)
+    whole = np.concatenate(tables)
+    target, common = whole[:, 0], whole[:, 1:]
+    # Each run's own columns side by side, those of the first left out.
+    own = block_diag(*(table[:, 1:][:, list(columns)] for table in tables))[:, len(columns) :]
+    squares, rank = squares_left(common, target)
+    more, full = squares_left(np.hstack([common, own]), target)
     return max(0.0, squares - more), max(1, full - rank)
 
 
-def _squares_left(design: Array, target: Array) -> tuple[float, int]:
-    """Squares that least squares leave, and the rank of the design."""
-    basis, singular, _ = np.linalg.svd(design, full_matrices=False)
-    # Directions so much shorter than the longest are what a run alone cannot tell.
-    basis = basis[:, singular > 1e-5 * singular[0]]
-    return float(target @ target - np.sum((basis.T @ target) ** 2)), basis.shape[1]
+def squares_left(design: Array, target: Array, least: float = 1e-5) -> tuple[float, int]:
+    """Squares that least squares leave, and the rank of the design.
+
+    Directions so much shorter than the longest are none: by default what a run alone cannot tell.
+    """
+    size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    basis, singular, _ = np.linalg.svd(design / size, full_matrices=False)
+    basis = basis[:, singular > least * singular[0]]
+    residual = target - basis @ (basis.T @ target)
+    return float(residual @ residual), basis.shape[1]
 
 
 def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
@@ -150,11 +148,8 @@ def _deviances(model: FittedModel) -> Array:
     deviances = []
     for part in RECORD_PARTS.values():
         inside = np.concatenate([table[_rows(table, *part)] for table in tables])
-        target, design = inside[:, 0], inside[:, 1:]
-        size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-        residual = target - design @ (np.linalg.lstsq(design / size, target, rcond=1e-10)[0] / size)
-        determinant = sum(float(np.sum(of_run[_rows(of_run, *part)])) for of_run in logarithms)
-        deviances.append(float(residual @ residual) + determinant)
+        squares, _ = squares_left(inside[:, 1:], inside[:, 0], 1e-10)
+        deviances.append(squares + sum(float(np.sum(of_run[_rows(of_run, *part)])) for of_run in logarithms))
     return np.array(deviances)
 
 

@@ -280,17 +280,13 @@ def _lines(model: FittedModel) -> list[float]:
 
     What has the frequency of a force of the model leaves no line, and may stand in its place.
     """
-    strongest: list[tuple[float, float]] = []
+    most, lines = model.settings.lines, list[tuple[float, float]]()
     for rows, residual in zip(model.rows, model.white_residuals(), strict=True):
-        count = len(residual)
-        duration = float(rows.path.time[-1] - rows.path.time[0])
+        count, duration = len(residual), float(np.ptp(rows.path.time[[0, -1]]))
         power = np.abs(np.fft.rfft(residual * np.hanning(count), 4 * count)) ** 2
         frequency = 2.0 * np.pi * np.arange(len(power)) / 4.0 / duration
         peaks, _ = find_peaks(power, distance=8)
-        strongest += [
-            (float(power[at]), float(frequency[at]))
-            for at in peaks[np.argsort(-power[peaks])[: model.settings.lines]]
-        ]
+        lines += zip(power[peaks].tolist(), frequency[peaks].tolist(), strict=True)
     reference = model.rows[0].path.frequency
     of_model = [w for trial in model.trials for w in frequencies_of(trial, reference)]
-    return of_model + [w for _, w in sorted(strongest, reverse=True)[: model.settings.lines]]
+    return of_model + [w for _, w in sorted(lines, reverse=True)[:most]]

@@ -27,6 +27,7 @@ from sysid_trib.discovery.parts import (
     error_of_model,
     homogeneity,
     probabilities_in_parts,
+    squares_left,
 )
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search
@@ -201,14 +202,11 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
 
 def _whitened(search: Search) -> list[float]:
     """RMS residual of each model about the final path, in the noise of the final model: it never rises."""
-    final, rms = search.screenings[-1].model, []
+    final = search.screenings[-1].model
     tables = np.concatenate(final.white_tables())
-    target = tables[:, 0]
-    for count in range(len(search.effects) + 1):
-        design = tables[:, final.columns_without(search.effects[count:])]
-        residual = target - design @ np.linalg.lstsq(design, target, rcond=1e-12)[0]
-        rms.append(root_mean_square(residual))
-    return rms
+    kept = [final.columns_without(search.effects[count:]) for count in range(len(search.effects) + 1)]
+    squares = [squares_left(tables[:, columns], tables[:, 0], 1e-12)[0] for columns in kept]
+    return [float(np.sqrt(left / len(tables))) for left in squares]
 
 
 def _selected_at(search: Search, symbol: str) -> int:

@@ -192,7 +192,8 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
     columns = columns - np.outer(of_zero, of_zero @ columns) / (of_zero @ of_zero)
     innovation = (white[:, 0] - offset * of_zero) / deviation
     scores = _scores_of_periods(innovation, columns, covariance)
-    return scores - _means_of_periods(np.log(factor[0])) - np.log(deviation), path
+    determinants = np.log(factor[0][: len(scores) * KNOTS_PER_PERIOD]).reshape(-1, KNOTS_PER_PERIOD)
+    return scores - determinants.mean(axis=1) - np.log(deviation), path
 
 
 def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> Array:
@@ -229,33 +230,24 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
     return np.array(scores)
 
 
-def _means_of_periods(values: Array) -> Array:
-    """Means of values (row,) over whole periods, (period,)."""
-    periods = len(values) // KNOTS_PER_PERIOD
-    return np.asarray(values[: periods * KNOTS_PER_PERIOD].reshape(periods, KNOTS_PER_PERIOD).mean(axis=1))
-
-
 def improvements(predictions: Sequence[Prediction]) -> Array:
     """By how many of its errors the last prediction is better than each before it, (prediction - 1,).
 
     Not each than the one before: while other forces are missing, a right name may predict worse.
-    """
-    return np.array([_better_by(predictions[-1], before) for before in predictions[:-1]])
-
-
-def _better_by(after: Prediction, before: Prediction) -> float:
-    """By how many of its errors the mean score of one model is better than that of another.
 
     Notes
     -----
     Diebold and Mariano's test of means over periods, between which scores are taken as independent; nan of
     fewer than three.
     """
-    pairs = zip(after.scores, before.scores, strict=True)
-    with np.errstate(invalid="ignore"):
-        difference = np.concatenate([later - other for later, other in pairs])
-    # Without periods in which a model's errors are not finite.
-    difference = difference[np.isfinite(difference)]
-    if len(difference) < 3 or not np.ptp(difference):
-        return float("nan")
-    return float(difference.mean() / difference.std(ddof=1) * np.sqrt(len(difference)))
+    better = []
+    for before in predictions[:-1]:
+        pairs = zip(predictions[-1].scores, before.scores, strict=True)
+        with np.errstate(invalid="ignore"):
+            difference = np.concatenate([later - other for later, other in pairs])
+        # Without periods in which a model's errors are not finite.
+        difference = difference[np.isfinite(difference)]
+        known = len(difference) >= 3 and np.ptp(difference)
+        error = difference.std(ddof=1) / np.sqrt(len(difference)) if known else np.nan
+        better.append(difference.mean() / error if known else np.nan)
+    return np.array(better)

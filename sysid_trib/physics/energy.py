@@ -64,19 +64,18 @@ def dissipated_energy(
     taken, covariance = estimate.coefficients[:, None] * unit, estimate.coefficient_covariance
 
     def energies(z: Array) -> Array:
-        factor = 1.0 if inertia is None else z[-1] * z[-2] ** 2
-        of_forces = factor * z[: len(unit), None] * unit
-        return np.vstack([of_forces, of_forces.sum(axis=0)])
+        """Of each force, of all, and of all as a part of a^2/2."""
+        of_forces, factor = z[: len(unit), None] * unit, 1.0 if inertia is None else z[-1] * z[-2] ** 2
+        total = of_forces.sum(axis=0)
+        return np.vstack([factor * of_forces, factor * total, total / (0.5 * a**2)])
 
     energy, error = propagate(energies, *estimate.with_inertia(inertia or 1.0, inertia_standard_error))
-    total = taken.sum(axis=0) / (0.5 * a**2)
-    total_error = np.sqrt(np.einsum("ia,ij,ja->a", unit, covariance, unit)) / (0.5 * a**2)
     units, both = "rad2" if inertia is None else "J", ("force", "amplitude")
     data = (
-        with_error("energy", both, (energy[:-1], error[:-1]), "energy taken from a cycle", units)
+        with_error("energy", both, (energy[:-2], error[:-2]), "energy taken from a cycle", units)
         | with_error("energy_share", both, shares(taken, unit, covariance), "share in this energy")
-        | with_error("total_energy", both[1:], (energy[-1], error[-1]), "energy lost in a cycle", units)
-        | with_error("lost_fraction", both[1:], (total, total_error), "part of the energy lost in a cycle")
+        | with_error("total_energy", both[1:], (energy[-2], error[-2]), "energy lost in a cycle", units)
+        | with_error("lost_fraction", both[1:], (energy[-1], error[-1]), "part of the energy lost in a cycle")
     )
     return estimate.over_amplitude(data, amplitude)
 
