@@ -1,6 +1,6 @@
 """The answer of `identify` on measured records: what it predicts of what it has not seen, beside all others.
 
-python -m benchmarks.answer [--only WORD] [--time]
+python -m benchmarks answer [--only WORD] [--time]
 
 Trained on the first two thirds of a record, or on another run; of the rest only the start and the sensor's
 zero are fitted. Each method with the sensor's noise alone and with a random force, with the same forces and
@@ -13,18 +13,18 @@ viscous friction and what the system holds, on whole records of 2 * 10^4 samples
 where Direct of the paper's run takes 45 ms, by what it takes here before and after each.
 """
 
-import argparse
 import warnings
+from argparse import Namespace
+from collections.abc import Iterator
 from time import process_time
 
 import numpy as np
 import xarray as xr
-from rich.console import Console
-from rich.table import Table
 
 import sysid_trib as st
-from benchmarks.measured import BOTH, records_folder
+from benchmarks.measured import BOTH, records_folder, two_thirds
 from benchmarks.stopwatch import median_ms, timed
+from benchmarks.study.common import shown
 from sysid_trib import load_library
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.selection import load_system
@@ -118,47 +118,34 @@ def spent(decay: xr.Dataset, system: str, forces: str) -> list[str]:
     return cells
 
 
-def times_table(only: str) -> Table:
+def times_rows(records) -> Iterator[list[str]]:
     """Of each record what `spent` says."""
-    table = Table("record", "samples", "identify (s)", "at 45 ms", "discover (s)", "at 45 ms")
-    for title, file, columns, window, system, forces, _ in RECORDS:
-        if only not in title:
-            continue
+    for title, file, columns, window, system, forces, _ in records:
         decay = st.free_decay(st.read_record(records_folder() / file, **columns), window=window)
         decay = decay.isel(time=slice(None, None, -(-decay.sizes["time"] // 20_000)))
-        cells = spent(decay, system, forces)
-        table.add_row(title, f"{decay.sizes['time']:,}", *cells)
-    return table
+        yield [title, f"{decay.sizes['time']:,}", *spent(decay, system, forces)]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--only", default="", help="records whose title holds this word")
-    parser.add_argument("--time", action="store_true", help="processor time of identify and discover")
-    options = parser.parse_args()
-    warnings.simplefilter("ignore")
-    if options.time:
-        Console(width=110).print(times_table(options.only))
-        return
-    kinds = ("averaging", "direct", "trajectory")
-    labels = [f"{name} {option}" for name in kinds for option in ("off", "random")]
-    table = Table("record", "answer", "its RMS", "over the best", *labels, "processor (s)")
-    for title, file, columns, window, system, forces, other in RECORDS:
-        if options.only not in title:
-            continue
+def predicted(records) -> Iterator[list[str]]:
+    """Of each record what `row` says, of another run of it too; its answer on the whole is printed."""
+    for title, file, columns, window, system, forces, other in records:
         decay = st.free_decay(st.read_record(records_folder() / file, **columns), window=window)
         library, methods = methods_of(system, forces)
-        time = decay.time.values
-        split = int(np.searchsorted(time, time[0] + (time[-1] - time[0]) * 2 / 3, side="right"))
-        parts = decay.isel(time=slice(split)), decay.isel(time=slice(split, None))
-        table.add_row(title, *row(*parts, library, methods))
+        yield [title, *row(*two_thirds(decay), library, methods)]
         if other:
             unseen = st.free_decay(st.read_record(records_folder() / other, **columns))
-            table.add_row(f"{title}: another run", *row(decay, unseen, library, methods))
+            yield [f"{title}: another run", *row(decay, unseen, library, methods)]
         pair = identifications(decay, library, [methods["averaging"], methods["direct"]])
-        Console(width=160).print(f"{title}, whole: {signs(pair[better_of(*pair)])}")
-    Console(width=220).print(table)
+        print(f"{title}, whole: {signs(pair[better_of(*pair)])}", flush=True)
 
 
-if __name__ == "__main__":
-    main()
+def main(asked: Namespace) -> None:
+    warnings.simplefilter("ignore")
+    records = [record for record in RECORDS if asked.only in record[0]]
+    if asked.time:
+        heads = ("record", "samples", "identify (s)", "at 45 ms", "discover (s)", "at 45 ms")
+        return shown("", heads, times_rows(records))
+    kinds = ("averaging", "direct", "trajectory")
+    labels = [f"{name} {option}" for name in kinds for option in ("off", "random")]
+    heads = ("record", "answer", "its RMS", "over the best", *labels, "processor (s)")
+    return shown("", heads, predicted(records), 220)

@@ -1,6 +1,6 @@
 """How often the simultaneous 95 % bands of the backbone hold the whole curve, over 12 kinds of forces.
 
-python -m benchmarks.backbone [--records N] [--kinds "jenkins,ripple"]
+python -m benchmarks backbone [--seeds N] [--only ripple]
 
 80 periods of 50 samples, white, coloured (autoregressive, 0.8) and rounded noise (0.5 mrad; a step of 2 mrad)
 in turn, with the sensor's noise alone and with a random force of 1e-6 (rad/s^2)^2/Hz. True is the backbone of
@@ -9,18 +9,17 @@ pointwise coverage, the median half width, and processor time. Half of the kinds
 time of 10^4 samples.
 """
 
-import argparse
 import time
+from argparse import Namespace
 
 import numpy as np
 import xarray as xr
-from rich.console import Console
-from rich.table import Table
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
-from threadpoolctl import threadpool_limits
 
 import sysid_trib as st
+from benchmarks.stopwatch import timed
+from benchmarks.study.common import shown
 from sysid_trib.cycles.backbone import CURVES, BackboneCurves, backbone_curves, period_rows
 from sysid_trib.forces.library import parse_library
 
@@ -104,37 +103,24 @@ def cells(results: list[dict[str, tuple[bool, float, float]]]) -> list[str]:
     return texts
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--records", type=int, default=20, help="seeds of each kind, with and without")
-    parser.add_argument("--kinds", default=",".join(KINDS), help="separated by commas")
-    asked = parser.parse_args()
-    heads = [f"{name}{tail}" for tail in ("", ", random force") for name in CURVES]
-    table = Table("simultaneous % (pointwise %) half width", *heads, "ms")
+def main(asked: Namespace) -> None:
+    table: list[list[str]] = []
     every: list[list[dict[str, tuple[bool, float, float]]]] = [[], []]
-    names = [kind for kind in KINDS if kind in asked.kinds]
-    for kind in names:
+    for kind in (kind for kind in KINDS if asked.only in kind):
         clean = motion(kind)
         truth, row, spent, before = truth_of(clean), [kind], 0.0, [len(results) for results in every]
         for at, density in enumerate((0.0, RANDOM_FORCE)):
-            for seed in range(asked.records):
+            for seed in range(asked.seeds):
                 decay = measured(motion(kind, density, seed) if density else clean, seed)
-                begin = time.process_time()
-                curves = backbone_curves(decay)
-                spent += time.process_time() - begin
+                curves, seconds = timed(lambda decay=decay: backbone_curves(decay), time.process_time)
+                spent += seconds
                 every[at].append(coverage(curves, truth))
             row += cells(every[at][before[at] :])
-        table.add_row(*row, f"{1e3 * spent / asked.records / 2:.0f}")
-    table.add_row("all", *cells(every[0]), *cells(every[1]), "")
-    Console(width=140).print(table)
+        table.append([*row, f"{1e3 * spent / asked.seeds / 2:.0f}"])
+    table.append(["all", *cells(every[0]), *cells(every[1]), ""])
+    heads = [f"{name}{tail}" for tail in ("", ", random force") for name in CURVES]
+    shown("", ("simultaneous % (pointwise %) half width", *heads, "ms"), table, 140)
     library = st.load_library("contact_forces").select(["zeta"])
     clock = np.arange(10_000) / PER_PERIOD
     long = measured(st.simulate(st.Model(library, {"zeta": 2e-3}, W), clock, angle=0.4)[["angle"]], 0)
-    begin = time.process_time()
-    backbone_curves(long)
-    print(f"10^4 samples: {time.process_time() - begin:.2f} s")
-
-
-if __name__ == "__main__":
-    with threadpool_limits(1):
-        main()
+    print(f"10^4 samples: {timed(lambda: backbone_curves(long), time.process_time)[1]:.2f} s")

@@ -1,6 +1,6 @@
 """Campaigns: speed of two workers, memory over many records, kills of the campaign and of its workers.
 
-python benchmarks/campaign.py [--records N] [--only speed|memory|kills|workers|scheduler] [--every S]
+python -m benchmarks campaign [--records N] [--only speed|memory|kills|workers|scheduler] [--every S]
 
 speed: N simulated runs of the paper's experiment by averaging, direct and trajectory, in this process, by one
 worker and by two. memory: ten times as many by direct, the resident memory of each worker over time. kills: a
@@ -9,7 +9,6 @@ never was. workers: a worker killed every few seconds. scheduler: what it costs 
 and a block of a campaign; from these the plan for a million records on a hundred workers follows.
 """
 
-import argparse
 import os
 import signal
 import subprocess
@@ -17,6 +16,7 @@ import sys
 import tempfile
 import threading
 import time
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -122,7 +122,7 @@ def kills(folder: Path) -> pd.DataFrame:
     )
     part, done, readable, killed = folder / "part.zarr", [], 0, 0
     for _ in range(KILLS):
-        command = [sys.executable, __file__, "--go-on", str(place), str(part)]
+        command = [sys.executable, "-m", "benchmarks", "campaign", "--call", str(place), str(part)]
         before = written(part)
         process = subprocess.Popen(command, start_new_session=True)
         more = int(random.integers(0, 2 * KILLED_RECORDS // KILLS))
@@ -209,30 +209,18 @@ def _nothing(at: int) -> int:
     return at
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--records", type=int, default=1000)
-    parser.add_argument("--only", choices=("speed", "memory", "kills", "workers", "scheduler"))
-    parser.add_argument("--every", type=float, default=30.0, help="s between kills of a worker")
-    parser.add_argument("--go-on", nargs=2, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.go_on:
-        place, part = options.go_on
+def main(asked: Namespace) -> None:
+    if asked.call:
+        place, part = asked.call
         st.campaign(st.campaigns.load_study(place), task("direct"), output=part, workers=2)
         return
+    parts = {
+        "speed": lambda folder: speed(folder, asked.seeds),
+        "memory": lambda folder: memory(folder, 10 * asked.seeds),
+        "kills": kills,
+        "workers": lambda folder: worker_kills(folder, asked.seeds, asked.every),
+        "scheduler": lambda folder: scheduler_load(folder, 5000),
+    }
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        parts = {
-            "speed": lambda: speed(folder, options.records),
-            "memory": lambda: memory(folder, 10 * options.records),
-            "kills": lambda: kills(folder),
-            "workers": lambda: worker_kills(folder, options.records, options.every),
-            "scheduler": lambda: scheduler_load(folder, 5000),
-        }
-        for part, table in parts.items():
-            if options.only in (None, part):
-                print(table().to_string(index=False, float_format="%.2f"), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        for part in (part for title, part in parts.items() if asked.only in title):
+            print(part(Path(name)).to_string(index=False, float_format="%.2f"), flush=True)

@@ -1,6 +1,6 @@
 """What whole processes cost: processor time, memory, and how long they are silent.
 
-python benchmarks/cost.py [--only PART] [--samples N] [--records N]
+python -m benchmarks cost [--only PART] [--samples N] [--records N]
 
 Each case is a process of its own; times are processor time of it and all it started, memory is the largest
 resident size of one process. start: the first commands of a process. samples: the command `identify` (both
@@ -13,7 +13,6 @@ which a busy machine stretches as well. report: size of a page with a record of 
 and to open it.
 """
 
-import argparse
 import os
 import pty
 import resource
@@ -21,14 +20,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
-import sysid_trib as st  # noqa: E402
+import sysid_trib as st
 
 PER_PERIOD, NOISE, W = 100, 2e-4, 9.91
 # Of a decay of 500 periods; what is dissipated goes with one over the periods.
@@ -55,7 +54,7 @@ def spent(*arguments: str) -> tuple[float, float, float]:
 
 def child(*call: object) -> tuple[str, ...]:
     """Arguments of a process that calls a function of this file."""
-    return (__file__, "--call", *map(str, call))
+    return ("-m", "benchmarks", "cost", "--call", *map(str, call))
 
 
 def decay(place: Path, samples: int, periods: float, forces: dict[str, float], start: float) -> Path:
@@ -79,7 +78,7 @@ def direct(place: str) -> None:
 
 def campaign(place: str, output: str, workers: str) -> None:
     """What `records` and `workers` measure."""
-    from campaign import task
+    from benchmarks.campaign import task
 
     st.campaign(st.campaigns.load_study(place), task("direct"), output=output, workers=int(workers))
 
@@ -93,7 +92,7 @@ def search(place: str, kept: str) -> None:
     Path(kept).write_text(f"{before:.0f},{found.attrs['verdict']}")
 
 
-def starts(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+def starts(folder: Path, asked: Namespace) -> pd.DataFrame:
     """What a process takes before it computes."""
     simulated = (
         "import numpy as np, sysid_trib as st; model = st.Model(st.load_library(), {'zeta': 0.01}, 10.0); "
@@ -109,7 +108,7 @@ def starts(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["first", "processor time (s)"])
 
 
-def samples(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+def samples(folder: Path, asked: Namespace) -> pd.DataFrame:
     """Time and memory against the samples of a record."""
     rows = []
     for count in powers(1_000, asked.samples):
@@ -121,28 +120,28 @@ def samples(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-def records(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+def records(folder: Path, asked: Namespace) -> pd.DataFrame:
     """Time and memory against the records of a campaign in one process."""
-    from campaign import study
+    from benchmarks.campaign import study
 
     rows = []
-    for count in powers(1, asked.records):
+    for count in powers(1, asked.seeds):
         place, output = str(study(folder, count)), str(folder / f"r{count}.zarr")
         processor, _, memory = spent(*child("campaign", place, output, 0))
         rows.append((count, processor, 1e3 * processor / count, memory))
     return pd.DataFrame(rows, columns=["records", "s", "ms a record", "memory (MB)"])
 
 
-def workers(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+def workers(folder: Path, asked: Namespace) -> pd.DataFrame:
     """Time and memory against workers; processor time beyond that of one process is what workers cost."""
-    from campaign import study
+    from benchmarks.campaign import study
 
-    place = str(study(folder, min(WORKER_RECORDS, asked.records)))
+    place = str(study(folder, min(WORKER_RECORDS, asked.seeds)))
     rows = [(n, *spent(*child("campaign", place, folder / f"w{n}.zarr", n))) for n in (0, 1, 2)]
     return pd.DataFrame(rows, columns=["workers", "processor time (s)", "wall time (s)", "largest (MB)"])
 
 
-def searches(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+def searches(folder: Path, asked: Namespace) -> pd.DataFrame:
     """Peak memory of discover."""
     rows = []
     for count, periods, bar in SIZES:
@@ -173,7 +172,7 @@ def heard(command: list[str]) -> tuple[float, float, float]:
     return since[1], np.diff(since).max(), since[-1]
 
 
-def terminal(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+def terminal(folder: Path, asked: Namespace) -> pd.DataFrame:
     """First words, in an order in which each command finds what it needs."""
     long = decay(folder / "long.nc", min(asked.samples, 100_000), 160, FORCES, 0.4)
     commands = f"""forces; simulate -o {folder}/swing.csv --noise 1e-4; look {folder}/swing.csv; look {long}
@@ -211,7 +210,7 @@ def opening(page: Path) -> tuple[float, float]:
     return clock, metrics["TaskDuration"]
 
 
-def reports(folder: Path, asked: argparse.Namespace) -> pd.DataFrame:
+def reports(folder: Path, asked: Namespace) -> pd.DataFrame:
     """Pages of the example, and of it with record and motions at N instants."""
     from helpers import lengthened
 
@@ -237,20 +236,10 @@ PARTS = {"start": starts, "samples": samples, "records": records, "workers": wor
 PARTS |= {"discover": searches, "terminal": terminal, "report": reports}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--only", choices=PARTS)
-    parser.add_argument("--samples", type=int, default=1_000_000)
-    parser.add_argument("--records", type=int, default=1_000)
-    parser.add_argument("--call", nargs="+", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
+def main(asked: Namespace) -> None:
     if asked.call:
         {"direct": direct, "campaign": campaign, "search": search}[asked.call[0]](*asked.call[1:])
         return
-    for name in [asked.only] if asked.only else PARTS:
+    for part in (part for name, part in PARTS.items() if asked.only in name):
         with tempfile.TemporaryDirectory() as folder:
-            print(PARTS[name](Path(folder), asked).to_string(index=False, float_format="%.2f"), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            print(part(Path(folder), asked).to_string(index=False, float_format="%.2f"), flush=True)

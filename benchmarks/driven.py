@@ -1,26 +1,25 @@
 """Driven records: Silverbox, Bouc-Wen, EMPS, a frame that rubs, simulated ones beside their bound, a belt.
 
-python benchmarks/driven.py [--only silverbox|search|bouc_wen|emps|frame|simulated|belt] [--seeds N]
+python -m benchmarks driven [--only silverbox|search|bouc_wen|emps|frame|simulated|belt] [--seeds N]
 
 Measured records are read from ../shared/data beside the project, or from the folder in SYSID_TRIB_DATA;
 without it only `simulated` and `belt` run. Times are of the processor, of one call, with what it compiles.
 """
 
-import argparse
 import os
 import time
-from collections.abc import Callable, Sequence
+from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.console import Console
-from rich.table import Table
-from stopwatch import timed
 
 import sysid_trib as st
+from benchmarks.stopwatch import timed
+from benchmarks.study.common import covered, rms, scores, shown
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.physics import per_input
 from sysid_trib.records.inputs import KnownInput
@@ -49,6 +48,8 @@ MASS = 3.0799
 
 TRUTH = {"gain": 0.05, "lambda": 1e-3, "zeta": 0.01, "epsilon": -0.1}
 W, NOISE = 9.9, 2e-4
+# Of tables, letters.
+WIDTH = 180
 # Of records on a belt: what tells that a motion sticks was decided with the seeds below.
 FRESH = 100
 
@@ -67,51 +68,48 @@ def cpu(call: Callable[[], Any]) -> tuple[Any, float]:
     return timed(call, time.process_time)
 
 
-def silverbox() -> Table:
-    """Trained on five realisations; free run on the sixth, whose start is fitted."""
+def silverbox_parts() -> tuple[xr.Dataset, xr.Dataset]:
+    """Five realisations of the multisine, and the sixth."""
     record = st.read_record(DATA / "silverbox" / "multisine_1_to_6.csv", input="V1")
-    train, test = (record.isel(time=part) for part in (slice(TRAINING), slice(TRAINING, None)))
-    table = Table(
-        "method", "forces and w", "parameters", "training", "last realisation", "largest", "time (s)"
-    )
-    table.title = "Silverbox, RMS of record minus free run (mV)"
+    return record.isel(time=slice(TRAINING)), record.isel(time=slice(TRAINING, None))
+
+
+def silverbox() -> None:
+    """Trained on five realisations; free run on the sixth, whose start is fitted."""
+    (train, test), rows = silverbox_parts(), []
     direct, trajectory = st.methods.Direct(**OFF), st.methods.Trajectory(**OFF)
     for method, symbols in ((direct, FIVE), (direct, EIGHT), (direct, TWELVE), (trajectory, FIVE)):
         result, seconds = cpu(lambda m=method, s=symbols: m.identify(train, offered(*s)))
         seen, unseen = (st.predict(result, part) for part in (train, test))
-        largest = 1e3 * float(np.abs(unseen.residual).max())
-        rms = [f"{1e3 * part.residual_rms.item():.4f}" for part in (seen, unseen)]
+        left = [f"{1e3 * part.residual_rms.item():.4f}" for part in (seen, unseen)]
+        largest = f"{1e3 * float(np.abs(unseen.residual).max()):.2f}"
         name = type(method).__name__
-        row = (name, " ".join(symbols), str(len(symbols) + 1), *rms, f"{largest:.2f}", f"{seconds:.0f}")
-        table.add_row(*row)
-    return table
+        rows.append([name, " ".join(symbols), str(len(symbols) + 1), *left, largest, f"{seconds:.0f}"])
+    heads = ("method", "forces and w", "parameters", "training", "last realisation", "largest", "time (s)")
+    shown("Silverbox, RMS of record minus free run (mV)", heads, rows, WIDTH)
 
 
-def search() -> Table:
+def search() -> None:
     """`discover` on five realisations from the linear model, with nothing named; free run on the sixth."""
-    record = st.read_record(DATA / "silverbox" / "multisine_1_to_6.csv", input="V1")
-    tree, seconds = cpu(lambda: st.discover(record.isel(time=slice(TRAINING))))
-    unseen = st.predict(tree["after"].to_dataset(), record.isel(time=slice(TRAINING, None)))
-    last = 1e3 * unseen.residual_rms.item()
-    title = f"Silverbox, discover: {seconds:.0f} s; last realisation {last:.4f} mV"
-    table = Table("added", "coefficient", "held out, RMS (mV)")
-    table.title = f"{title}; verdict: {tree.attrs['verdict']}"
+    train, test = silverbox_parts()
+    tree, seconds = cpu(lambda: st.discover(train))
+    last = 1e3 * st.predict(tree["after"].to_dataset(), test).residual_rms.item()
     steps, held_out = tree["steps"].to_dataset(), 1e3 * tree["holdout"].rms.values
-    table.add_row("(linear)", "", f"{held_out[0]:.4f}")
+    rows = [["(linear)", "", f"{held_out[0]:.4f}"]]
     for at, symbol in enumerate(steps.symbol.values.tolist()):
         one = steps.isel(step=at)
         cell = f"{one.coefficient.item():.4f} ± {one.standard_error.item():.4f}"
-        table.add_row(symbol, cell, f"{held_out[at + 1]:.4f}")
-    return table
+        rows.append([symbol, cell, f"{held_out[at + 1]:.4f}"])
+    title = f"Silverbox, discover: {seconds:.0f} s; last realisation {last:.4f} mV"
+    heads = ("added", "coefficient", "held out, RMS (mV)")
+    shown(f"{title}; verdict: {tree.attrs['verdict']}", heads, rows, WIDTH)
 
 
-def emps() -> Table:
+def emps() -> None:
     """The motor axis: no restoring force; everything in the unit of the force."""
     path = DATA / "emps" / "DATA_EMPS.mat"
     record = st.read_record(path, angle="qm", time="t", units="m", input=f"{GTAU}*vir", between="linear")
-    table = Table("method", "parameters", *SAID.values(), "open loop (mm)", "time of both (s)")
-    table.title = "EMPS, each model by both methods"
-    table.add_row("published least squares", "4", *(f"{value:g}" for value in PUBLISHED.values()), "6.85", "")
+    rows = [["published least squares", "4", *(f"{value:g}" for value in PUBLISHED.values()), "6.85", ""]]
     for further in FURTHER:
         library = offered("free_axis", "gain", "zeta", "lambda", "bias", *further)
         tree, seconds = cpu(lambda those=library: st.identify(record, those, constraints={"free_axis": 1.0}))
@@ -121,46 +119,43 @@ def emps() -> Table:
             pairs = zip(found.value.values, found.standard_error.values, strict=True)
             cells = [f"{value:.2f} ± {error:.2f}" for value, error in pairs]
             left = f"{1e3 * compared.residual_rms.sel(model=name).item():.2f}"
-            row = (" ".join((name, *further)), str(len(SAID) + len(further)), *cells, left, f"{seconds:.0f}")
-            table.add_row(*row)
-    return table
+            count = str(len(SAID) + len(further))
+            rows.append([" ".join((name, *further)), count, *cells, left, f"{seconds:.0f}"])
+    heads = ("method", "parameters", *SAID.values(), "open loop (mm)", "time of both (s)")
+    shown("EMPS, each model by both methods", heads, rows, WIDTH)
 
 
-def bouc_wen() -> Table:
+def bouc_wen() -> None:
     """`discover` on four fifths of the training record from the linear model, with nothing named."""
     record = st.read_record(DATA / "bouc_wen" / "train.csv", input="u")
     fifth = record.sizes["time"] // 5
     parts = {"four fifths": slice(4 * fifth), "the last fifth": slice(4 * fifth, None)}
     tree, seconds = cpu(lambda: st.discover(record.isel(time=parts["four fifths"])))
-    after = tree["after"].to_dataset()
+    after, rows = tree["after"].to_dataset(), []
     left = ", ".join(
         f"{name} {st.predict(after, record.isel(time=part), warm_up=1.0).residual_rms.item():.3g} m"
         for name, part in parts.items()
     )
-    title = f"Bouc-Wen, discover: {seconds:.0f} s; left after a warm-up of 1 s: {left}"
-    table = Table("parameter", "found", "standard error")
-    table.title = f"{title}; added: {' '.join(tree['steps'].symbol.values.tolist())}"
     for kind, name in (("force", "coefficient"), ("shape_parameter", "shape")):
         errors = after["standard_error" if kind == "force" else "shape_standard_error"]
         for at, label in enumerate(after[kind].values.tolist() if kind in after else []):
-            table.add_row(label, f"{after[name].values[at]:.6g}", f"{errors.values[at]:.2g}")
+            rows.append([label, f"{after[name].values[at]:.6g}", f"{errors.values[at]:.2g}"])
     w, of_w = after.reference_frequency.item(), after.reference_frequency_standard_error.item()
-    table.add_row("w (rad/s)", f"{w:.6g}", f"{of_w:.2g}")
-    return table
+    rows.append(["w (rad/s)", f"{w:.6g}", f"{of_w:.2g}"])
+    title = f"Bouc-Wen, discover: {seconds:.0f} s; left after a warm-up of 1 s: {left}"
+    title = f"{title}; added: {' '.join(tree['steps'].symbol.values.tolist())}"
+    shown(title, ("parameter", "found", "standard error"), rows, WIDTH)
 
 
-def frame() -> Table:
+def frame() -> None:
     """Three loads on one frame: the friction is each run's own, frequency and damping are common."""
-    folder = DATA / "friction_frame"
-    runs = []
+    folder, runs, rows = DATA / "friction_frame", [], []
     for load in LOADS:
         base = {"base": f"{folder / f's_b_{load}g_y.mat'}:y"}
         runs.append(st.read_record(folder / f"s_b_{load}g_x.mat", time="t", units="mm", input=base))
     library = offered("base_spring", "base_damping", "lambda")
     methods = [kind(own=("lambda",)) for kind in (st.methods.Direct, st.methods.Trajectory)]
     tree, seconds = cpu(lambda: st.identify(runs, library, methods, constraints={"base_spring": 1.0}))
-    heads = ("method", "frequency (Hz)", "zeta", *(f"F of {load} g (N)" for load in LOADS), "left (mm)")
-    table = Table(*heads, title=f"Frame, three loads; both methods take {seconds:.0f} s")
     compared = tree["comparison"].to_dataset()
     for name in compared.model.values.tolist():
         result = tree[name].to_dataset()
@@ -168,8 +163,9 @@ def frame() -> Table:
         newton = 1e-3 * MASS * w**2
         cells = [f"{w / (2 * np.pi):.4f} ± {of_w / (2 * np.pi):.4f}", with_error(result, "base_damping", 1.0)]
         cells += [with_error(result, f"lambda_{at}", newton) for at in range(1, len(LOADS) + 1)]
-        table.add_row(name, *cells, f"{compared.residual_rms.sel(model=name).item():.3f}")
-    return table
+        rows.append([name, *cells, f"{compared.residual_rms.sel(model=name).item():.3f}"])
+    heads = ("method", "frequency (Hz)", "zeta", *(f"F of {load} g (N)" for load in LOADS), "left (mm)")
+    shown(f"Frame, three loads; both methods take {seconds:.0f} s", heads, rows, WIDTH)
 
 
 def with_error(result: xr.Dataset, symbol: str, scale: float) -> str:
@@ -188,38 +184,26 @@ def driven_model(between: str = "smooth") -> tuple[st.Model, np.ndarray]:
     return st.Model(offered(*TRUTH), TRUTH, W, inputs=inputs), elapsed
 
 
-def simulated(seeds: int) -> Table:
+def simulated(seeds: int) -> None:
     """White noise in a driven pendulum: errors over the bound, and intervals that hold the truth."""
     model, elapsed = driven_model()
     clean = st.simulate(model, elapsed, 0.1, inputs=model.inputs)
-    bound = st.cramer_rao_bound(model, elapsed, 0.1, 0.0, NOISE, free=True)
+    bound = st.validation.cramer_rao_bound(model, elapsed, 0.1, 0.0, NOISE, free=True)
     smallest = np.append(bound.standard_error.values, bound.reference_frequency_standard_error.item())
-    table = Table("method", *TRUTH, "w", "time of one (s)")
-    table.title = f"RMS error over the Cramér-Rao bound / 95 % intervals that hold (%), {seeds} seeds"
+    rows = []
     for method in (st.methods.Direct(), st.methods.Trajectory()):
-        errors, stated, seconds = repeated(method, clean, model.library, seeds)
-        ratios = np.sqrt(np.mean(errors**2, axis=0)) / smallest
-        held = 100.0 * np.mean(np.abs(errors) < 1.96 * stated, axis=0)
-        cells = [f"{ratio:.2f} / {share:.0f}" for ratio, share in zip(ratios, held, strict=True)]
-        table.add_row(type(method).__name__, *cells, f"{seconds / seeds:.2f}")
-    return table
 
+        def identified(seed: int, method: Any = method) -> xr.Dataset:
+            noise = NOISE * np.random.default_rng(seed).standard_normal(clean.sizes["time"])
+            return st.identify(clean.assign(angle=clean.angle + noise), model.library, method)
 
-def repeated(
-    method: Any, clean: xr.Dataset, library: ForceLibrary, seeds: int
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Errors and stated errors of coefficients and w, (seed, parameter), and the time (s)."""
-
-    def identified(seed: int) -> xr.Dataset:
-        noise = NOISE * np.random.default_rng(seed).standard_normal(clean.sizes["time"])
-        return st.identify(clean.assign(angle=clean.angle + noise), library, method).sel(force=list(TRUTH))
-
-    results, seconds = cpu(lambda: [identified(seed) for seed in range(seeds)])
-    values, stated = (
-        np.array([[*r[name].values, r[f"reference_frequency{of}"].item()] for r in results])
-        for name, of in (("coefficient", ""), ("standard_error", "_standard_error"))
-    )
-    return values - [*TRUTH.values(), W], stated, seconds
+        results, seconds = cpu(lambda one=identified: [one(seed) for seed in range(seeds)])
+        errors, stated = scores(results, TRUTH, W)
+        pairs = zip(rms(errors) / smallest, covered(errors, stated), strict=True)
+        cells = [f"{ratio:.2f} / {share:.0f}" for ratio, share in pairs]
+        rows.append([type(method).__name__, *cells, f"{seconds / seeds:.2f}"])
+    title = f"RMS error over the Cramér-Rao bound / 95 % intervals that hold (%), {seeds} seeds"
+    shown(title, ("method", *TRUTH, "w", "time of one (s)"), rows, WIDTH)
 
 
 def belt_record(seed: int) -> tuple[xr.Dataset, dict[str, float], float, float]:
@@ -248,12 +232,9 @@ def belt_record(seed: int) -> tuple[xr.Dataset, dict[str, float], float, float]:
     return record, truth, float(np.mean(np.abs(faster) < 0.02)), float(np.mean(faster > 0.1))
 
 
-def belt(seeds: int) -> Table:
+def belt(seeds: int) -> None:
     """`discover` of the friction to a belt, from the push and viscous friction, on records that stick."""
-    table = Table()
-    for head in ("seed", "sticks (%)", "overtakes (%)", "named", "friction", "its error", "true", "time (s)"):
-        table.add_column(head)
-    right = 0
+    rows, right = [], 0
     for seed in range(FRESH, FRESH + seeds):
         record, truth, sticks, overtakes = belt_record(seed)
         tree, seconds = cpu(lambda record=record: st.discover(record, offered("zeta", "gain")))
@@ -265,33 +246,22 @@ def belt(seeds: int) -> Table:
             cells = [f"{found.coefficient.item():.4f}", f"{found.standard_error.item():.4f}"]
         shares = f"{100 * sticks:.0f}", f"{100 * overtakes:.0f}"
         true = f"{truth['surface_friction']:.4f}"
-        table.add_row(str(seed), *shares, " ".join(names), *cells, true, f"{seconds:.0f}")
-    table.title = f"Stick-slip on a belt: the friction to the belt is named first in {right} of {seeds}"
-    return table
+        rows.append([str(seed), *shares, " ".join(names), *cells, true, f"{seconds:.0f}"])
+    title = f"Stick-slip on a belt: the friction to the belt is named first in {right} of {seeds}"
+    heads = ("seed", "sticks (%)", "overtakes (%)", "named", "friction", "its error", "true", "time (s)")
+    shown(title, heads, rows, WIDTH)
 
 
 MEASURED = {"silverbox": silverbox, "search": search, "bouc_wen": bouc_wen, "emps": emps, "frame": frame}
-FOLDERS = {name: name for name in MEASURED} | {"search": "silverbox", "frame": "friction_frame"}
+FOLDERS = {"search": "silverbox", "frame": "friction_frame"}
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--only", choices=[*MEASURED, "simulated", "belt"])
-    parser.add_argument("--seeds", type=int, help="of the simulated records (200), of those on a belt (10)")
-    options = parser.parse_args(arguments)
-    console = Console(width=180)
-    for name, table_of in MEASURED.items():
-        if options.only not in (None, name):
-            continue
-        if not (DATA / FOLDERS[name]).is_dir():
+def main(asked: Namespace) -> None:
+    for name, table in MEASURED.items():
+        if asked.only in name and (DATA / FOLDERS.get(name, name)).is_dir():
+            table()
+        elif asked.only in name:
             print(f"{name}: left out, {DATA} has no measured records; name their folder in SYSID_TRIB_DATA.")
-            continue
-        console.print(table_of())
-    if options.only in (None, "simulated"):
-        console.print(simulated(options.seeds or 200))
-    if options.only in (None, "belt"):
-        console.print(belt(options.seeds or 10))
-
-
-if __name__ == "__main__":
-    main()
+    for name, made, usual in (("simulated", simulated, 200), ("belt", belt, 10)):
+        if asked.only in name:
+            made(asked.seeds or usual)

@@ -1,6 +1,6 @@
 """Hostile input of every kind: each case ends in a result or in an error of the package's own.
 
-python benchmarks/fuzz.py [--cases N] [--kind KIND ...] [--seed S] [--first N] [--out FILE]
+python -m benchmarks.fuzz [--cases N] [--kind KIND ...] [--seed S] [--first N] [--out FILE]
 
 Kinds: text, binary (files that are read); library, toml (libraries and their formulas, systems, studies);
 formula (signals computed from columns); store (of campaigns, damaged; conditions); damaged, page (saved
@@ -19,11 +19,10 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from hostile.worker import KINDS
-
-sys.path.append(str(Path(__file__).parent))
 from rich.console import Console
 from rich.table import Table
+
+from benchmarks.hostile.worker import KINDS
 
 SHARES = dict(zip(KINDS, (20, 15, 25, 15, 5, 1, 10, 5, 8, 10, 1), strict=True))
 
@@ -32,11 +31,11 @@ def cases_of(kind: str, seed: int, first: int, count: int, folder: Path):
     """How each case of a kind ended."""
     number, last = first, first + count
     while number < last:
-        command = [sys.executable, "-m", "hostile.worker", kind, str(seed), str(number)]
+        command = [sys.executable, "-m", "benchmarks.hostile.worker", kind, str(seed), str(number)]
         command += [str(last - number), str(folder)]
         with (folder.parent / "stderr.txt").open("w+", errors="replace") as complaints:
             worker = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=complaints, text=True, cwd=Path(__file__).parent
+                command, stdout=subprocess.PIPE, stderr=complaints, text=True, cwd=Path(__file__).parents[1]
             )
             begun = None
             for line in worker.stdout:

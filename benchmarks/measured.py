@@ -1,31 +1,27 @@
 """Measured free decays: fitted on two thirds, predicted on the last, beside pysindy on the same split.
 
-python benchmarks/measured.py [--quick] [--only WORDS]
+python -m benchmarks measured [--quick] [--only WORDS]
 
 On the last third only the start of the motion and the zero of the sensor are fitted anew. Of the steel
 pendulum every tenth sample is used; its encoder's step is 0.16 mrad, the ship's 0.09 mrad. The records are
 read from ../shared/data beside the project, or from the folder in SYSID_TRIB_DATA.
 """
 
-import argparse
 import os
 import sys
-from collections.abc import Callable
+from argparse import Namespace
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
 from scipy.interpolate import CubicSpline
 
-sys.path.insert(0, str(Path(__file__).parent))
-import peers
-from stopwatch import timed
-
+from benchmarks import peers
+from benchmarks.stopwatch import timed
+from benchmarks.study.common import shown
 from sysid_trib import Model, free_decay, load_library, read_record
 from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import Averaging, Direct, Trajectory
@@ -94,6 +90,27 @@ def records_folder() -> Path:
     if not folder.is_dir():
         sys.exit(f"There are no measured records in {folder}; set SYSID_TRIB_DATA to their folder.")
     return folder
+
+
+def two_thirds(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """The first two thirds of a record, and the rest."""
+    t = decay.time.values
+    split = int(np.searchsorted(t, t[0] + (t[-1] - t[0]) * 2 / 3, side="right"))
+    return decay.isel(time=slice(split)), decay.isel(time=slice(split, None))
+
+
+def frequency_of(train: xr.Dataset) -> float:
+    """Reference frequency by viscous friction alone, rad/s."""
+    return float(Direct().identify(train, SIX.select(["zeta"])).reference_frequency)
+
+
+def residuals(model: Model, decay: xr.Dataset) -> list[str]:
+    """RMS of both parts of a record."""
+    begin = float(decay.time[0])
+    return [
+        f"{residual_rms(model, p.time.values, p.angle.values, float(p.time[0]) - begin):.2f}"
+        for p in two_thirds(decay)
+    ]
 
 
 def residual_rms(model: Model, time: np.ndarray, angle: np.ndarray, seconds: float) -> float:
@@ -183,40 +200,20 @@ def contestants(record: Record, w: float) -> list[tuple[str, str, Callable]]:
     return rows
 
 
-def table_of(record: Record, quick: bool, progress: Progress) -> Table:
+def rows_of(record: Record, decay: xr.Dataset) -> Iterator[list[str]]:
     """Every method on one record."""
-    decay = record.decay(record.stride * (4 if quick and record.stride > 1 else 1))
-    t, angle = decay.time.values, decay.angle.values
-    split = int(np.searchsorted(t, t[0] + (t[-1] - t[0]) * 2 / 3, side="right"))
-    train = decay.isel(time=slice(split))
-    w = Direct().identify(train, SIX.select(["zeta"])).reference_frequency.item()
-    table = Table("method", "forces", "fitted", "train", "hold-out", "time (s)")
-    table.title = f"{record.title}: {split} + {len(t) - split} samples, RMS in mrad"
-    rows = contestants(record, w)
-    for name, forces, identify in progress.track(rows, description=record.title):
+    train, _ = two_thirds(decay)
+    for name, forces, identify in contestants(record, frequency_of(train)):
         try:
             (model, count), seconds = timed(partial(identify, train))
-            parts = (slice(split), slice(split, None))
-            residuals = [residual_rms(model, t[p], angle[p], t[p][0] - t[0]) for p in parts]
+            yield [name, forces, str(count), *residuals(model, decay), f"{seconds:.2f}"]
         except SysidTribError as error:
-            table.add_row(name, forces, "", str(error)[:60], "", "")
-            continue
-        table.add_row(name, forces, str(count), *(f"{r:.2f}" for r in residuals), f"{seconds:.2f}")
-    return table
+            yield [name, forces, "", str(error)[:60], "", ""]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="every fourth of the pendulum's samples")
-    parser.add_argument("--only", metavar="WORDS", default="", help="records whose title holds these words")
-    options = parser.parse_args()
-    console = Console()
-    chosen = [r for r in RECORDS if options.only.lower() in r.title.lower()]
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        tables = [table_of(record, options.quick, progress) for record in chosen]
-    for table in tables:
-        console.print(table)
-
-
-if __name__ == "__main__":
-    main()
+def main(asked: Namespace) -> None:
+    heads = ("method", "forces", "fitted", "train", "hold-out", "time (s)")
+    for record in (record for record in RECORDS if asked.only.lower() in record.title.lower()):
+        decay = record.decay(record.stride * (4 if asked.quick and record.stride > 1 else 1))
+        counts = " + ".join(str(part.sizes["time"]) for part in two_thirds(decay))
+        shown(f"{record.title}: {counts} samples, RMS in mrad", heads, rows_of(record, decay))

@@ -1,21 +1,21 @@
 """Loops of discover, plan, run, discover again: runs until one right name, and if what is stated holds.
 
-usage: python benchmarks/plan.py [--loops 20] [--out FILE]     with FILE resumable, a line of JSON a loop
-       python benchmarks/plan.py --reliability [--drawn] [--first 1000] [--loops 60] [--out FILE]
+python -m benchmarks plan [--loops 20] [--out FILE]     with FILE resumable, a line of JSON a loop
+python -m benchmarks plan --reliability [--drawn] [--first 1000] [--loops 60] [--out FILE]
 With --reliability a loop is one step: the run that is planned, and another row of the table. With --drawn the
 hidden effect is drawn from all candidates, as probabilities suppose.
 """
 
-import argparse
 import itertools
 import json
-from pathlib import Path
+from argparse import Namespace
 
 import numpy as np
 import xarray as xr
 from scipy.stats import beta
 
 import sysid_trib as st
+from benchmarks.study.common import read
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.trials import from_unit
 from sysid_trib.validation.rivals import ODDS
@@ -163,22 +163,11 @@ def of_steps(rows: list[list]) -> None:
         table_of([tuple(run[:3]) for _, said in rows for run in said if run[3] == best])
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--loops", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0, help="seed of the first loop")
-    parser.add_argument("--reliability", action="store_true", help="one step a loop, none at random")
-    parser.add_argument("--drawn", action="store_true", help="what is hidden is drawn from all candidates")
-    parser.add_argument(
-        "--out", type=Path, default=None, help="a line of JSON a loop; loops in it are not run"
-    )
-    asked = parser.parse_args()
-    rows = (
-        list(map(json.loads, asked.out.read_text().splitlines())) if asked.out and asked.out.exists() else []
-    )
-    for seed in range(asked.first + len(rows), asked.first + asked.loops):
+def main(asked: Namespace) -> None:
+    rows = read(asked.out)
+    for seed in range(asked.first + len(rows), asked.first + asked.seeds):
         if asked.reliability:
-            rows.append(list(step(seed, asked.drawn)))
+            rows.append(list(step(seed, bool(asked.drawn))))
         else:
             (planned, said), (random, _) = (loop(seed, planned) for planned in (True, False))
             rows.append([hidden_in(seed, False)[0], planned, random, said])
@@ -187,7 +176,3 @@ def main() -> None:
             with asked.out.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
     (of_steps if asked.reliability else of_loops)(rows)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Is white acceleration enough? What random force measured free decays ask for.
 
-python benchmarks/random_force_kinds.py [--only WORD] [--simulated N] [--drawn N]
+python -m benchmarks random_force_kinds [--only WORD] [--simulated N] [--drawn N]
 
 By how much the restricted deviance of `Direct`'s rows is lower where a second random force stands beside the
 white one: in proportion to a speed, an angle or an amplitude, of finite correlation time, a wandering
@@ -11,20 +11,19 @@ identified model, with white acceleration alone; and the medians in N draws of r
 whose random force is of a kind alone: what the test would have seen.
 """
 
-import argparse
+from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from measured import BOTH, Record
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
+from benchmarks.measured import BOTH, Record
+from benchmarks.study.common import shown
 from sysid_trib import methods, simulate
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.selection import forces_to_identify
@@ -193,47 +192,27 @@ def rows_of_table(title: str, rows: DenseRows) -> list[list[str]]:
     return [[title, name, *(f"{gain:.0f}" for gain in each.gains())] for name, each in both.items()]
 
 
-def add_drawn(table: Table, rows: DenseRows, draws: int) -> None:
+def drawn_rows(rows: DenseRows, draws: int) -> list[list[str]]:
     """Median gains of rows with a random force of each kind, beside all that goes with the motion."""
-    rows, random = rows.with_all_that_goes_with_the_motion(), np.random.default_rng(0)
+    rows, random, table = rows.with_all_that_goes_with_the_motion(), np.random.default_rng(0), []
     for kind in ("", *KINDS) if draws else ():
         median = np.median([rows.drawn(kind, random).gains() for _ in range(draws)], axis=0)
-        table.add_row(f"{draws} drawn: {kind or 'white'}", "all", *(f"{gain:.0f}" for gain in median))
+        table.append([f"{draws} drawn: {kind or 'white'}", "all", *(f"{gain:.0f}" for gain in median)])
+    return table
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--only", default="", help="records whose title has this word")
-    parser.add_argument("--simulated", type=int, default=0, metavar="N", help="simulated records of each")
-    parser.add_argument("--drawn", type=int, default=0, metavar="N", help="draws of rows with each kind")
-    asked = parser.parse_args()
-    console = Console(width=200)
-    for record in RECORDS:
-        if asked.only.lower() not in record.title.lower():
-            continue
+def main(asked: Namespace) -> None:
+    for record in (record for record in RECORDS if asked.only.lower() in record.title.lower()):
         decay = record.decay()
-        middle = decay.sizes["time"] // 2
-        parts = {
-            "": decay,
-            ", first half": decay.isel(time=slice(middle)),
-            ", rest": decay.isel(time=slice(middle, None)),
-        }
-        table = Table("record", "beside", *KINDS, title=record.title)
-        for name, part in parts.items():
-            for row in rows_of_table(record.title + name, dense_rows(part, record.models)):
-                table.add_row(*row)
-        drawn = []
+        middle, table, simulated = decay.sizes["time"] // 2, [], []
+        halves = decay.isel(time=slice(middle)), decay.isel(time=slice(middle, None))
+        for name, part in zip(("", ", first half", ", rest"), (decay, *halves), strict=True):
+            table += rows_of_table(record.title + name, dense_rows(part, record.models))
         for seed in range(asked.simulated):
-            drawn.append(rows_of_table("", dense_rows(alike(decay, record.models, seed), record.models)))
-        for each in zip(*drawn, strict=True):
+            made = alike(decay, record.models, seed)
+            simulated.append(rows_of_table("", dense_rows(made, record.models)))
+        for each in zip(*simulated, strict=True):
             largest = np.max([[float(gain) for gain in row[2:]] for row in each], axis=0)
-            table.add_row(f"{len(each)} simulated", each[0][1], *(f"{gain:.0f}" for gain in largest))
-        add_drawn(table, dense_rows(decay, record.models), asked.drawn)
-        console.print(table)
-
-
-if __name__ == "__main__":
-    main()
+            table.append([f"{len(each)} simulated", each[0][1], *(f"{gain:.0f}" for gain in largest)])
+        table += drawn_rows(dense_rows(decay, record.models), asked.drawn)
+        shown(record.title, ("record", "beside", *KINDS), table, 200)

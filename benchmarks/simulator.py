@@ -3,29 +3,26 @@
 Then its derivatives over the motion alone, identifications, driven motions, what is lost over 10,000 periods,
 forces with memory and a motion that sticks and goes on. Times are medians of processor time.
 
-python benchmarks/simulator.py
+python -m benchmarks simulator
 """
 
-import sys
+from argparse import Namespace
 from dataclasses import replace
-from pathlib import Path
 from time import process_time
 
 import numpy as np
+from helpers import FIVE, paper_run
+from scipy_motion import reference_motion
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
-from blind.effects import make  # noqa: E402
-from blind.generator import Oscillator, motion  # noqa: E402
-from helpers import FIVE, paper_run  # noqa: E402
-from scipy_motion import reference_motion  # noqa: E402
-from stopwatch import median_ms, timed  # noqa: E402
-
-from sysid_trib import Model, load_library  # noqa: E402
-from sysid_trib.forces import ForceLibrary  # noqa: E402
-from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
-from sysid_trib.records.inputs import KnownInput  # noqa: E402
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE  # noqa: E402
-from sysid_trib.simulation.simulate import simulate, trajectory  # noqa: E402
+from benchmarks.blind.effects import make
+from benchmarks.blind.generator import Oscillator, motion
+from benchmarks.stopwatch import median_ms, timed
+from sysid_trib import Model, load_library
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.records.inputs import KnownInput
+from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE
+from sysid_trib.simulation.simulate import simulate, trajectory
 
 PAPER = {"lambda": -2.3e-5, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
 W = 9.91
@@ -42,7 +39,7 @@ MORE = {
 }
 
 
-def main():
+def main(asked: Namespace) -> None:
     _, loading = timed(lambda: trajectory(Model(SIX, PAPER, W), GRID[:3]), process_time)
     print(f"first call (loads the engine, or compiles it)  {loading:8.2f} s")
     for friction in (PAPER["lambda"], 1e-3):
@@ -125,7 +122,3 @@ def further(name, coefficients, friction):
     ours = median_ms(lambda: trajectory(model, GRID), 31, process_time)
     error = np.abs(trajectory(model, GRID).angle - exact.x).max()
     print(f"  {name:<28} {ours:8.2f} ms  generator {1e3 * peer:8.1f} ms  difference {error:.1e} rad")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """How long identifications take, beside pysindy in the same run: medians of repeated calls in one process.
 
-python benchmarks/timing.py [--quick] [--only methods|random-force|discover]
+python -m benchmarks timing [--quick] [--only methods|random-force|discover]
 
 random-force: what `sysid-trib identify` does with a random force that is estimated, over the same without
 one; processor time, no import. discover: how its processor time grows with candidates, samples and the
@@ -8,26 +8,22 @@ duration of a motion, over one direct identification in the same process, which 
 slow code; before it, the slopes of lines through logarithms, where 1 is linear.
 """
 
-import argparse
-import sys
+from argparse import Namespace
 from collections.abc import Callable, Iterable
 from functools import partial
-from pathlib import Path
 from time import process_time
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from helpers import FIVE, W, paper_run
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
-import peers  # noqa: E402
-from helpers import FIVE, W, paper_run  # noqa: E402
-from stopwatch import median_ms, timed, times  # noqa: E402
-
-from sysid_trib import ForceLibrary, Model, discover, load_library, simulate  # noqa: E402
-from sysid_trib.likelihood.random_force import RandomForce  # noqa: E402
-from sysid_trib.methods import Averaging, Direct, Trajectory  # noqa: E402
-from sysid_trib.validation.cross_check import cross_check  # noqa: E402
+from benchmarks import peers
+from benchmarks.stopwatch import median_ms, timed, times
+from sysid_trib import ForceLibrary, Model, discover, load_library, simulate
+from sysid_trib.likelihood.random_force import RandomForce
+from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.validation.cross_check import cross_check
 
 SAMPLING_RATES = (100.0, 1000.0)
 # Forces of swings with and without a random force, and their noise, rad. These alone are offered: where a
@@ -133,14 +129,6 @@ def methods(quick: bool) -> pd.DataFrame:
 PARTS = {"methods": methods, "random-force": random_forces, "discover": searches}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="the shorter half of the cases")
-    parser.add_argument("--only", choices=PARTS)
-    asked = parser.parse_args()
-    for name in [asked.only] if asked.only else PARTS:
-        print(PARTS[name](asked.quick).to_string(index=False, float_format="%.2f"), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+def main(asked: Namespace) -> None:
+    for part in (part for name, part in PARTS.items() if asked.only in name):
+        print(part(asked.quick).to_string(index=False, float_format="%.2f"), flush=True)

@@ -5,19 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
-from helpers import FIVE, NOISE, Array, W, decay
+from helpers import FIVE, Array, W, decay
 
 from sysid_trib import Model, load_library
 from sysid_trib.discovery.fits import Fits, credible, probabilities
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.paths import path_of
-from sysid_trib.likelihood.run_rows import RunRows, run_rows
-from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.start_model import fit_start_model
-from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.simulation.simulate import trajectory
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
@@ -25,7 +21,6 @@ BASE = CONTACT.select(FIVE)
 EVERY = {force.symbol: force for force in (*CONTACT, *EFFECTS)}
 # 25 samples a period, 31 periods.
 TIME = np.arange(800) / 40.0
-WHITE = NoiseModel(NOISE, np.ones(1))
 
 
 def library(*symbols: str) -> ForceLibrary:
@@ -44,26 +39,6 @@ def exact(model: Model, time: Array = TIME, start: float = 0.3) -> Array:
 def with_effect(effects: Mapping[str, float], *, seed: int, base=FIVE, shapes=None, start=0.3) -> xr.Dataset:
     """A record of the base forces and of effects."""
     return decay(TIME, exact(model_of({**base, **effects}, shapes), start=start), seed)
-
-
-def trials_with(model: Model) -> tuple[list[TrialEffect], Array]:
-    """The forces of a model as trials, and their coefficients with a stiffness of zero."""
-    trials = []
-    for force in model.library:
-        shapes = {f"{force.symbol}.{name}": shape.default for name, shape in force.shape.items()}
-        trials.append(TrialEffect(force, {k: model.shapes.get(k, value) for k, value in shapes.items()}))
-    return trials, np.array([*(model.coefficients[trial.force.symbol] for trial in trials), 0.0])
-
-
-def rows_about(model: Model, time: Array = TIME, start: float = 0.3) -> RunRows:
-    """Rows of a model's exact record about its exact motion."""
-    motion = trajectory(model, time, start, 0.0)
-    trials, truth = trials_with(model)
-    path = path_of(time, motion.angle, W, WHITE)
-    # Twice: reversals are found along the path.
-    for _ in range(2):
-        path = path.follow(motion.position, trials, truth[:-1])
-    return run_rows(path, trials, truth)
 
 
 def start_model(

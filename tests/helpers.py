@@ -154,21 +154,6 @@ def lengthened(tree: xr.DataTree, samples: int) -> xr.DataTree:
     return xr.DataTree.from_dict({k: v.to_dataset() for k, v in tree.children.items()} | {"record": longer})
 
 
-def overlaps(figure):
-    """Titles, legends and labels of panels that lie on each other."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    boxes = []
-    for panel in figure.axes:
-        parts = [panel.get_legend(), panel._left_title, panel.xaxis.label, panel.yaxis.label]
-        boxes += [part.get_window_extent(renderer) for part in parts if part is not None]
-    boxes = [box for box in boxes if box.width > 1.0 and box.height > 1.0]
-    return [(a, b) for at, a in enumerate(boxes) for b in boxes[at + 1 :] if a.overlaps(b)]
-
-
 def sentences_of(blocks, layer=Layer.EXPLAIN):
     """Sentences that a layer of a result shows."""
     return [sentence for block in blocks if layer in block.layers for sentence in block.sentences]

@@ -10,21 +10,16 @@ from helpers import (
     Run,
     W,
     library_of_formulas,
-    over_seeds,
     paper_run,
-    rms,
-    rms_range,
     values,
 )
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Averaging
-from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
 from sysid_trib.results.references import with_contactless_frequency
 
 FORCES = load_library()
-SEEDS = 20
 
 
 @cache
@@ -60,19 +55,6 @@ def test_correction_removes_the_bias(strength):
     np.testing.assert_allclose(
         values(plain, truth) - result.first_order_bias.values, values(result, truth), rtol=1e-9
     )
-
-
-@pytest.mark.parametrize("case", ["fitted", "given"])
-@pytest.mark.in_full
-def test_standard_errors_tell_the_scatter(case):
-    run = paper_run(FIVE if case == "fitted" else SIX)
-    method = Averaging(reference_frequency=None if case == "fitted" else W)
-    errors, reported = over_seeds(run, lambda d: method.identify(d, FORCES), SEEDS)
-    low, high = rms_range(SEEDS)
-    pulls = rms(errors / reported)
-    assert np.all((pulls > low) & (pulls < high))
-    bound = cramer_rao_bound(run.model, run.time, run.start, 0.0, 1e-4, free=case == "fitted")
-    assert np.all(rms(errors) / bound.standard_error.values < 1.25 * high)
 
 
 def test_alpha_is_an_unknown_where_the_frequency_is_given():

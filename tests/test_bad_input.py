@@ -44,8 +44,6 @@ def refused(folder):
 RECORDS = {
     "binary": (bytes(range(256)) * 8, "binary content"),
     "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle holds"),
-    "flat": ((TIME, 0.1 + 0.0 * TIME), "flat at 0.1"),
-    "growing": ((TIME, linear(zeta=-0.005, amplitude=0.01)), "grows by 3"),
     "huge": ((TIME, linear(amplitude=1e300)), "too much for an oscillation"),
 }
 

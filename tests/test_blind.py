@@ -1,28 +1,18 @@
 """A few of the blind tests of benchmarks/blind, its integrator against exact motions, random records."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from helpers import decay
 from scipy_motion import reference_motion
 
-from sysid_trib import Model, load_library, simulate
+from benchmarks.blind.confirmation import run
+from benchmarks.blind.confirmation_report import hits_of
+from benchmarks.blind.draws import shapes
+from benchmarks.blind.effects import FORCES, SENSORS, make
+from benchmarks.blind.generator import Motion, Oscillator, motion
+from sysid_trib import Model, discover, load_library, simulate
+from sysid_trib.errors import LibraryError
 from sysid_trib.forces import ForceLibrary
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
-import xarray as xr
-from blind.cases import HIDDEN
-from blind.confirmation import run
-from blind.confirmation_report import hits_of
-from blind.draws import Experiment, draw_experiment, shapes
-from blind.effects import FORCES, SENSORS, STRANGERS, make
-from blind.generator import Motion, NoDecayError, Oscillator, motion
-from blind.seen import CONTACT, offered
-from helpers import decay
-
-from sysid_trib import discover, free_decay
-from sysid_trib.errors import LibraryError, SysidTribError
 
 SIX, CANDIDATES = load_library(), load_library("candidate_effects")
 BASE = {"lambda": 2e-4, "zeta": 0.005, "delta": 0.03, "nu": -0.4, "epsilon": 0.3}
@@ -72,59 +62,6 @@ def test_a_blind_record_is_named_from_its_files(number):
     assert "error" not in row, row.get("error")
     assert (row["kind"], row["found"]["verdict"]) == BLIND[number]
     assert row["left_out"] or all(hits_of(row))
-
-
-VERDICTS = ("nothing missing", "explained", "unknown effect")
-# Samples of all runs together, so that a search takes seconds.
-FEW = 900
-QUICK, MANY = 4, 16
-
-
-def random_record(seed: int) -> tuple[Experiment, list[np.ndarray]]:
-    """A short experiment of any oscillator with any two effects, weak or strong, in any noise."""
-    rng = np.random.default_rng([seed, 17])
-    while True:
-        experiment = draw_experiment(rng, str(rng.choice(["white", "ar1", "ar2", "pink", "quantised"])))
-        if experiment.count * len(experiment.starts) > FEW:
-            continue
-        start, w, last = experiment.starts[0], experiment.oscillator.w, float(experiment.time[-1])
-        chosen = [str(s) for s in rng.choice([*HIDDEN, *STRANGERS], rng.integers(3), replace=False)]
-        effects = [(s, p := shapes(rng, s, start, w, last), scale(rng, s, p, start, last)) for s in chosen]
-        try:
-            return experiment, experiment.measured(effects)
-        except (NoDecayError, OverflowError):
-            continue
-
-
-def scale(
-    rng: np.random.Generator, symbol: str, values: dict[str, float], start: float, last: float
-) -> float:
-    """A coefficient with which the effect is between a thousandth and a third of the restoring force."""
-    if symbol in SENSORS:
-        largest = abs(SENSORS[symbol](start, start, last))
-    else:
-        push = make(symbol, values).push
-        points = ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7))
-        largest = max(abs(push(q * start, r * start, 1.0, 1.0, last, [start, start])) for q, r in points)
-    return float(np.exp(rng.uniform(np.log(1e-3), np.log(1.0 / 3.0)))) * start / max(largest, 1e-9)
-
-
-@pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=[pytest.mark.in_full] * (seed >= QUICK)) for seed in range(MANY)]
-)
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_a_random_record_has_a_verdict_or_a_reason(seed):
-    experiment, angles = random_record(seed)
-    base = list(experiment.oscillator.base)
-    records = [xr.Dataset({"angle": ("time", angle)}, {"time": experiment.time}) for angle in angles]
-    try:
-        runs = [free_decay(record) for record in records]
-        found = discover(runs, CONTACT.select(base), offered(base, []), max_effects=2)
-    except SysidTribError:
-        # It says why; anything else that is raised fails.
-        return
-    assert found.attrs["verdict"] in VERDICTS
-    assert np.all(np.isfinite(found["after"].standard_error.values))
 
 
 def test_a_slope_by_a_shape_that_is_no_number_is_refused(tmp_path):

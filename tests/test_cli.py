@@ -5,9 +5,8 @@ import json
 import re
 import shlex
 
-import numpy as np
 import pytest
-from command_line import run, write_csv
+from command_line import run
 
 from sysid_trib import load_library
 from sysid_trib.commands.app import app, examples_of
@@ -111,16 +110,6 @@ def test_figure(twin):
     assert (twin[0] / "new/figures/overview.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_degrees_and_their_equilibrium(tmp_path):
-    time = np.arange(0.0, 6.0, 0.01)
-    angle = 180.0 + 15.0 * np.exp(-0.1 * time) * np.cos(9.0 * time)
-    path = write_csv(tmp_path / "deg.csv", time, angle, "time (s),angle (deg)")
-    ending = run("identify", path, "--equilibrium", "180", "--forces", "zeta")
-    assert ending.status == 0
-    assert f"Record: {path}, angle in deg from column angle (deg); 100 Hz clock." in ending.out.splitlines()
-    assert "centred on 3.14159 as given rad" in ending.out
-
-
 @pytest.mark.slow
 def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
     record = tmp_path / "dahl.csv"
@@ -188,19 +177,6 @@ def test_narrow_terminal_cuts_no_number(tree, monkeypatch, capsys, colour):
             one = result.sel(force=symbol)
             assert value_with_error(one.coefficient.item(), one.standard_error.item()) in printed
     assert run("forces").out.count("4/(3 pi) a^2") == 2
-
-
-GROUPS = {
-    "identify": ["Records", "Model", "Constraints", "How sure", "Output", "Other", "Examples"],
-    "discover": ["Records", "Model", "Search", "Output", "Other", "Examples"],
-    "campaign": ["Records", "Model", "Constraints", "Search", "Campaign", "Output", "Other", "Examples"],
-}
-
-
-@pytest.mark.parametrize("command", GROUPS)
-def test_options_stand_in_groups(command):
-    lines = run(command, "--help").out.splitlines()
-    assert [line[:-1] for line in lines if line.endswith(":") and not line.startswith(" ")] == GROUPS[command]
 
 
 EXAMPLES = {info.callback.__name__: examples_of(info.callback) for info in app.registered_commands}

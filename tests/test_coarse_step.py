@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import decay as decay_of, scores
 
 import sysid_trib as st
 from sysid_trib.records.sensor import coarse_step
@@ -18,7 +19,7 @@ def record(seed: int, coefficients: dict[str, float] = TRUTH) -> xr.Dataset:
     model = st.Model(st.load_library().select(list(coefficients)), coefficients, 4.955)
     exact = random.uniform() + st.simulate(model, time, 0.075).angle.values
     shown = np.round((exact + 2e-4 * random.standard_normal(time.size)) / STEP) * STEP
-    return st.free_decay(xr.Dataset({"angle": ("time", shown, {"units": "rad"})}, {"time": time}))
+    return st.free_decay(decay_of(time, shown))
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +42,7 @@ def test_rounding_alone_is_explained_and_a_missing_force_is_not(decay):
 def test_errors_are_those_of_the_rounding(decay):
     library = st.load_library().select(list(TRUTH))
     (result,) = identifications(decay, library, [st.methods.Averaging()])
-    scores = (result.coefficient.values - list(TRUTH.values())) / result.standard_error.values
-    assert np.abs(scores).max() < 3.0
+    assert np.abs(scores(result, TRUTH)).max() < 3.0
     alone = st.methods.Averaging(random_force="off").identify(decay, library)
     assert (result.standard_error > 1.2 * alone.standard_error).all()
 

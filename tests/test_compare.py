@@ -17,7 +17,6 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LogarithmicDecrement
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.records.smoothing import sensor_noise
-from sysid_trib.results.files import load
 from sysid_trib.validation.compare import every_method
 from sysid_trib.validation.comparison_table import column_power
 from sysid_trib.validation.holdout import split
@@ -257,23 +256,3 @@ def test_rms_are_over_the_runs_and_each_ones_noise():
 def test_runs_that_no_method_takes_together():
     with pytest.raises(DecayError, match=r"these runs together\. logarithmic decrement: takes one record"):
         compare(two_runs(), FORCES, [LogarithmicDecrement()])
-
-
-@pytest.mark.slow
-def test_command_takes_several_records(tmp_path):
-    places = [tmp_path / "a.csv", tmp_path / "b.csv"]
-    for place, decay in zip(places, two_runs(), strict=True):
-        decay.to_dataframe().to_csv(place)
-    ending = run("compare", *places, "-o", tmp_path / "r.nc", "--plot", tmp_path / "figures")
-    assert (ending.status, ending.err) == (0, "")
-    assert [line.startswith("Record: ") for line in ending.out.splitlines()[2:6]] == [True, False] * 2
-    assert sum("takes one record at a time" in line for line in ending.out.splitlines()) == 9
-    names = {path.name for path in (tmp_path / "figures").iterdir()}
-    assert names == {
-        f"{name}.{kind}" for name in ("comparison", "overview_1", "overview_2") for kind in ("pdf", "png")
-    }
-    assert {"record_1", "record_2", "envelope_2", "comparison"} <= set(load(tmp_path / "r.nc").children)
-    found = json.loads(run("compare", *places, "--json").out)
-    assert len(found["records"]) == len(found["run_noises"]) == len(found["holdout_starts"]) == 2
-    assert len(found["methods"]["direct"]["run_holdout_rms"]) == 2
-    assert found["methods"]["linear decrement"]["run_holdout_rms"] == [None, None]

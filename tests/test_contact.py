@@ -5,8 +5,8 @@ import re
 
 import numpy as np
 import pytest
-import xarray as xr
 from command_line import run, write_csv
+from helpers import decay
 
 from sysid_trib.errors import UsageError
 from sysid_trib.records.free_decay import free_decays
@@ -25,12 +25,12 @@ def test_look_says_what_was_understood_and_what_comes_next(tmp_path):
     assert abs(power) < 0.1
     assert ending.out.splitlines()[-1].startswith(f"Next: sysid-trib identify '{path}'")
     facts = json.loads(run("look", path, "--json").out)
-    (decay,) = facts["decays"]
-    assert decay["unit"] == "mm"
-    assert decay["period"] == pytest.approx(2.0 * np.pi / 8.0, rel=1e-4)
-    assert decay["noise"] == pytest.approx(24.0 * 2e-4, rel=0.1)
+    (found,) = facts["decays"]
+    assert found["unit"] == "mm"
+    assert found["period"] == pytest.approx(2.0 * np.pi / 8.0, rel=1e-4)
+    assert found["noise"] == pytest.approx(24.0 * 2e-4, rel=0.1)
     # The one noise of all commands.
-    assert f"noise: {decay['noise']:.2g} mm" in run("identify", path, "--quiet", "--forces", "zeta").out
+    assert f"noise: {found['noise']:.2g} mm" in run("identify", path, "--quiet", "--forces", "zeta").out
 
 
 def test_look_tells_what_it_read_before_a_refusal(tmp_path):
@@ -68,22 +68,16 @@ def test_systems_are_data(tmp_path):
 
 def swing(samples=2000, seed=3):
     time = np.arange(samples) / 100.0
-    angle = 0.4 * np.exp(-0.05 * time) * np.cos(8.0 * time)
-    return time, angle + 2e-4 * np.random.default_rng(seed).standard_normal(samples)
-
-
-def as_record(time, values, unit="rad"):
-    angle = ("time", values, {"units": unit, "long_name": "angle"})
-    return xr.Dataset({"angle": angle}, {"time": ("time", time, {"units": "s"})}, {"source": "run.csv"})
+    return time, decay(time, 0.4 * np.exp(-0.05 * time) * np.cos(8.0 * time), seed, 2e-4).angle.values
 
 
 def test_a_displacement_has_no_force_that_knows_a_radian():
     import sysid_trib as st
 
-    decay = st.free_decay(as_record(*swing(), unit="mm"))
+    record = st.free_decay(decay(*swing(), units="mm"))
     gravity = st.load_library("candidate_effects").select(["gravity"])
     with pytest.raises(UsageError, match=r"'gravity' is a function of an angle.*--length"):
-        st.methods.Direct().identify(decay, gravity)
+        st.methods.Direct().identify(record, gravity)
 
 
 def test_a_length_makes_an_angle(tmp_path):
@@ -99,17 +93,11 @@ def test_what_is_integrated_is_the_motion(tmp_path, unit, power):
     time = np.arange(4000) / 100.0
     exponent = -0.05 + 8.0j
     whole = 0.4 * np.exp(exponent * time)
-    path = tmp_path / "phone.csv"
-    rows = "\n".join(
-        f"{t:.2f},{y:.8f}" for t, y in zip(time, (exponent**power * whole).real + 0.3, strict=True)
-    )
-    path.write_text(f"Time (s),Gyroscope z ({unit})\n{rows}\n", encoding="utf-8")
-    (record,) = read_records(path)
-    (decay,) = free_decays(record)
-    middle = slice(4.0, 36.0)
-    inside = decay.angle.sel(time=middle)
-    exact = np.interp(inside.time, time, whole.real)
-    assert np.abs(inside - exact).max() < 2e-3
+    shown = (exponent**power * whole).real + 0.3
+    (record,) = read_records(write_csv(tmp_path / "a.csv", time, shown, f"Time (s),Gyroscope z ({unit})"))
+    (found,) = free_decays(record)
+    inside = found.angle.sel(time=slice(4.0, 36.0))
+    assert np.abs(inside - np.interp(inside.time, time, whole.real)).max() < 2e-3
     assert "without the drift of its bias" in record.attrs["integration"]
 
 
@@ -131,9 +119,6 @@ def test_what_is_no_angle_is_not_called_degrees_nor_taken_for_rad(tmp_path, unit
 
 def test_a_swing_that_ends_in_the_noise_is_not_said_to_end_by_a_hand(tmp_path):
     time = np.arange(6000) / 100.0
-    values = 0.4 * np.exp(-0.2 * time) * np.cos(8.0 * time) + 2e-4 * np.random.default_rng(0).standard_normal(
-        6000
-    )
-    (decay,) = free_decays(as_record(time, values))
-    assert "lost in the noise" in decay.attrs["free_decay"]
-    assert "hand" not in decay.attrs["free_decay"]
+    (found,) = free_decays(decay(time, 0.4 * np.exp(-0.2 * time) * np.cos(8.0 * time), 0, 2e-4))
+    assert "lost in the noise" in found.attrs["free_decay"]
+    assert "hand" not in found.attrs["free_decay"]

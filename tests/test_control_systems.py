@@ -74,12 +74,6 @@ def test_a_constant_torque_shifts_the_rest_by_torque_over_stiffness(inertia):
     )
 
 
-def test_coefficients_are_parameters():
-    system = to_nonlinear_system(known({"zeta": 0.0097}))
-    changed = system.dynamics(0.0, [0.1, 2.0], [0.0], {"zeta": 0.5})
-    assert changed[1] == pytest.approx(-(W**2) * 0.1 - 2 * 0.5 * W * 2.0)
-
-
 def test_memory_is_refused():
     with pytest.raises(UsageError, match="jenkins"):
         to_nonlinear_system(Model(library(), {"jenkins": 0.1}, W))

@@ -23,7 +23,7 @@ from discovery import (
     start_model,
     with_effect,
 )
-from helpers import FIVE, NOISE, W, decay, paper_run, rms, rms_range, share_range
+from helpers import FIVE, NOISE, W, decay, rms, rms_range, share_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import discover
@@ -40,7 +40,6 @@ from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.effects import shapes_of
 from sysid_trib.validation.holdout import split
 
-RUN = paper_run(FIVE)
 # What imitates each other least, and quickly follows a path.
 FEW = EFFECTS.select(["cubic_damping", "inertia", "even_spring", "stiffness_drift", "bias", "sensor_curve"])
 
@@ -187,10 +186,6 @@ def test_shapes_are_told_with_their_errors():
     (value,) = shapes_of(step, "power_damping").values()
     assert abs(value - 1.7) < 4.0 * error
     assert value_with_error(value, error) in formula_text(step)
-    step["shape_standard_error"] = 0.0 * step.shape_standard_error
-    assert formula_text(step).endswith(f"p = {value:.3g} (end of its range)")
-    step["shape_standard_error"] = np.nan * step.shape_standard_error
-    assert formula_text(step).endswith(f"p = {value:.5g} ± ?")
 
 
 def test_settings_are_few_documented_and_stored():
@@ -228,10 +223,6 @@ def test_discover_is_blind_to_the_last_third_unless_asked():
         assert tree["steps"].prediction_z.item() > -DEFAULTS.refuted
         assert not tree["steps"].worsens_holdout.item()
         assert tree["steps"].gain.item() > 50.0
-        assert tree["steps"].random_force_after.item() <= tree["steps"].random_force_before.item()
-        assert tree["steps"].chance_probability.item() == 0.0
-        step = tree["steps"].to_dataset()
-        assert step.whitened_residual_after.item() < step.whitened_residual_before.item()
         assert np.diff(tree["holdout"].log_score.values) > 0.0
     # More samples, smaller errors.
     errors = [tree["steps"].standard_error.item() for tree in (blind, again)]

@@ -1,7 +1,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from candidates import CANDIDATES, candidate, force
 from helpers import library_of_formulas
@@ -27,14 +26,6 @@ PROPERTIES = {
     "maxwell": ("odd", "mixed", None, None, "1"),
     "jenkins": ("odd", "mixed", None, 0, "1"),
     "scale": ("odd", "sensor", 3, 0, "1"),
-}
-SURFACES = {
-    "lambda": ["v"],
-    "nu": ["x"],
-    "freeplay": ["x", "0.0 - (abs(x) - g)"],
-    "bouc_wen_2": ["v", "z"],
-    "masing": ["x - xr"],
-    "jenkins": ["s - (zr + x - xr)", "-s - min(s, zr + x - xr)"],
 }
 LATEX = {
     "lambda": r"\operatorname{sgn}{\left(\theta' \right)}",
@@ -166,28 +157,9 @@ def test_properties_follow_from_the_formula(symbol):
     ]
 
 
-@pytest.mark.parametrize("symbol", SURFACES)
-def test_switching_surfaces(symbol):
-    assert [surface.text for surface in by_symbol(symbol).surfaces] == SURFACES[symbol]
-
-
 @pytest.mark.parametrize("symbol", LATEX)
 def test_latex(symbol):
     assert by_symbol(symbol).latex == LATEX[symbol]
-
-
-@pytest.mark.parametrize("symbol", CANDIDATES)
-def test_following_a_branch_gives_the_value(symbol):
-    # The simulator follows one analytic branch; on its side of every surface it is the formula itself.
-    found = candidate(symbol)
-    for formula in found.formulas:
-        signs = {s.text: np.sign(s.evaluate(found.test_points)) for s in formula.surfaces}
-        np.testing.assert_allclose(
-            formula.evaluate(found.test_points, signs=signs),
-            formula.evaluate(found.test_points),
-            rtol=1e-12,
-            atol=1e-14,
-        )
 
 
 def test_roles_are_known_by_formula_not_by_symbol():

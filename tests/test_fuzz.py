@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 from time import process_time
 
 import command_line
@@ -13,12 +12,10 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from benchmarks.hostile import worker
+from benchmarks.hostile.pieces import ANGLE, TIME
 from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.results.files import write_file
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
-from hostile import worker
-from hostile.pieces import ANGLE, TIME
 
 SLOWEST_S = 5.0
 FAULTS = ("fault", "unreadable")

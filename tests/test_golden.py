@@ -1,11 +1,6 @@
 """Golden records: answers of identify, compare and discover are those that are kept (benchmarks/golden)."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.append(str(Path(__file__).parents[1]))
 
 from benchmarks.golden.answers import answer, differences, kept_answers
 from benchmarks.golden.cases import CASES

@@ -7,7 +7,7 @@ import tokenize
 from collections import Counter
 
 import pytest
-from house import PACKAGE, arrows, circles, imported, modules, numbers, room_of, unreachable, words_of
+from house import PACKAGE, arrows, circles, modules, numbers, room_of, unreachable, words_of
 
 import sysid_trib as st
 
@@ -58,12 +58,17 @@ PHRASES = re.compile(
 ALIASES = {"Array", "Vector", "Index", "Mask"}
 
 
-def modules_of(room):
-    """The modules of a room: (name, tree, text)."""
-    return [(name, *module) for name, module in modules().items() if room_of(name) == room]
+def wrong(found_in, is_wrong):
+    """Where a module says what it must not; `found_in` gives words and their lines."""
+    return [
+        f"{name}:{line}: {word}"
+        for name, module in modules().items()
+        for word, line in found_in(*module)
+        if room_of(name) in ROOMS and is_wrong(word)
+    ]
 
 
-def identifiers(tree):
+def identifiers(tree, _):
     """Every identifier of a module with its line."""
     return [(name, node.lineno) for node in ast.walk(tree) if (name := identifier(node))]
 
@@ -75,7 +80,7 @@ def identifier(node):
     return getattr(node, attribute.get(type(node), ""), None)
 
 
-def bound(tree):
+def bound(tree, _):
     """Identifiers that a module defines; `left` beside `right` is a side."""
     names = [
         (identifier(node), node.lineno)
@@ -87,40 +92,32 @@ def bound(tree):
     return [(name, line) for name, line in names if name not in sides]
 
 
-def sentences(tree, text):
-    """Comments, docstrings and texts of a module with their lines; a lone word is a key."""
+def said(tree, text):
+    """Forbidden phrases of comments, docstrings and texts with their lines; a lone word is a key."""
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
-            yield token.string, token.start[0]
+            yield from phrases(token.string, token.start[0])
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and not node.value.isidentifier():
-            yield node.value, node.lineno
+            yield from phrases(node.value, node.lineno)
 
 
-def docstrings(tree):
-    """Docstrings of a module with their lines."""
+def first_lines(tree, _):
+    """How docstrings begin."""
     for node in ast.walk(tree):
         holds = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         if holds and (text := ast.get_docstring(node)):
-            yield text, node.body[0].lineno
+            yield text.splitlines()[0], node.body[0].lineno
 
 
 def phrases(text, line=1):
     """Forbidden phrases of a text, with their lines."""
-    return [(line + text.count("\n", 0, m.start()), m[0]) for m in PHRASES.finditer(text)]
+    return [(m[0], line + text.count("\n", 0, m.start())) for m in PHRASES.finditer(text)]
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_a_room_imports_only_from_rooms_below(room):
-    below = ROOMS[: ROOMS.index(room) + 1]
-    above = {
-        (name, other)
-        for name, (tree, _) in modules().items()
-        if room_of(name) == room
-        for other in imported(tree)
-        if other not in below
-    }
-    assert not above
+def test_a_room_imports_only_from_rooms_below():
+    up = [(room, other) for room, other in arrows() if ROOMS.index(other) > ROOMS.index(room)]
+    assert not up
 
 
 def test_every_room_is_in_the_list():
@@ -151,47 +148,20 @@ def test_the_house_does_not_grow():
     assert now["code lines of benchmarks"] <= 5_930
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_identifiers_are_the_words_of_the_field(room):
-    wrong = [
-        f"{name}:{line}: {word}"
-        for name, tree, _ in modules_of(room)
-        for word, line in identifiers(tree)
-        if word not in EXEMPT and WORDS & set(word.lower().split("_"))
-    ]
-    assert not wrong
+def test_identifiers_are_the_words_of_the_field():
+    assert not wrong(identifiers, lambda word: word not in EXEMPT and WORDS & set(word.lower().split("_")))
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_identifiers_name_the_thing(room):
-    wrong = [
-        f"{name}:{line}: {word}"
-        for name, tree, _ in modules_of(room)
-        for word, line in bound(tree)
-        if word.strip("_") in COMMON_WORDS
-    ]
-    assert not wrong
+def test_identifiers_name_the_thing():
+    assert not wrong(bound, lambda word: word.strip("_") in COMMON_WORDS)
 
 
 def test_docstrings_begin_with_what_a_thing_is_or_does():
-    wrong = [
-        f"{name}:{line}: {text.splitlines()[0]}"
-        for name, (tree, _) in modules().items()
-        for text, line in docstrings(tree)
-        if re.match(r"(?:Of|Those|The same|Whether|How far)\b", text)
-    ]
-    assert not wrong
+    assert not wrong(first_lines, re.compile(r"(?:Of|Those|The same|Whether|How far)\b").match)
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_texts_are_in_the_words_of_the_field(room):
-    wrong = [
-        f"{name}:{at}: {phrase}"
-        for name, tree, text in modules_of(room)
-        for sentence, line in sentences(tree, text)
-        for at, phrase in phrases(sentence, line)
-    ]
-    assert not wrong
+def test_texts_are_in_the_words_of_the_field():
+    assert not wrong(said, bool)
 
 
 @pytest.mark.parametrize("place", ["docs", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "libraries"])
@@ -199,13 +169,9 @@ def test_pages_are_in_the_words_of_the_field(place):
     if not (ROOT / place).exists():
         pytest.skip("not in this package")
     paths = [ROOT / place] if (ROOT / place).is_file() else sorted((ROOT / place).glob("*.*"))
-    # Names in backticks are public ones, or keys of JSON.
-    texts = {
-        p: re.sub(r"`[^`\n]+`", "", p.read_text(encoding="utf-8"))
-        for p in paths
-        if p.suffix in (".md", ".toml")
-    }
-    assert not [f"{p.name}:{line}: {word}" for p, text in texts.items() for line, word in phrases(text)]
+    for path in (path for path in paths if path.suffix in (".md", ".toml")):
+        # Names in backticks are public ones, or keys of JSON.
+        assert not phrases(re.sub(r"`[^`\n]+`", "", path.read_text(encoding="utf-8"))), path.name
 
 
 def test_a_constant_or_class_means_one_thing():
@@ -225,14 +191,20 @@ HOMES = {
 }
 
 
+def functions():
+    """Every function with the name of its module."""
+    walked = ((name, node) for name, (tree, _) in modules().items() for node in ast.walk(tree))
+    return [(name, node) for name, node in walked if isinstance(node, ast.FunctionDef)]
+
+
 def test_what_is_decided_has_one_home():
-    homes = {
+    defined_in = {
         (node.name.strip("_"), name)
         for name, (tree, _) in modules().items()
         for node in tree.body
-        if isinstance(node, ast.FunctionDef) and node.name.strip("_") in HOMES
+        if isinstance(node, ast.FunctionDef)
     }
-    assert homes == set(HOMES.items())
+    assert {(function, name) for function, name in defined_in if function in HOMES} == set(HOMES.items())
 
 
 def test_the_kind_of_a_result_is_asked_not_guessed():
@@ -252,26 +224,17 @@ def defined(tree):
 
 
 def test_caches_are_bounded():
-    unbounded = [
+    unbounded = ("cache", "functools.cache", "lru_cache(maxsize=None)")
+    assert not [
         f"{name}: {node.name}"
-        for name, (tree, _) in modules().items()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef) and _arguments(node)
-        for decorator in node.decorator_list
-        if ast.unparse(decorator) in ("cache", "functools.cache", "lru_cache(maxsize=None)")
+        for name, node in functions()
+        if _arguments(node) and any(ast.unparse(decorator) in unbounded for decorator in node.decorator_list)
     ]
-    assert not unbounded
 
 
 def test_functions_and_modules_are_small():
-    functions = [
-        (name, node)
-        for name, (tree, _) in modules().items()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef)
-    ]
-    assert not [f"{name}: {node.name}" for name, node in functions if _length(node) > 60]
-    assert len([node for _, node in functions if _arguments(node) > 6]) <= 8
+    assert not [f"{name}: {node.name}" for name, node in functions() if _length(node) > 60]
+    assert len([node for _, node in functions() if _arguments(node) > 6]) <= 8
     assert 90 <= numbers()["median code lines of a module"] <= 160
 
 

@@ -1,6 +1,5 @@
 """Importing changes nothing in the process, waits for nothing heavy, and old names lead to new ones."""
 
-import ast
 import subprocess
 import sys
 from importlib import import_module
@@ -14,12 +13,6 @@ from sysid_trib import _MOVED as MOVED
 from sysid_trib.commands.terminal import one_thread
 
 PACKAGE = Path(st.__file__).parent
-# What changes the process for all that runs in it.
-PROCESS_WIDE = {
-    *("umask", "environ", "putenv", "chdir", "setlocale", "setrecursionlimit"),
-    *("simplefilter", "filterwarnings", "resetwarnings", "basicConfig", "setLevel", "addHandler"),
-    *("seterr", "set_printoptions", "rcParams", "set_options"),
-}
 STATE = """
 import locale, logging, os, signal, sys, warnings
 
@@ -46,19 +39,6 @@ print([name for name in before if before[name] != after[name]])
 def test_importing_changes_nothing_in_the_process():
     ended = subprocess.run([sys.executable, "-c", STATE], capture_output=True, text=True, check=True)
     assert ended.stdout == "[]\n"
-
-
-@pytest.mark.slow
-def test_no_module_sets_what_is_the_whole_processs():
-    touched = [
-        (path.relative_to(PACKAGE).as_posix(), node.lineno, node.attr)
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Attribute) and node.attr in PROCESS_WIDE
-        # For as long as the processes of a campaign are there: what they start with is the environment.
-        if (path.parts[-2:], node.attr) != (("campaigns", "campaign.py"), "environ")
-    ]
-    assert touched == []
 
 
 def test_commands_compute_in_one_thread_and_leave_the_others_as_they_were():

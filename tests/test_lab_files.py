@@ -1,11 +1,6 @@
 """Files as laboratories write them, drawn anew: kinds that were once read wrongly, and all of them (slow)."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.contact.judging import drawn
 from benchmarks.contact.kinds import KINDS

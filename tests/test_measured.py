@@ -26,36 +26,20 @@ def refuted(found: dict) -> bool:
     return found["verdict"] in ("approximate", "not explained") and found["random_force"] is None
 
 
-@pytest.fixture(scope="module")
-def pendulum(data_folder):
+@pytest.mark.slow
+def test_a_pendulum_that_swings_far(data_folder):
+    """It hangs down at pi, gravity softens it, its bearing rubs, and a cubic force is not gravity."""
     path = data_folder / "single_pendulum" / "free_swing.csv"
-    return identified(path, "--window", "15:75", "--forces", "lambda,zeta,delta,epsilon")
-
-
-@pytest.mark.slow
-def test_pendulum_hangs_down_at_pi(pendulum):
-    assert centre(pendulum) == pytest.approx(np.pi, abs=2e-3)
-
-
-@pytest.mark.slow
-def test_gravity_softens_the_pendulum(pendulum):
+    found = identified(path, "--window", "15:75", "--forces", "lambda,zeta,delta,epsilon")
+    assert centre(found) == pytest.approx(np.pi, abs=2e-3)
     # sin(x) = x - x^3/6: -1/6 to leading order, less at the large angles of this record.
-    for epsilon in coefficients(pendulum, "epsilon"):
-        assert -0.18 < epsilon < -0.14
-
-
-@pytest.mark.slow
-def test_bearing_of_the_pendulum_rubs(pendulum):
+    assert all(-0.18 < epsilon < -0.14 for epsilon in coefficients(found, "epsilon"))
     # With gravity in the place of its cubic part, lambda is 0.0038 ± 0.0002.
-    for method in pendulum["methods"].values():
+    for method in found["methods"].values():
         friction = method["coefficients"]["lambda"]
         assert friction["value"] == pytest.approx(3.8e-3, abs=4.0 * friction["standard_error"])
         assert friction["standard_error"] < 5e-4
-
-
-@pytest.mark.slow
-def test_cubic_force_is_not_gravity_at_large_angles(pendulum):
-    assert refuted(pendulum)
+    assert refuted(found)
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from sysid_trib import load_library, methods
 from sysid_trib.commands.own_options import CampaignOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import METHODS, Averaging, Direct, Trajectory, method_of
-from sysid_trib.methods.scope import MethodScope, scope_of
 from sysid_trib.plots.compared import FAMILY_MARKS
 from sysid_trib.validation.compare import every_method
 
@@ -53,21 +52,6 @@ def test_a_method_of_one_record_refuses_several(label):
     run = paper_run(FIVE, duration=6.0).decay(0)
     with pytest.raises(UsageError, match="one record"):
         EVERY[label].identify([run, run], load_library())
-
-
-def test_scope_depends_on_options():
-    assert Averaging().scope.several_runs
-    assert not Averaging("last").scope.several_runs
-    assert Trajectory().scope.white_noise
-    assert not Trajectory(noise="coloured").scope.white_noise
-
-
-def test_a_method_without_scope_has_the_name_of_its_class():
-    class Guess:
-        def identify(self, decay, library):
-            raise NotImplementedError
-
-    assert scope_of(Guess()) == MethodScope("guess")
 
 
 def test_a_method_from_elsewhere_cannot_be_made_again():
@@ -134,7 +118,7 @@ def test_forces_that_a_method_cannot_tell_are_refused_in_a_sentence(method, form
     ("method", "duration", "sentence"),
     [
         (Averaging(), 1.4, "cannot decide 5 forces"),
-        (Direct(9.91), 0.3, ""),
+        (Direct(9.91), 0.3, "cannot decide 6 forces"),
         *(
             (kind(), 1.6, "give a longer record")
             for kind in (methods.FeenyLiang, methods.WuDecrement, methods.EnergyDecay)

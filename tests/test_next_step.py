@@ -14,13 +14,10 @@ from helpers import FIVE, W, paper_run, sentences_of
 import sysid_trib as st
 from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, SearchOptions
 from sysid_trib.commands.terminal import command_after
-from sysid_trib.plots.motion_panels import motion_data
-from sysid_trib.printing.identification import identification_blocks, identification_table
-from sysid_trib.printing.json_results import identification_json
+from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.next_step import NextStep, next_step
 from sysid_trib.validation.findings import holds
 from sysid_trib.validation.identify import usual_methods
-from sysid_trib.validation.verdict import breakdown
 
 FORCES = st.load_library()
 RUN = paper_run(FIVE, sampling_rate=50.0)
@@ -39,14 +36,6 @@ def explained():
 @cache
 def unexplained():
     return checked(RUN.decay(7), FORCES.select(["lambda", "zeta"]), random_force="off")
-
-
-def with_motion(tree, model, angle):
-    """The result with another motion of one of its models."""
-    changed = tree.copy(deep=True)
-    at = tree["record"].model.values.tolist().index(model)
-    changed["record"].simulated_angle.values[at] = angle
-    return changed
 
 
 # The next step.
@@ -118,20 +107,6 @@ def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors
 
 
 # Methods that break down.
-
-
-def test_a_method_that_failed_is_neither_tabulated_nor_drawn():
-    tree = with_motion(explained(), "averaging", np.nan)
-    assert breakdown(tree, "averaging")
-    assert not breakdown(tree, "direct")
-    heads = [str(column.header) for column in identification_table(tree).columns]
-    assert heads == ["force", "formula", "direct"]
-    text = " ".join(sentences_of(identification_blocks(tree)))
-    assert "Averaging failed: its motion diverges" in text
-    assert "agree" not in text
-    drawn = motion_data(tree, 0)
-    assert list(drawn.lines) == ["direct"]
-    assert identification_json(tree)["methods"]["averaging"]["failed"]
 
 
 def test_a_file_that_begins_with_a_dash_is_no_option():

@@ -1,8 +1,10 @@
 """Numbers that hold: what a good verdict stands on, on records of kinds that once gave wrong ones."""
 
+import helpers
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import library_of_formulas, measured
 
 import sysid_trib as st
 from sysid_trib.methods import Direct
@@ -14,9 +16,7 @@ SIX = st.load_library("contact_forces")
 
 def noisy(model, time, start, noise, seed=0):
     """A simulated decay in white noise, time in s."""
-    angle = st.simulate(model, time, start).angle.values
-    angle = angle + noise * np.random.default_rng(seed).standard_normal(len(time))
-    return st.free_decay(xr.Dataset({"angle": ("time", angle)}, {"time": time}))
+    return st.free_decay(measured(model, time, start, noise=noise, seed=seed))
 
 
 @pytest.mark.parametrize(("start", "held"), [(2.0, {"epsilon": 0.3}), (1.5, {"epsilon": -0.12, "nu": 0.2})])
@@ -36,11 +36,7 @@ def test_errors_are_those_of_the_bound_however_many_samples_a_period(per_period,
     true = {"lambda": 6e-4, "zeta": 0.005, "delta": 0.02, "epsilon": 0.15}
     model, noise = st.Model(SIX.select(list(true)), true, 9.0), 2e-4
     time = np.arange(0.0, 15.0, 2.0 * np.pi / 9.0 / per_period)
-    angle = st.simulate(model, time, 0.35).angle.values
-    decay = xr.Dataset(
-        {"angle": ("time", angle + noise * np.random.default_rng(1).standard_normal(len(time)))},
-        {"time": time},
-    )
+    decay = measured(model, time, 0.35, noise=noise, seed=1)
     result = st.identify(decay, model.library, Direct(random_force=random_force))
     bound = st.validation.cramer_rao_bound(model, time, 0.35, 0.0, noise, free=True).standard_error
     # By the noise that these few samples happen to have.
@@ -57,10 +53,7 @@ NOISE = 2e-4 * np.random.default_rng(1).standard_normal(len(TIME))
 
 
 def decay_of(angle, **options):
-    record = xr.Dataset(
-        {"angle": ("time", angle, {"units": "rad"})}, {"time": ("time", TIME, {"units": "s"})}
-    )
-    return st.free_decay(record, **options)
+    return st.free_decay(helpers.decay(TIME, angle), **options)
 
 
 def one_off(angle):
@@ -85,16 +78,9 @@ def test_outliers_within_the_swing_are_left_out(spoil):
     assert "left out" not in decay_of(angle, keep_outliers=True).attrs["free_decay"]
 
 
-@pytest.mark.parametrize(
-    "force",
-    [{"formula": "-max(-0.1, min(0.1, x))"}, {"formula": "100*max(0, x - 0.2)"}],
-    ids=["gap", "wall"],
-)
-def test_impacts_and_steps_are_no_outliers(force, tmp_path):
-    forces = [("k", force["formula"]), ("zeta", "2*v")]
-    text = "".join(f'[[force]]\nsymbol = "{symbol}"\nformula = "{formula}"\n' for symbol, formula in forces)
-    (tmp_path / "t.toml").write_text('title = "t"\n' + text)
-    library = st.load_library(str(tmp_path / "t.toml"))
+@pytest.mark.parametrize("formula", ["-max(-0.1, min(0.1, x))", "100*max(0, x - 0.2)"], ids=["gap", "wall"])
+def test_impacts_and_steps_are_no_outliers(formula):
+    library = library_of_formulas(k=formula, zeta="2*v")
     angle = st.simulate(st.Model(library, {"k": 1.0, "zeta": 0.01}, 9.0), TIME, 0.35).angle.values
     assert "outlier" not in decay_of(angle + 1e-5 * NOISE / 2e-4).attrs["free_decay"]
     assert "outlier" not in decay_of(np.round(angle, 3)).attrs["free_decay"]
@@ -135,11 +121,8 @@ def test_other_units_in_memory_are_refused(units):
         st.identify(record, SIX.select(["zeta"]), Direct())
 
 
-def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time(tmp_path):
-    forces = [("zeta", "2*v"), ("ageing", "2*v*t/10")]
-    text = "".join(f'[[force]]\nsymbol = "{symbol}"\nformula = "{formula}"\n' for symbol, formula in forces)
-    (tmp_path / "t.toml").write_text('title = "t"\n' + text)
-    library = st.load_library(str(tmp_path / "t.toml")).select(["zeta", "ageing"])
+def test_weights_of_a_force_that_depends_on_time_are_those_of_each_time():
+    library = library_of_formulas(zeta="2*v", ageing="2*v*t/10")
     model = st.Model(library, {"zeta": 0.004, "ageing": 0.004}, 9.0)
     result = st.identify(noisy(model, TIME, 0.35, 1e-4), library, Direct())
     amplitudes, times = [0.1, 0.3], [10.0, 2.0]

@@ -8,7 +8,7 @@ import xarray as xr
 from discovery import CONTACT, EFFECTS, exact, library, model_of, with_effect
 from helpers import decay
 
-from sysid_trib import discover, plots
+from sysid_trib import discover
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.printing.discovery_tables import effect_with_ties
 from sysid_trib.printing.json_results import discovery_json
@@ -41,19 +41,6 @@ def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
     assert replacing_pairs(again) == ["lambda and delta"]
     # As an older version has saved it.
     assert replacing_pairs(step.drop_vars(["pairs", "pair_odds"])) == []
-
-
-def test_many_pairs_leave_the_figure_its_width(tree):
-    many = tree.copy(deep=True)
-    steps = many["steps"].to_dataset()
-    pairs = "; ".join(f"three_halves_damping and {symbol}" for symbol in ("friction_drift", "damping_drift"))
-    many["steps"] = xr.DataTree(steps.assign(pairs=("step", [pairs])))
-    figure = plots.story(many)
-    figure.draw_without_rendering()
-    # The record spans the figure; the two maps stand side by side.
-    assert figure.axes[0].get_position().width > 0.6
-    texts = " ".join(text.get_text() for ax in figure.axes for text in ax.texts)
-    assert "; or one of 2 pairs" in texts
 
 
 def test_an_effect_of_no_shape_has_no_pairs():

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from command_line import run as command
-from helpers import FIVE, NOISE, paper_run
+from command_line import run as command, write_csv
+from helpers import FIVE, measured, paper_run
 from scipy.stats import norm
 
 from benchmarks.plan import step
@@ -35,8 +35,7 @@ def test_the_same_run_once_more_takes_the_root_of_two_from_the_errors(tree):
 def test_a_random_force_pushes_the_next_run_too():
     model = Model(RUN.model.library.select(["zeta", "delta"]), {"zeta": 0.01, "delta": 0.03}, 9.9)
     time = np.arange(0.0, 12.0, 0.02)
-    angle = simulate(model, time, 0.3, random_force=1e-3, seed=1).angle.values
-    record = np.column_stack([time, angle + 1e-3 * np.random.default_rng(0).standard_normal(len(time))])
+    record = measured(model, time, noise=1e-3, seed=1, random_force=1e-3)
     pushed = identify(free_decay(record), model.library)["direct"].to_dataset()
     same = {"amplitude": (0.3, 0.3), "duration": (12.0, 12.0), "sampling_rate": 50.0}
     errors = plan(pushed, **same).standard_error.values[0]
@@ -74,12 +73,11 @@ def test_a_displacement_in_micrometres_plans_as_its_angle():
 def test_no_run_is_longer_than_its_motion():
     model = Model(RUN.model.library.select(["lambda", "zeta"]), {"lambda": 1e-3, "zeta": 0.005}, 9.9)
     time = np.arange(0.0, 20.0, 0.02)
-    motion = simulate(model, time, 0.2)
-    shown = motion.angle.values + 2e-4 * np.random.default_rng(0).standard_normal(len(time))
-    result = identify(free_decay(np.column_stack([time, shown])), model.library, Direct())
+    stop = simulate(model, time, 0.2).stop_time.item()
+    result = identify(free_decay(measured(model, time, 0.2, noise=2e-4)), model.library, Direct())
     found = plan(result, amplitude=(0.1, 0.2), duration=(5.0, 60.0), sampling_rate=50.0)
     longest = found.duration.where(found.amplitude > 0.19).max()
-    assert longest == pytest.approx(motion.stop_time.item(), abs=0.4)
+    assert longest == pytest.approx(stop, abs=0.4)
     assert longest > found.duration.where(found.amplitude < 0.11).max()
 
 
@@ -168,14 +166,11 @@ def test_no_run_of_a_driven_body_is_planned(tree):
 @pytest.mark.slow
 @pytest.mark.parametrize("words", ["plan", "export", "response --drive 0.1"])
 def test_a_difference_is_no_model(tmp_path, words):
-    for seed in (1, 2):
-        time = np.arange(0.0, 6.0, 0.02)
-        angle = simulate(RUN.model, time, 0.3).angle.values + NOISE * np.random.default_rng(
-            seed
-        ).standard_normal(len(time))
-        np.savetxt(tmp_path / f"{seed}.csv", np.column_stack([time, angle]), delimiter=",")
-    result = str(tmp_path / "d.nc")
-    records = [str(tmp_path / f"{seed}.csv") for seed in (1, 2)]
+    runs = [measured(RUN.model, np.arange(0.0, 6.0, 0.02), seed=seed) for seed in (1, 2)]
+    records = [
+        write_csv(tmp_path / f"{at}.csv", run.time.values, run.angle.values) for at, run in enumerate(runs)
+    ]
+    result = tmp_path / "d.nc"
     assert command("difference", *records, "--forces", "zeta", "-o", result).status == 0
     name, *options = words.split()
     ending = command(name, result, *options)
@@ -202,10 +197,7 @@ def test_rivals_of_a_discovery_part_at_a_larger_release():
 
     model = Model(load_library().select(["zeta", "epsilon"]), {"zeta": 0.01, "epsilon": -0.167}, 9.9)
     time = np.arange(0.0, 12.0, 0.02)
-    angle = simulate(model, time, 0.25).angle.values + 2e-3 * np.random.default_rng(0).standard_normal(
-        len(time)
-    )
-    found = discover(free_decay(np.column_stack([time, angle])))
+    found = discover(free_decay(measured(model, time, 0.25, noise=2e-3)))
     runs = plan(found, amplitude=(0.1, 0.8))
     assert {"epsilon", "gravity"} <= set(runs.attrs["models"])
     best, smallest = runs.isel(run=0), runs.isel(run=np.argmin(runs.amplitude.values))

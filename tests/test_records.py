@@ -204,13 +204,6 @@ def test_netcdf(tmp_path, engine):
     holds(read_record(path))
 
 
-def test_own_netcdf_comes_back(tmp_path):
-    record = read_record(written(tmp_path, table()))
-    record.to_netcdf(tmp_path / "own.nc", engine="h5netcdf")
-    again = read_record(tmp_path / "own.nc")
-    xr.testing.assert_equal(again, record)
-
-
 def test_parquet(tmp_path):
     pytest.importorskip("pyarrow")
     pd.DataFrame({"time_ms": 1000 * TIME, "angle": ANGLE}).to_parquet(tmp_path / "run.parquet")
@@ -320,25 +313,6 @@ def test_any_text_is_read_or_refused(tmp_path_factory, content):
     if record is not None:
         assert np.all(np.isfinite(record["angle"]))
         assert np.all(np.diff(record["time"]) > 0)
-
-
-@pytest.mark.parametrize("format", ["nc", "mat", "xlsx", "h5"])
-@pytest.mark.parametrize("share", [0.3, 0.9])
-def test_truncated_file(tmp_path, format, share):
-    path = tmp_path / f"run.{format}"
-    if format == "mat":
-        scipy.io.savemat(path, {"t": TIME, "theta": ANGLE})
-    elif format == "xlsx":
-        pd.DataFrame({"time": TIME, "angle": ANGLE}).to_excel(path, index=False)
-    elif format == "h5":
-        with h5py.File(path, "w") as file:
-            file["time"], file["angle"] = TIME, ANGLE
-    else:
-        xr.Dataset({"angle": ("time", ANGLE)}, coords={"time": TIME}).to_netcdf(path, engine="h5netcdf")
-    content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(RecordError, match=f"run.{format}"):
-        read_record(path)
 
 
 def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import xarray as xr
-from command_line import run
+from command_line import run, write_csv
+from helpers import decay
 from scipy.signal import lfilter
 
 import sysid_trib as st
@@ -20,7 +20,7 @@ def swing(time, zeta, start=0.4, middle=0.05, noise=1e-3):
     w = FREQUENCY * np.sqrt(1.0 - zeta**2)
     fall = start * np.exp(-zeta * FREQUENCY * time)
     angle = fall * (np.cos(w * time) + zeta * FREQUENCY / w * np.sin(w * time))
-    return middle + angle + noise * np.random.default_rng(0).standard_normal(time.size)
+    return decay(time, middle + angle, 0, noise)
 
 
 SHORT = {
@@ -33,22 +33,20 @@ SHORT = {
 @pytest.mark.parametrize("name", SHORT)
 def test_what_proves_no_decay_is_taken_where_its_forces_are_named(name):
     time, zeta, start = SHORT[name]
-    record = xr.Dataset({"angle": ("time", swing(time, zeta, start))}, {"time": time})
+    record = swing(time, zeta, start)
     with pytest.raises(DecayError, match="--forces"):
         free_decay(record)
-    (decay,) = free_decays(record, as_it_is=True)
-    assert decay.equilibrium.item() == pytest.approx(0.05, abs=4.0 * decay.equilibrium_standard_error.item())
-    assert "taken as it is" in decay.attrs["free_decay"]
-    result = st.identify(decay, st.load_library("contact_forces").select(["zeta"]), st.methods.Direct())
+    (kept,) = free_decays(record, as_it_is=True)
+    assert kept.equilibrium.item() == pytest.approx(0.05, abs=4.0 * kept.equilibrium_standard_error.item())
+    assert "taken as it is" in kept.attrs["free_decay"]
+    result = st.identify(kept, st.load_library("contact_forces").select(["zeta"]), st.methods.Direct())
     assert result.coefficient.item() == pytest.approx(zeta, abs=4.0 * result.standard_error.item())
 
 
 @pytest.mark.parametrize("name", SHORT)
 def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
     time, zeta, start = SHORT[name]
-    decays = free_decays(
-        xr.Dataset({"angle": ("time", swing(time, zeta, start))}, {"time": time}), as_it_is=True
-    )
+    decays = free_decays(swing(time, zeta, start), as_it_is=True)
     task = st.campaigns.Task(
         "identify", st.load_library().select(["zeta"]), read=lambda path: decays, options={"draws": 0}
     )
@@ -65,8 +63,7 @@ def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
 @pytest.mark.parametrize("name", ["heavily damped", "growing"])
 def test_other_commands_take_it(tmp_path, name):
     time, zeta, start = SHORT[name]
-    table = np.c_[time, swing(time, zeta, start)]
-    np.savetxt(tmp_path / "r.csv", table, "%.6f", ",", header="time (s),angle (rad)", comments="")
+    write_csv(tmp_path / "r.csv", time, swing(time, zeta, start).angle.values)
     for command in (["identify"], ["compare"], ["discover", "--max-effects", "1", "--time-limit", "5"]):
         ending = run(*command, tmp_path / "r.csv", "--forces", "zeta")
         assert ending.status == 0, ending.err
@@ -75,29 +72,27 @@ def test_other_commands_take_it(tmp_path, name):
 
 def test_noise_is_no_short_decay():
     time = np.arange(0.0, 5.0, 0.01)
-    noise = np.random.default_rng(0).standard_normal(time.size)
     with pytest.raises(DecayError, match="noise"):
-        free_decays(xr.Dataset({"angle": ("time", noise)}, {"time": time}), as_it_is=True)
+        free_decays(decay(time, 0.0 * time, 0, 1.0), as_it_is=True)
 
 
 @pytest.mark.parametrize("samples", [9.0, 5.3])
 def test_few_samples_a_period_are_enough(samples):
     time = np.arange(0.0, 28.0, 2.0 * np.pi / FREQUENCY / samples)
-    decay = free_decay(xr.Dataset({"angle": ("time", swing(time, 0.005))}, {"time": time}))
+    found = free_decay(swing(time, 0.005))
     library = st.load_library("contact_forces").select(["zeta"])
     for method in (st.methods.Averaging(), st.methods.Direct()):
-        result = st.identify(decay, library, method)
+        result = st.identify(found, library, method)
         assert result.coefficient.item() == pytest.approx(0.005, abs=4.0 * result.standard_error.item())
 
 
 def test_shaking_after_the_decay_is_cut():
     time = np.arange(0.0, 60.0, 0.01)
-    decay = 0.3 * np.exp(-0.01 * FREQUENCY * time) * np.cos(FREQUENCY * time)
+    angle = 0.3 * np.exp(-0.01 * FREQUENCY * time) * np.cos(FREQUENCY * time)
     # The same mode, pushed at random throughout.
     pole = np.exp((-0.01 + 1j) * FREQUENCY * 0.01)
     pushes, noise = np.random.default_rng(0).standard_normal((2, time.size))
     shaking = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], pushes)
     shaking *= 0.003 / shaking.std()
-    noise = 3e-4 * noise
-    (kept,) = free_decays(xr.Dataset({"angle": ("time", decay + shaking + noise)}, {"time": time}))
+    (kept,) = free_decays(decay(time, angle + shaking + 3e-4 * noise))
     assert kept.time.values[-1] < 40.0

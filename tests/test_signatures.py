@@ -17,7 +17,7 @@ from sysid_trib.cycles.identifiability import (
     inseparable,
     without_signature,
 )
-from sysid_trib.cycles.signatures import averages, dissipated_power, signature
+from sysid_trib.cycles.signatures import averages, signature
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import parse_library
 
@@ -137,15 +137,6 @@ def test_time_is_held_in_a_cycle_and_runs_with_the_amplitudes():
     found = signature(candidate("drift"), a, time=t)
     np.testing.assert_allclose(found.sine, -a * t / 2, rtol=1e-12)
     assert signature(candidate("ageing"), 0.3, time=np.e - 1).sine.item() == pytest.approx(-2 / pi)
-
-
-def test_power_is_lost_by_friction_and_not_by_springs():
-    six = load_library()
-    assert dissipated_power(six["lambda"], 0.3) == pytest.approx(0.3 * 2 / pi)
-    assert dissipated_power(six["nu"], [0.1, 0.3]).tolist() == [0.0, 0.0]
-    # A Jenkins element loses power only where it slips.
-    assert dissipated_power(candidate("jenkins"), np.array([0.01, 0.3]))[0] == pytest.approx(0.0, abs=1e-15)
-    assert dissipated_power(candidate("jenkins"), np.array([0.01, 0.3]))[1] > 0
 
 
 @pytest.mark.parametrize("a", [-0.1, np.nan, np.inf, [[0.1]]])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
+from helpers import decay
 
 import sysid_trib as st
 from sysid_trib.methods import Direct
@@ -59,9 +59,9 @@ def test_harmonics_of_the_motion_are_no_line():
 def hum(request):
     """A decay with hum of ten times the noise, within and above the band of the motion, and its check."""
     angle = MOTION + noise() + 4.2e-3 * np.sin(2.0 * np.pi * request.param * TIME)
-    decay = st.free_decay(xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": TIME}))
+    found = st.free_decay(decay(TIME, angle))
     methods = [Direct(), Direct(refine=False, random_force="off")]
-    return request.param, cross_check(decay, *identifications(decay, FORCES, methods)[::-1], draws=4)
+    return request.param, cross_check(found, *identifications(found, FORCES, methods)[::-1], draws=4)
 
 
 @pytest.mark.slow

@@ -2,9 +2,8 @@
 
 import json
 
-import numpy as np
 import pytest
-from command_line import run
+from command_line import run, write_csv
 from discovery import (
     BASE,
     EFFECTS,
@@ -107,14 +106,6 @@ def test_a_likely_rival_is_in_the_set():
     assert credible_set(found, name) == {"epsilon", "gravity"}
 
 
-def test_a_strong_effect_is_alone_in_its_set():
-    base = {"zeta": 0.003, "nu": 0.14, "epsilon": 0.49}
-    run = with_effect({"inertia": 2.2}, seed=0, base=base, start=0.26)
-    found = searched([run], EFFECTS.select(["inertia", "sensor_cubic", "cubic_damping"]), library(*base))
-    assert found.effects == ("inertia",)
-    assert credible_set(found, "inertia") == {"inertia"}
-
-
 @pytest.mark.slow
 def test_two_effects_do_not_take_each_others_place_without_end():
     base = {"lambda": 1.7e-4, "zeta": 0.005, "nu": 0.22}
@@ -170,8 +161,7 @@ def test_what_is_no_force_of_the_model_is_not_held(pendulum):
 
 @pytest.mark.slow
 def test_the_command_holds_what_the_system_has(pendulum, tmp_path):
-    path = tmp_path / "swing.csv"
-    np.savetxt(path, np.stack([pendulum.time, pendulum.angle], axis=1), "%.9g", ",", header="t,angle (rad)")
+    path = write_csv(tmp_path / "swing.csv", pendulum.time.values, pendulum.angle.values)
     asked = ("--system", "pendulum", "--forces", "lambda,zeta", "--max-effects", "0", "--json")
     model = json.loads(run("discover", path, *asked).out)["model"]
     assert model["coefficients"]["gravity"] == {"value": 1.0, "standard_error": 0.0, "constraint": "fixed"}

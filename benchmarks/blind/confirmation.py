@@ -34,14 +34,10 @@ from typing import Any, NoReturn
 import numpy as np
 import xarray as xr
 
-if __package__ in (None, "", "benchmarks.blind"):
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-    __package__ = "blind"
-
-from blind.cases import Drawn, draw_case, kind_of
-from blind.confirmation_report import SLOW, report
-from blind.generator import NoDecayError
-from blind.seen import CONTACT, offered
+from benchmarks.blind.cases import Drawn, draw_case, kind_of
+from benchmarks.blind.confirmation_report import SLOW, report
+from benchmarks.blind.generator import NoDecayError
+from benchmarks.blind.seen import CONTACT, offered
 from sysid_trib import free_decay, read_record
 from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError
@@ -211,7 +207,7 @@ def main(salt: str = "") -> None:
     rows = kept(keep)
     if options.times:
         rows = [row for row in rows if "not_drawn" in row or row["experiment"]["wander"]]
-    print(report(rows, salt, keep.with_suffix(".png"), options.slow))
+    print(report(rows, salt, options.slow))
 
 
 if __name__ == "__main__":

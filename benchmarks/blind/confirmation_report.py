@@ -1,7 +1,6 @@
 """What the confirmation set says, against the bars: shares with 95 % binomial intervals, and each failure."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,8 @@ CLEAR = 20.0
 SLOW = 60.0
 # In the place of what is found where an error ended the search.
 FAILED = {"verdict": "none", "steps": []}
-# Edges of stated probabilities in the reliability diagram.
-EDGES = [0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0]
+# Edges of stated probabilities that are counted together.
+EDGES = [0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.01]
 SINGLE, SEEN = "kind.str.contains('^effect|^strong')", "z >= 8"
 BINS = {"8-12": "8 <= z < 12", "12-20": "12 <= z < 20", "> 20": "z >= 20"}
 
@@ -99,27 +98,21 @@ def _counted(row: Row) -> dict[str, Any]:
     }
 
 
-def report(rows: Sequence[Row], salt: str, figure: Path, slow: float = SLOW) -> str:
-    """Tables as markdown, and the failures; the reliability diagram goes into `figure`.
+def report(rows: Sequence[Row], salt: str, slow: float = SLOW) -> str:
+    """Tables as markdown, and the failures.
 
     `slow` : seconds above which a record is too slow on the machine of the rows.
     """
     drawn = [row for row in rows if "not_drawn" not in row]
     ran = [row for row in drawn if "found" in row]
-    stated = pd.DataFrame(reliability(ran), columns=["stated", "right", "unknown"])
-    # A name under "unknown effect" is flagged: its probability is among candidates that may all be wrong.
-    points, flagged = stated[~stated.unknown.astype(bool)], stated[stated.unknown.astype(bool)]
     parts = [
         f"Salt {salt}, {len(rows)} records, of which {len(ran)} came to a verdict.",
         _table("bar | wanted | measured (95 % interval) | records", _measured(frame(drawn))),
         _table("end | records", _ends(rows, drawn, slow)),
-        _reliability_table(points, flagged),
+        _reliability_table(ran),
         _coverage_table(ran),
         "\n".join(failures(rows, slow)),
     ]
-    if len(points):
-        draw(points, figure)
-        parts.insert(4, f"Figure: {figure.name}")
     return "\n\n".join(parts)
 
 
@@ -186,63 +179,27 @@ def reliability(ran: Sequence[Row]) -> list[tuple[float, bool, bool]]:
     return points
 
 
-def _binned(points: pd.DataFrame) -> pd.DataFrame:
-    """Of each bin of stated probability: its mean, right ones, all."""
-    at = np.clip(np.searchsorted(EDGES, points.stated, side="right") - 1, 0, len(EDGES) - 2)
-    return points.groupby(at).agg(stated=("stated", "mean"), hits=("right", "sum"), count=("right", "size"))
+def _reliability_table(ran: Sequence[Row]) -> str:
+    """Names in bins of their stated probability and together, and those that are flagged.
 
-
-def _reliability_table(points: pd.DataFrame, flagged: pd.DataFrame) -> str:
-    """Of names that are not flagged in bins of their probability and together, and of those that are."""
-    if not len(points):
-        return "No names."
-    lines = [("", *row) for row in _binned(points).itertuples(index=False)]
-    lines += [
-        (title, some.stated.mean(), some.right.sum(), len(some))
-        for title, some in (("all: ", points), ("flagged: ", flagged))
-        if len(some)
+    A name under "unknown effect" is flagged: its probability is among candidates that may all be wrong.
+    """
+    stated = pd.DataFrame(reliability(ran), columns=["stated", "right", "flagged"])
+    bins = pd.cut(stated.stated, EDGES, right=False).where(~stated.flagged.astype(bool))
+    groups = [("", part) for _, part in stated.groupby(bins, observed=True)]
+    groups += [
+        (f"{title}: ", stated[stated.flagged == flagged]) for title, flagged in (("all", 0), ("flagged", 1))
     ]
-    rows = [(f"{title}{p:.3f}", share(hits, n), f"{hits} of {n}") for title, p, hits, n in lines]
+    rows = [
+        (
+            f"{title}{part.stated.mean():.3f}",
+            share(part.right.sum(), len(part)),
+            f"{part.right.sum()} of {len(part)}",
+        )
+        for title, part in groups
+        if len(part)
+    ]
     return _table("stated probability of the name, mean | right (95 % interval) | names", rows)
-
-
-def draw(points: pd.DataFrame, figure: Path) -> None:
-    """Share of names that are right over their stated probability."""
-    from matplotlib.figure import Figure
-
-    found = _binned(points)
-    right = (found.hits / found["count"]).to_numpy(float)
-    limits = [
-        binomtest(int(n), int(m)).proportion_ci(0.95)[:]
-        for n, m in zip(found.hits, found["count"], strict=True)
-    ]
-    fig = Figure(figsize=(4.5, 4.5), layout="constrained")
-    ax = fig.subplots()
-    ax.plot([0, 1], [0, 1], color="0.7", zorder=0)
-    ax.errorbar(found.stated, right, np.abs(np.array(limits).T - right), fmt="o", capsize=3)
-    ax.set(xlabel="stated probability of the name", ylabel="share of names that are right")
-    ax.set(xlim=(0, 1.02), ylim=(0, 1.02))
-    fig.savefig(figure, dpi=150)
-
-
-def _coverage_table(ran: Sequence[Row]) -> str:
-    """95 % intervals of the base coefficients that hold the truth."""
-    cover = pd.DataFrame(
-        [
-            (_covered_kind(row), row["experiment"]["wander"] > 0.0, abs(base - true) < 1.96 * error)
-            for row in ran
-            for name, true in row["base"].items()
-            for base, error in [(row["found"]["base"][name], row["found"]["base_errors"][name])]
-        ],
-        columns=["of", "pushed", "holds"],
-    )
-    lines = []
-    for title in COVERED:
-        for pushed in (False, True):
-            holds = cover.holds[(cover["of"] == title) & (cover.pushed == pushed)]
-            hits, count = int(holds.sum()), len(holds)
-            lines.append((title, "yes" if pushed else "no", share(hits, count), f"{hits} of {count}"))
-    return _table("95 % intervals of base coefficients | random force | cover | coefficients", lines)
 
 
 COVERED = (
@@ -251,6 +208,28 @@ COVERED = (
     "one effect hidden, another name or none",
     "truth left out or of no library",
 )
+
+
+def _coverage_table(ran: Sequence[Row]) -> str:
+    """95 % intervals of the base coefficients that hold the truth."""
+    cover = pd.DataFrame(
+        [
+            (
+                kind,
+                "yes" if row["experiment"]["wander"] else "no",
+                abs(found["base"][name] - true) < 1.96 * error,
+            )
+            for row in ran
+            if (kind := _covered_kind(row))
+            for found in [row["found"]]
+            for name, true in row["base"].items()
+            for error in [found["base_errors"][name]]
+        ],
+        columns=["of", "pushed", "holds"],
+    )
+    counted = cover.groupby(["of", "pushed"]).holds.agg(["sum", "size"])
+    rows = [(*names, share(hits, n), f"{hits} of {n}") for names, hits, n in counted.itertuples()]
+    return _table("95 % intervals of base coefficients | random force | cover | coefficients", rows)
 
 
 def _covered_kind(row: Row) -> str:
@@ -287,41 +266,25 @@ def has_failed(row: Row) -> bool:
 
 def _truth(row: Row) -> str:
     e = row["experiment"]
+    per_period, start = 2.0 * np.pi / e["step"], e["starts"][0]
     hidden = ", ".join(
-        f"{h['symbol']} {h['coefficient']:.2g}{_numbers(h['shapes'])} z={h['z']:.0f} "
-        f"f={h['relative_force']:.3f}"
+        f"{h['symbol']} {h['coefficient']:.2g} {h['shapes'] or ''} z={h['z']:.0f} f={h['relative_force']:.3f}"
         for h in row["hidden"]
     )
-    per_period, start = 2.0 * np.pi / e["step"], e["starts"][0]
+    left = f" left by others {np.round(row['left_by_others'])}" if row["left_by_others"] else ""
     return (
         f"{row['number']} {row['kind']} ({len(e['starts'])} run, {e['colour']}, {per_period:.0f}/period, "
         f"{e['count'] / per_period:.0f} periods, A={start:.2g}, noise {e['level'] / start:.1e}, "
         f"wander {e['wander']:.1f}, w={row['w']:.2g}{', stops' * e['stops']}; {' '.join(row['base'])}): "
-        f"{hidden or 'nothing'}{_left(row)}"
+        f"{hidden or 'nothing'}{left}"
     )
-
-
-def _left(row: Row) -> str:
-    return (
-        " left by others " + "/".join(f"{q:.0f}" for q in row["left_by_others"])
-        if row["left_by_others"]
-        else ""
-    )
-
-
-def _numbers(values: dict[str, float]) -> str:
-    return "".join(f" {k}={q:.2g}" for k, q in values.items())
 
 
 def _found(row: Row) -> str:
-    steps = "; ".join(
-        f"{s['coefficient']:.2g} "
-        + " ".join(f"{k}:{q:.2f}" for k, q in s["ties"].items())
-        + f" chance:{s['chance']:.2f}" * (s["chance"] > 0.0)
-        + " collinear" * s["collinear"]
-        + " fit only" * s["worsens_holdout"]
+    flags = {"collinear": "collinear", "worsens_holdout": "fit only"}
+    steps = [
+        f"{s['coefficient']:.2g} {s['ties']} chance {s['chance']:.2f} {[w for k, w in flags.items() if s[k]]}"
         for s in row["found"]["steps"]
-    )
-    failed = row["found"]["failed_fits"]
-    text = f" failed fits {' '.join(failed)}" * bool(failed)
-    return f"{steps or 'none'} [{row['found']['verdict']}]{text} {row['seconds']:.0f} s"
+    ]
+    failed = f" failed fits {row['found']['failed_fits']}" * bool(row["found"]["failed_fits"])
+    return f"{'; '.join(steps) or 'none'} [{row['found']['verdict']}]{failed} {row['seconds']:.0f} s"

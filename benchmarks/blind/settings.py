@@ -8,19 +8,13 @@ where the truth, alone, is right that was not before, and the other way round.
 """
 
 import argparse
-import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
-if __package__ in (None, "", "benchmarks.blind"):
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-    __package__ = "blind"
-
-from blind.cases import Drawn, draw_case
-from blind.confirmation import look
+from benchmarks.blind.cases import Drawn, draw_case
+from benchmarks.blind.confirmation import look
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 
 SALT = "pilot"

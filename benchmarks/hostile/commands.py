@@ -9,10 +9,10 @@ from unittest.mock import patch
 
 import numpy as np
 
-from hostile.files import sound_files
-from hostile.libraries import library, system
-from hostile.pieces import NUMBERS, number, pick, text, words
-from hostile.results import sound_results
+from benchmarks.hostile.files import sound_files
+from benchmarks.hostile.libraries import library, system
+from benchmarks.hostile.pieces import NUMBERS, number, pick, text, words
+from benchmarks.hostile.results import sound_results
 from sysid_trib import cli
 
 READING = words(

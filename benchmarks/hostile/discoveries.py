@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 import sysid_trib as st
-from hostile.libraries import library
-from hostile.pieces import ANGLE, TIME, number, pick
+from benchmarks.hostile.libraries import library
+from benchmarks.hostile.pieces import ANGLE, TIME, number, pick
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 

@@ -16,8 +16,8 @@ import scipy.io
 import xarray as xr
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text, words
-from hostile.tables import options
+from benchmarks.hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text, words
+from benchmarks.hostile.tables import options
 
 ENDINGS = (".csv", ".h5", ".nc", ".cdf", ".mat", ".xlsx", ".parquet", ".tdms", ".npy", ".npz", ".json")
 SECRET_FILE, SECRET_RAW = "secret.h5", "secret.raw"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, TIME, formula, number, pick, plain, text
+from benchmarks.hostile.pieces import ANGLE, TIME, formula, number, pick, plain, text
 
 NAMES = ("x", "X", "v", "t", "a b", "theta", "µ", "sin", "time", "x#1", "", "data.Y[0]", "ω")
 UNITS = ("deg", "rad", "mm", "m/s^2", "g", "%", "V_pp", r"$\si{V}$", "", "=1+1", " " * 800)

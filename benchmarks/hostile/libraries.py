@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from hostile.pieces import EXECUTED, NUMBERS, damaged, formula, number, pick, plain, text, words
+from benchmarks.hostile.pieces import EXECUTED, NUMBERS, damaged, formula, number, pick, plain, text, words
 from sysid_trib.forces.selection import load_system
 
 TEXTS = ("symbol", "name", "formula", "family", "meaning", "source", "kind")

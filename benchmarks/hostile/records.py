@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, TIME, number, pick
+from benchmarks.hostile.pieces import ANGLE, TIME, number, pick
 
 FORCES = ("zeta", "lambda,zeta", "zeta,delta", "zeta,nu,epsilon")
 METHODS = (

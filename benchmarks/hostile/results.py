@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, TIME, damaged, number, pick, plain, text
+from benchmarks.hostile.pieces import ANGLE, TIME, damaged, number, pick, plain, text
 from sysid_trib.reporting.page import page
 
 SCRIPT = "<script>alert(1)</script>"

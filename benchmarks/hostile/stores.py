@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, TIME, damaged, number, pick, text, words
+from benchmarks.hostile.pieces import ANGLE, TIME, damaged, number, pick, text, words
 from sysid_trib.campaigns.conditions import read_conditions
 
 TASK = st.campaigns.Task("identify", st.load_library().select(["zeta"]), {"direct": st.methods.Direct()})

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, number, pick, plain, text, words
+from benchmarks.hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, number, pick, plain, text, words
 
 DELIMITERS = (",", ",", ",", ";", "\t", ";", "\t", " ", "  ", ", ", "|", ",,")
 ENCODINGS = ("utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1", "utf-32")

@@ -19,8 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from hostile import commands, discoveries, files, formulas, libraries, records, results, stores, tables
-from hostile.pieces import MARK, words
+from benchmarks.hostile import (
+    commands,
+    discoveries,
+    files,
+    formulas,
+    libraries,
+    records,
+    results,
+    stores,
+    tables,
+)
+from benchmarks.hostile.pieces import MARK, words
 from sysid_trib.errors import SysidTribError
 
 Kind = Callable[[np.random.Generator, Path], Callable[[], object]]

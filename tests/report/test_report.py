@@ -209,20 +209,6 @@ def test_bad_results_are_refused(folder, tmp_path, what, without_figures):
     assert not (tmp_path / "page.html").exists()
 
 
-def test_bad_places_are_refused(folder, tmp_path):
-    source = folder / "cross_check.nc"
-    for target, words in (
-        (tmp_path / "no" / "page.html", "does not exist"),
-        (tmp_path, "directory"),
-    ):
-        ending = run("report", source, "-o", target)
-        assert ending.status == 1
-        assert words in ending.complaint
-    ending = run("report", source, "-o", tmp_path / "page.pdf")
-    assert ending.status == 2
-    assert ".html" in ending.complaint
-
-
 @pytest.mark.parametrize(
     "thing", [None, xr.Dataset(), xr.Dataset({"angle": ("time", [0.0, 1.0])}), xr.DataTree()]
 )

@@ -1,12 +1,11 @@
 """No text of a figure is small, cut, or over another, in a column and over a page."""
 
-import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from figure_texts import faults
 
 import sysid_trib as st
 from sysid_trib import plots
@@ -15,9 +14,6 @@ from sysid_trib.plots.style import new_figure
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.validation.profiles import contour, profile
 from sysid_trib.validation.samples import held_against
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from figure_texts import faults
 
 # mm, as journals have them.
 WIDTHS = (88.0, 180.0)
@@ -91,6 +87,7 @@ def test_texts_of_a_result_have_room(results, kind):
     assert wrong(of_a_result(results[kind])) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cross_check", "compare", "discover"])
 def test_texts_in_long_units_have_room(results, kind):
     tree = results[kind].copy(deep=True)

@@ -3,7 +3,6 @@
 The forces are those of a library and w is known to all. Errors are nan where a method states none.
 """
 
-import importlib.util
 import math
 import warnings
 from functools import partial
@@ -180,11 +179,6 @@ def shooting(library: ForceLibrary, w: float, time: np.ndarray, angle: np.ndarra
     variance = 2.0 * fitted.cost / (len(time) - len(guess))
     errors = np.sqrt(variance * np.diag(np.linalg.pinv(fitted.jac.T @ fitted.jac)))
     return fitted.x[:-3], errors[:-3]
-
-
-def sysidentpy_is_there() -> bool:
-    """Whether the package is installed; the project does not need it."""
-    return importlib.util.find_spec("sysidentpy") is not None
 
 
 def narmax(drive: np.ndarray, signal: np.ndarray, split: int) -> float:
