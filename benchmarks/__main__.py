@@ -6,7 +6,6 @@ Studies over seeds:
 precision     errors over the Cramér-Rao bound, of two runs together too; selection, cross-check
 classical     classical methods: calibration on decays of their own model, bias where they neglect forces
 pushed        coverage and errors where a random force pushes the motion, false ones where nothing does
-cost_of_none  what an estimated random force costs where nothing pushes
 verdicts      random forces and forces that are left out, told apart
 agreement     false disagreements of pairs of runs that are pushed
 bands         coverage of predictions 1, 3 and 10 periods ahead; --measured: measured records, and innovations
@@ -31,7 +30,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 # Usual number of seeds, records or loops of each; of some there is none.
-COUNTS = {"precision": 400, "classical": 60, "pushed": 40, "cost_of_none": 2000, "verdicts": 20}
+COUNTS = {"precision": 400, "classical": 60, "pushed": 40, "verdicts": 20}
 COUNTS |= {"agreement": 1000, "bands": 50, "spread": 2000, "rigs": 200, "pairs": 500, "profile": 400}
 COUNTS |= {
     "curve_bands": 400,

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from helpers import rms
 
 import sysid_trib as st
 from benchmarks.stopwatch import timed
-from benchmarks.study.common import covered, rms, scores, shown
+from benchmarks.study.common import covered, scores, shown
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.physics import per_input
 from sysid_trib.records.inputs import KnownInput

@@ -12,6 +12,7 @@ from argparse import Namespace
 
 import numpy as np
 import xarray as xr
+from helpers import measured
 from scipy.stats import beta
 
 import sysid_trib as st
@@ -32,8 +33,7 @@ HIDDEN = {"epsilon": -0.167, "delta": 0.03, "nu": -0.1, "lambda": 6e-4}
 def decay_of(model: st.Model, amplitude: float, duration: float, seed: int) -> xr.Dataset:
     """A run of a model with noise."""
     time = np.arange(0.0, duration, 1.0 / RATE)
-    noise = NOISE * np.random.default_rng(seed).standard_normal(len(time))
-    return st.free_decay(np.column_stack([time, st.simulate(model, time, amplitude).angle.values + noise]))
+    return st.free_decay(measured(model, time, amplitude, noise=NOISE, seed=seed))
 
 
 def named(tree: xr.DataTree) -> list[str]:

@@ -16,12 +16,11 @@ from time import process_time
 import numpy as np
 import pandas as pd
 import xarray as xr
-from helpers import FIVE, W, paper_run
+from helpers import FIVE, W, decay, density_that_wanders, paper_run
 
 from benchmarks import peers
 from benchmarks.stopwatch import median_ms, timed, times
 from sysid_trib import ForceLibrary, Model, discover, load_library, simulate
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.validation.cross_check import cross_check
 
@@ -58,10 +57,9 @@ def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
 def swing(periods: int, wander: float) -> xr.Dataset:
     """A decay of 200 samples a period, with a wander of so many noise levels (RMS) at its end."""
     time = np.arange(200 * periods) * 2.0 * np.pi / W / 200
-    density = RandomForce.density_of(2.0 * (wander * SWING_NOISE) ** 2 / (W * time[-1]), W)
+    density = density_that_wanders(wander, SWING_NOISE, time, W)
     model = Model(load_library("contact_forces").select(SWING), SWING, W)
-    angle = simulate(model, time, 0.3, random_force=density, seed=1).angle
-    return xr.Dataset({"angle": angle + SWING_NOISE * np.random.default_rng(2).standard_normal(len(time))})
+    return decay(time, simulate(model, time, 0.3, random_force=density, seed=1).angle.values, 2, SWING_NOISE)
 
 
 def identified(decay: xr.Dataset, forces: Iterable[str], random_force: str) -> None:

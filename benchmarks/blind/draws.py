@@ -1,12 +1,11 @@
 """Experiments: frequency, amplitude, noise, length, random force, shape parameters in wide ranges."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
 
-from .effects import SENSORS, Shapes, make
+from .effects import SENSORS, TABLES, Shapes, make
 from .generator import NoDecayError, Oscillator, motion
 
 # What is drawn evenly in its logarithm: rad/s, rad, noise over the first angle, samples a period, periods,
@@ -151,31 +150,9 @@ def _base_forces(
 
 def shapes(rng: np.random.Generator, symbol: str, start: float, w: float, duration: float) -> Shapes:
     """Shape parameters within the reach of the motion."""
-    u = rng.uniform
-    table: dict[str, Callable[[], Shapes]] = {
-        "power_damping": lambda: {"p": rng.choice([u(0.3, 0.7), u(2.3, 3.5)])},
-        "stribeck": lambda: {"s": start * u(0.05, 0.3)},
-        "stribeck_exponential": lambda: {"s": start * u(0.05, 0.3)},
-        "log_friction": lambda: {"s": start * u(0.01, 0.1)},
-        "maxwell": lambda: {"s": np.exp(u(-1.2, 1.2))},
-        "resonator": lambda: {"k": rng.choice([u(0.8, 0.97), u(1.03, 1.25)]), "d": u(0.005, 0.03)},
-        "jenkins": lambda: {"s": start * u(0.05, 0.3)},
-        "iwan": lambda: {"s": start * u(0.3, 1.2)},
-        "dahl": lambda: {"s": min(0.25, start * u(0.03, 0.2))},
-        "lugre": lambda: {"s": start * u(0.03, 0.1), "r": u(0.5, 2.0), "u": start * u(0.1, 0.3)},
-        "bouc_wen": lambda: {"b": 1.0 / (start * u(0.3, 2.0))},
-        "bouc_wen_2": lambda: {"b": (start * u(0.5, 2.0)) ** -2},
-        "masing": lambda: {"m": rng.choice([u(1.2, 1.8), u(2.3, 3.0)])},
-        "freeplay": lambda: {"g": start * u(0.2, 0.6)},
-        "wall": lambda: {"g": start * u(0.2, 0.6)},
-        "ambient": lambda: {"W": w * rng.choice([u(0.3, 0.8), u(1.3, 2.5)]), "p": u(-3.0, 3.0)},
-        "friction_bump": lambda: {"a": start * u(0.3, 0.6), "d": start * u(0.06, 0.12)},
-        "speed_bump": lambda: {"a": start * u(0.3, 0.6), "d": start * u(0.06, 0.12)},
-        "washboard": lambda: {"k": u(8.0, 16.0) / start},
-        "braking": lambda: {"a": duration * u(0.3, 0.6), "d": duration * u(0.03, 0.08)},
-        "jump": lambda: {"a": duration * u(0.3, 0.6), "d": duration * 0.01},
-    }
-    return {k: float(q) for k, q in table[symbol]().items()} if symbol in table else {}
+    given = {"u": rng.uniform, "pick": rng.choice, "np": np, "start": start, "w": w, "duration": duration}
+    drawn = eval(TABLES["shapes"].get(symbol, "{}"), given)
+    return {k: float(q) for k, q in drawn.items()}
 
 
 def whitener(rng: np.random.Generator, kind: str) -> np.ndarray:

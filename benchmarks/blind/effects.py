@@ -6,8 +6,10 @@ at reversals: `begin` at the start, `reverse` at every v = 0.
 """
 
 import math
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 Shapes = dict[str, float]
 
@@ -50,10 +52,6 @@ class Remembering(Effect):
         # Before the reversal x approached `a` from the old one: the sign follows from where it lies.
         h = self.after(x, math.copysign(1.0, x - self.a), self.a, self.h) if x != self.a else self.h
         self.a, self.h = x, h
-
-
-def plain(h: Callable, **more) -> Callable[[Shapes], Effect]:
-    return lambda p: Effect(lambda x, v, s, c, t, z: h(x, v, s, c, t, p), **more)
 
 
 def stops(h: Callable, both: bool) -> Callable[[Shapes], Effect]:
@@ -157,61 +155,37 @@ def masing(power: Callable) -> Callable[[Shapes], Effect]:
     return make
 
 
-# Symbol: family, maker. The families and symbols are the libraries'; the formulas are the table's.
-FORCES: dict[str, tuple[str, Callable[[Shapes], Effect]]] = {
-    "lambda": ("friction", plain(lambda x, v, s, c, t, p: s)),
-    "zeta": ("friction", plain(lambda x, v, s, c, t, p: 2.0 * v)),
-    "delta": ("friction", plain(lambda x, v, s, c, t, p: s * v * v)),
-    "nu": ("elasticity", plain(lambda x, v, s, c, t, p: c * x * x)),
-    "epsilon": ("elasticity", plain(lambda x, v, s, c, t, p: x * x * x)),
-    "cubic_damping": ("damping", plain(lambda x, v, s, c, t, p: v * v * v)),
-    "van_der_pol": ("damping", plain(lambda x, v, s, c, t, p: x * x * v)),
-    "angle_damping": ("damping", plain(lambda x, v, s, c, t, p: c * x * v)),
-    "angle_drag": ("damping", plain(lambda x, v, s, c, t, p: c * x * s * v * v)),
-    "three_halves_damping": ("damping", plain(lambda x, v, s, c, t, p: s * abs(v) ** 1.5, parts=2)),
-    "power_damping": ("damping", plain(lambda x, v, s, c, t, p: s * abs(v) ** p["p"], parts=3)),
-    "angle_friction": ("friction", plain(lambda x, v, s, c, t, p: x * x * s)),
-    "structural_damping": ("friction", plain(lambda x, v, s, c, t, p: c * x * s)),
-    "stribeck": ("friction", plain(lambda x, v, s, c, t, p: s * math.exp(-((v / p["s"]) ** 2)), parts=2)),
-    "stribeck_exponential": (
-        "friction",
-        plain(lambda x, v, s, c, t, p: s * math.exp(-abs(v) / p["s"]), parts=2),
-    ),
-    "log_friction": ("friction", plain(lambda x, v, s, c, t, p: s * math.log1p(abs(v) / p["s"]), parts=3)),
-    "maxwell": ("hysteresis", maxwell),
-    "resonator": ("hysteresis", resonator),
-    "jenkins": ("hysteresis", jenkins),
-    "iwan": ("hysteresis", iwan),
-    "dahl": ("hysteresis", relaxing(lambda p: p["s"], lambda p: 1.0)),
-    "lugre": ("hysteresis", lugre),
-    "bouc_wen": ("hysteresis", relaxing(lambda p: 1.0 / p["b"], lambda p: 1.0 / p["b"])),
-    "bouc_wen_2": ("hysteresis", bouc_wen_2),
-    "partial_slip": ("hysteresis", masing(lambda p: 2.0)),
-    "masing": ("hysteresis", masing(lambda p: p["m"])),
-    "detent": ("elasticity", plain(lambda x, v, s, c, t, p: c)),
-    "quintic": ("elasticity", plain(lambda x, v, s, c, t, p: x**5)),
-    "gravity": ("elasticity", plain(lambda x, v, s, c, t, p: math.sin(x) - x)),
-    "magnet": ("elasticity", plain(lambda x, v, s, c, t, p: 0.5 * math.sin(2.0 * x) - x)),
-    "inertia": ("elasticity", plain(lambda x, v, s, c, t, p: x * v * v)),
-    "speed_detent": ("elasticity", plain(lambda x, v, s, c, t, p: c * v * v)),
-    "speed_stiffness": ("elasticity", plain(lambda x, v, s, c, t, p: s * v * x)),
-    "freeplay": ("elasticity", stops(lambda x, g: x - g if x > g else x + g if x < -g else 0.0, True)),
-    "wall": ("elasticity", stops(lambda x, g: x - g if x > g else 0.0, False)),
-    "bias": ("even", plain(lambda x, v, s, c, t, p: 1.0)),
-    "even_spring": ("even", plain(lambda x, v, s, c, t, p: x * x)),
-    "bilinear": ("even", plain(lambda x, v, s, c, t, p: c * x)),
-    "even_drag": ("even", plain(lambda x, v, s, c, t, p: v * v)),
-    "even_speed": ("even", plain(lambda x, v, s, c, t, p: s * v)),
-    "tilted_damping": ("even", plain(lambda x, v, s, c, t, p: x * v)),
-    "tilted_friction": ("even", plain(lambda x, v, s, c, t, p: x * s)),
-    "stiffness_drift": ("drift", plain(lambda x, v, s, c, t, p: t * x)),
-    "damping_drift": ("drift", plain(lambda x, v, s, c, t, p: t * v)),
-    "friction_drift": ("drift", plain(lambda x, v, s, c, t, p: t * s)),
-    "ageing": ("drift", plain(lambda x, v, s, c, t, p: math.log1p(t) * s)),
-    "equilibrium_drift": ("drift", plain(lambda x, v, s, c, t, p: t)),
-    "ambient": ("ambient", plain(lambda x, v, s, c, t, p: math.sin(p["W"] * t + p["p"]))),
+# What has states, a memory or kinks.
+MAKERS: dict[str, Callable[[Shapes], Effect]] = {
+    "maxwell": maxwell,
+    "resonator": resonator,
+    "jenkins": jenkins,
+    "iwan": iwan,
+    "dahl": relaxing(lambda p: p["s"], lambda p: 1.0),
+    "lugre": lugre,
+    "bouc_wen": relaxing(lambda p: 1.0 / p["b"], lambda p: 1.0 / p["b"]),
+    "bouc_wen_2": bouc_wen_2,
+    "partial_slip": masing(lambda p: 2.0),
+    "masing": masing(lambda p: p["m"]),
+    "freeplay": stops(lambda x, g: x - g if x > g else x + g if x < -g else 0.0, True),
+    "wall": stops(lambda x, g: x - g if x > g else 0.0, False),
 }
+TABLES = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
 
+
+def made(
+    symbol: str, family: str, formula: str = "", parts: int = 1
+) -> tuple[str, Callable[[Shapes], Effect]]:
+    """Family and maker of a row of the table."""
+    if symbol in MAKERS:
+        return family, MAKERS[symbol]
+    force = eval(f"lambda x, v, s, c, t, p: {formula}", vars(math) | {"abs": abs})
+    return family, lambda p: Effect(lambda x, v, s, c, t, z: force(x, v, s, c, t, p), parts=parts)
+
+
+FORCES, STRANGERS = (
+    {symbol: made(symbol, *row) for symbol, row in TABLES[kind].items()} for kind in ("forces", "strangers")
+)
 # Errors of the sensor and the clock: what is added to the true angle, in arrays.
 SENSORS: dict[str, Callable] = {
     "sensor_drift": lambda x, v, t: t,
@@ -221,22 +195,6 @@ SENSORS: dict[str, Callable] = {
     "clock_drift": lambda x, v, t: t * t * v,
 }
 
-# Of no library: a bump of friction at one angle or one speed, a root, a washboard, something that happens
-# at one moment.
-STRANGERS: dict[str, tuple[str, Callable[[Shapes], Effect]]] = {
-    "friction_bump": (
-        "strange",
-        plain(lambda x, v, s, c, t, p: s * math.exp(-(((abs(x) - p["a"]) / p["d"]) ** 2)), parts=2),
-    ),
-    "speed_bump": (
-        "strange",
-        plain(lambda x, v, s, c, t, p: s * math.exp(-(((abs(v) - p["a"]) / p["d"]) ** 2)), parts=2),
-    ),
-    "root": ("strange", plain(lambda x, v, s, c, t, p: c * abs(x) ** 0.3, parts=3)),
-    "washboard": ("strange", plain(lambda x, v, s, c, t, p: math.sin(p["k"] * x), parts=2)),
-    "braking": ("strange", plain(lambda x, v, s, c, t, p: v * math.exp(-(((t - p["a"]) / p["d"]) ** 2)))),
-    "jump": ("strange", plain(lambda x, v, s, c, t, p: x * (0.5 + 0.5 * math.tanh((t - p["a"]) / p["d"])))),
-}
 EVERYTHING = FORCES | STRANGERS
 
 

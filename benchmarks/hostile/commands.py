@@ -1,19 +1,15 @@
 """The command line with options and letters of any kind, in this process."""
 
-import contextlib
-import io
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
+from command_line import run
 
 from benchmarks.hostile.files import sound_files
 from benchmarks.hostile.libraries import library, system
 from benchmarks.hostile.pieces import NUMBERS, number, pick, text, words
 from benchmarks.hostile.results import sound_results
-from sysid_trib import cli
 
 READING = words(
     "--time --angle --signal --units --sampling-rate --time-units --window --equilibrium --decay --system "
@@ -87,22 +83,10 @@ def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
     given = arguments(random, folder)
 
     def action() -> None:
-        out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
-        with (
-            patch.object(sys, "argv", ["sysid-trib", *given]),
-            contextlib.redirect_stdout(out),
-            contextlib.redirect_stderr(err),
-            patch.object(sys, "unraisablehook", sys.unraisablehook),
-        ):
-            try:
-                cli.main()
-                status = 0
-            except SystemExit as ending:
-                status = int(ending.code or 0)
-        said = err.buffer.getvalue().decode()
-        assert status in (0, 1, 2), f"status {status}"
-        assert "Traceback" not in said, said
-        assert "Internal error" not in said, said
-        assert not status or len(said.splitlines()) == 1, f"{len(said.splitlines())} lines: {said[:300]}"
+        ended = run(*given)
+        assert ended.status in (0, 1, 2), f"status {ended.status}"
+        assert "Traceback" not in ended.err, ended.err
+        assert "Internal error" not in ended.err, ended.err
+        assert not ended.status or len(ended.err.splitlines()) == 1, ended.err[:300]
 
     return action

@@ -13,7 +13,8 @@ import h5py
 import numpy as np
 import openpyxl
 import scipy.io
-import xarray as xr
+from command_line import write_table
+from helpers import decay
 
 import sysid_trib as st
 from benchmarks.hostile.pieces import ANGLE, SECRET, TIME, damaged, number, pick, plain, text, words
@@ -33,13 +34,12 @@ H5_TYPES = ("f8", "f8", "f4", "f2", ">f8", "i8", "u1", "bool", "S10", "c16", "V4
 def sound_files(folder: Path) -> dict[str, Path]:
     """A sound record of every format, by its ending; without those whose packages are not installed."""
     places = {ending: folder / f"sound{ending}" for ending in ENDINGS}
-    rows = "\n".join(f"{t:.9g},{a:.9g}" for t, a in zip(TIME, ANGLE, strict=True))
-    places[".csv"].write_text(f"time (s),angle (rad)\n{rows}\n", encoding="utf-8")
+    write_table(places[".csv"], "time (s),angle (rad)", TIME, ANGLE)
     with h5py.File(places[".h5"], "w") as file:
         file["time"], file["angle"] = TIME, ANGLE
         file["angle"].attrs["units"] = "rad"
     st.save(st.free_decay(st.records.paper_twin().isel(time=slice(0, 400))).drop_attrs(), places[".nc"])
-    record = xr.Dataset({"angle": ("time", ANGLE, {"units": "rad"})}, {"time": TIME})
+    record = decay(TIME, ANGLE, units="rad")
     record.to_netcdf(places[".cdf"], engine="scipy")
     scipy.io.savemat(places[".mat"], {"run": {"time": TIME, "angle": ANGLE}}, do_compression=True)
     np.save(places[".npy"], np.c_[TIME, ANGLE])

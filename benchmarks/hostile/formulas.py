@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from command_line import write_table
 
 import sysid_trib as st
 from benchmarks.hostile.pieces import ANGLE, TIME, formula, number, pick, plain, text
@@ -21,31 +22,16 @@ def _column(random: np.random.Generator) -> str:
 
 def _asked(random: np.random.Generator) -> str:
     first, second = (formula(random) for _ in range(2))
-    return str(
-        pick(
-            random,
-            (
-                first,
-                f"-{first}",
-                f"atan2({first}, {second})",
-                f"{number(random):g}*x + {first}",
-                "-x",
-                text(random),
-            ),
-        )
-    )
+    formulas = f"-{first}", f"atan2({first}, {second})", f"{number(random):g}*x + {first}", "-x"
+    return str(pick(random, (first, *formulas, text(random))))
 
 
 def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
     """A text file with a signal by a formula, or a name."""
     columns = [_column(random) for _ in range(int(random.integers(1, 5)))]
     factors = [number(random) if random.random() < 0.2 else 1.0 for _ in columns]
-    rows = (
-        ",".join(f"{value:.9g}" for value in (t, *(factor * angle for factor in factors)))
-        for t, angle in zip(TIME, ANGLE, strict=True)
-    )
-    place = folder / "formula.csv"
-    place.write_text("\n".join([",".join(["time (s)", *columns]), *rows]), encoding="utf-8")
+    header = ",".join(["time (s)", *columns])
+    place = write_table(folder / "formula.csv", header, TIME, *(factor * ANGLE for factor in factors))
     how = {
         "angle": _asked(random),
         "units": str(pick(random, ("rad", "mm", "V"))) if random.random() < 0.3 else None,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from helpers import decay as record_of
 
 import sysid_trib as st
 from benchmarks.hostile.pieces import ANGLE, TIME, damaged, number, pick, plain, text
@@ -33,11 +34,7 @@ def sound_results(folder: Path) -> dict[str, tuple[bytes, xr.DataTree]]:
 
 
 def _made_results() -> dict[str, xr.DataTree]:
-    noise = 1e-4 * np.random.default_rng(0).standard_normal(400)
-    record = xr.Dataset(
-        {"angle": ("time", ANGLE + noise, {"units": "rad"})}, {"time": ("time", TIME, {"units": "s"})}
-    )
-    decay = st.free_decay(record.assign_attrs(source="a"))
+    decay = st.free_decay(record_of(TIME, ANGLE, 0, units="rad").assign_attrs(source="a"))
     forces = st.load_library().select(["zeta", "delta"])
     averaging = st.identify(decay, forces, st.methods.Averaging())
     direct = st.identify(decay, forces, st.methods.Direct())

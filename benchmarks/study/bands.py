@@ -19,12 +19,13 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
+from helpers import rms
 from scipy.signal import lfilter
 
 import sysid_trib as st
 from benchmarks.measured import BOTH, records_folder
 from benchmarks.random_force_kinds import FILM, RECORDS
-from benchmarks.study.common import METHODS, Pushed, rms, shown
+from benchmarks.study.common import METHODS, Pushed, shown
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of

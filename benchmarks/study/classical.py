@@ -8,10 +8,10 @@ from argparse import Namespace
 from functools import partial
 
 import numpy as np
-from helpers import FIVE, SIX, Run, decay, paper_run
+from helpers import FIVE, SIX, Run, decay, paper_run, rms
 
 from benchmarks.stopwatch import timed
-from benchmarks.study.common import rms, shown
+from benchmarks.study.common import shown
 from sysid_trib import methods
 
 BOTH = {"lambda": 5e-4, "zeta": 0.0097}

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from helpers import correlated_noise
+from helpers import correlated_noise, density_that_wanders
 from kicked_motion import kicked_motion, smooth_forces
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import kstest
 
 import sysid_trib as st
-from sysid_trib.likelihood.random_force import RandomForce
 
 W, NOISE = 8.87, 2e-4
 TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
@@ -35,7 +34,7 @@ def time_of(periods: int, per_period: int) -> np.ndarray:
 
 def density_of(wander: float, time: np.ndarray) -> float:
     """Density that lets the angle wander by so many noise levels at the end (RMS), (rad/s^2)^2/Hz."""
-    return RandomForce.density_of(2.0 * (wander * NOISE) ** 2 / (W * time[-1]), W)
+    return density_that_wanders(wander, NOISE, time, W)
 
 
 @dataclass(frozen=True)
@@ -131,11 +130,6 @@ def scores(results: Sequence[xr.Dataset], truth: dict[str, float], w: float | No
             stated.append(float(result.reference_frequency_standard_error))
         rows.append((errors, stated))
     return np.array(rows).swapaxes(0, 1)
-
-
-def rms(values: np.ndarray, axis: int | None = 0) -> np.ndarray:
-    """Root of the mean square."""
-    return np.sqrt(np.mean(np.asarray(values) ** 2, axis=axis))
 
 
 def covered(errors: np.ndarray, stated: np.ndarray) -> np.ndarray:

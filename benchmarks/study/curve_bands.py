@@ -11,6 +11,7 @@ from argparse import Namespace
 import numpy as np
 import pandas as pd
 import xarray as xr
+from helpers import decay
 
 import sysid_trib as st
 from benchmarks.study.common import gone_on, shown
@@ -49,11 +50,10 @@ def covers(case: str, seed: int, response: np.ndarray | None) -> dict[str, tuple
     coefficients, noise, lacking, density = CASES[case]
     model = model_of(coefficients)
     motion = st.simulate(model, CLOCK, RELEASE, random_force=density, seed=seed).angle.values
-    angle = motion + noise * np.random.default_rng([seed, 5]).standard_normal(len(CLOCK))
-    decay = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": CLOCK})
+    record = decay(CLOCK, motion, [seed, 5], noise)
     offered = model.library.select([symbol for symbol in coefficients if symbol not in lacking])
-    fit = st.identify(decay, offered, st.methods.Trajectory(random_force="off"))
-    bands, held = st.validation.curve_bands(decay, fit), {}
+    fit = st.identify(record, offered, st.methods.Trajectory(random_force="off"))
+    bands, held = st.validation.curve_bands(record, fit), {}
     for name, true in ({"angle": motion} | truth_of(model, bands)).items():
         apart = np.abs(bands[name].values - true)
         whole = np.all(apart <= bands[f"{name}_high"].values - bands[name].values + 1e-12)

@@ -5,6 +5,7 @@ from collections import Counter
 
 import numpy as np
 import xarray as xr
+from helpers import measured
 from scipy.stats import chi2, ncx2
 
 import sysid_trib as st
@@ -25,9 +26,7 @@ KINDS = {
 
 def decay_of(model: st.Model, seed: int) -> xr.Dataset:
     """A record of a model with noise."""
-    angle = st.simulate(model, TIME, 0.26).angle.values
-    noisy = angle + NOISE * np.random.default_rng(seed).standard_normal(len(TIME))
-    return st.free_decay(xr.Dataset({"angle": ("time", noisy, {"units": "rad"})}, {"time": TIME}))
+    return st.free_decay(measured(model, TIME, 0.26, noise=NOISE, seed=seed))
 
 
 def main(asked: Namespace) -> None:

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from helpers import EIGHT_MORE, FIVE, NOISE, SIX, Run, W, decay, library_of_formulas, names, paper_run
+from helpers import EIGHT_MORE, FIVE, NOISE, SIX, Run, W, decay, library_of_formulas, names, paper_run, rms
 
 import sysid_trib as st
 from benchmarks import peers
 from benchmarks.stopwatch import timed
-from benchmarks.study.common import covered, rms, scores, shown, uniform
+from benchmarks.study.common import covered, scores, shown, uniform
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.validation import cramer_rao_bound, cross_check, run_agreement

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 import xarray as xr
+from helpers import decay
 
 import sysid_trib as st
 from benchmarks.study.common import gone_on, shown
@@ -32,18 +33,17 @@ def fitted_record(name: str, seed: int, quieter: float = 1.0) -> tuple[xr.Datase
     library = ForceLibrary("of the case", forces).select(list(coefficients))
     model, clock = st.Model(library, coefficients, W, shapes), np.arange(0.0, duration, 1.0 / RATE)
     angle = st.simulate(model, clock, release).angle.values
-    angle = angle + noise / quieter * np.random.default_rng([seed, 11]).standard_normal(len(clock))
-    decay = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": clock})
+    record = decay(clock, angle, [seed, 11], noise / quieter)
     method = st.methods.Trajectory(fit_shapes=tuple(shapes), random_force="off", constraints=constraints)
-    return decay, st.identify(decay, library, method)
+    return record, st.identify(record, library, method)
 
 
 def intervals(name: str, seed: int) -> list[float]:
     """Truth, the fit's value and standard error, both ends by the profile, processor time (s)."""
     coefficients, shapes, *_ = CASES[name]
     begin = time.process_time()
-    decay, fit = fitted_record(name, seed)
-    row = st.validation.profile(decay, fit, [name]).isel(parameter=0)
+    record, fit = fitted_record(name, seed)
+    row = st.validation.profile(record, fit, [name]).isel(parameter=0)
     stated = fit.sel(shape_parameter=name) if shapes else fit.sel(force=name)
     words = ("shape", "shape_standard_error") if shapes else ("coefficient", "standard_error")
     numbers = [stated[word].item() for word in words] + [row.low.item(), row.high.item()]

@@ -10,10 +10,11 @@ from argparse import Namespace
 from time import process_time
 
 import numpy as np
+from helpers import rms
 
 import sysid_trib as st
 from benchmarks.stopwatch import timed
-from benchmarks.study.common import METHODS, NOISE, Pushed, W, gone_on, read, rms, scores, shown
+from benchmarks.study.common import METHODS, NOISE, Pushed, W, gone_on, read, scores, shown
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.random_force import random_force_of
 

@@ -13,10 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
-from helpers import library_of_formulas
+from helpers import library_of_formulas, rms
 
 import sysid_trib as st
-from benchmarks.study.common import rms, shown
+from benchmarks.study.common import shown
 from sysid_trib.errors import SysidTribError
 
 BASE = ("lambda", "zeta", "delta", "nu", "epsilon")
