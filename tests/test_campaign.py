@@ -211,11 +211,18 @@ def test_conditions_are_found_by_file_name_or_by_order(tmp_path):
 
 def test_a_campaign_without_any_result_ends_with_one(tmp_path):
     (tmp_path / "a.csv").write_text("")
-    done = run("campaign", str(tmp_path / "a.csv"), "--workers", "0", "-o", str(tmp_path / "out.zarr"))
-    assert done.status == 1
-    assert "no record has a result" in done.err
-    assert "the file is empty" in done.out
-    assert (tmp_path / "out.html").exists()
+    write_csv(tmp_path / "b.csv", angle=linear(zeta=0.01))
+    cases = (
+        ("a", [], "the file is empty"),
+        ("b", ["--methods", "direct", "--omega0", "89"], "'89': the record swings at 9.9 rad/s"),
+    )
+    for name, words, said in cases:
+        words += ["--forces", "zeta", "--workers", "0", "-o", tmp_path / f"{name}.zarr"]
+        done = run("campaign", tmp_path / f"{name}.csv", *words)
+        assert done.status == 1
+        assert "no record has a result" in done.err
+        assert said in done.out
+        assert (tmp_path / f"{name}.html").exists()
 
 
 @pytest.mark.slow

@@ -185,13 +185,6 @@ def test_the_unit_of_columns_is_that_of_a_formula(tmp_path, headers, formula, un
     assert record.attrs["angle_column"] == formula
 
 
-def test_a_formula_is_the_column_that_it_computes(tmp_path):
-    place = written(tmp_path, "a (deg)", "b (deg)")
-    mean = st.read_record(place, angle="0.5*(a+b)")
-    np.testing.assert_allclose(mean.angle, st.read_record(place, angle="a").angle)
-    assert np.max(np.abs(mean.angle)) == pytest.approx(np.deg2rad(3.0), rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("headers", "formula", "said"),
     [

@@ -163,19 +163,6 @@ def test_a_search_ends_at_its_time_limit():
         discover(run, BASE, FEW, time_limit=0.0)
 
 
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"level": 2.0}, "level of 2 "),
-        ({"level": -3.0}, "level of -3 "),
-        ({"max_effects": -1}, "most -1 effects"),
-    ],
-)
-def test_a_search_that_cannot_be_is_refused(given, told):
-    with pytest.raises(UsageError, match=told):
-        discover(with_effect({}, seed=1), BASE, FEW, **given)
-
-
 def test_shapes_are_told_with_their_errors():
     """One at an end of its range has none that the record tells."""
     shapes = {"power_damping.p": 1.7}

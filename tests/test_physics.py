@@ -192,6 +192,16 @@ def test_no_force_is_known_by_its_symbol():
 # Weights, crossovers, arrest.
 
 
+def test_weights_of_any_force_are_its_signature():
+    library = every_force()
+    symbols = [f.symbol for f in library if f.kind == "force" and not f.holds_time]
+    found = weights(known(dict.fromkeys(symbols, 0.5), library=library), [0.02, 0.3])
+    assert np.all(found.peak_force.sel(amplitude=0.3) > 0)
+    # No average is larger than the peak.
+    assert np.all(np.abs(found.decay) <= found.peak_force * (1 + 1e-6))
+    assert found.peak_force.sel(force="jenkins", amplitude=0.3).item() == pytest.approx(0.5 * 0.02, rel=1e-6)
+
+
 # Fingerprint.
 
 
