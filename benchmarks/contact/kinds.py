@@ -10,9 +10,12 @@ import numpy as np
 from benchmarks.contact import defects, spellings, writing
 from benchmarks.contact.writing import Draw, Right, cells, swing, text_of
 
-KINDS: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("kinds.toml").read_text("utf-8"))
+KINDS, SPELLINGS = (
+    tomllib.loads(Path(__file__).with_name(name).read_text("utf-8"))
+    for name in ("kinds.toml", "spellings.toml")
+)
 HEADS = ["Time (s),Angle (rad)", "t [s],theta [rad]", "time,angle_rad"]
-KNOWN = {**vars(np), **vars(writing), **vars(spellings), **vars(defects)}
+KNOWN = {**vars(np), **vars(writing), **vars(spellings), **vars(defects), **SPELLINGS}
 PARTS = {"sep": ",", "comma": False, "end": "\n", "tail": "", "encoding": "utf-8", "head": HEADS}
 
 

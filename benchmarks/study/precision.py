@@ -19,7 +19,7 @@ from benchmarks.stopwatch import timed
 from benchmarks.study.common import covered, scores, shown, uniform
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.validation import cramer_rao_bound, cross_check, run_agreement
+from sysid_trib.validation import cramer_rao_bound, run_agreement
 
 STRONG = SIX | {"lambda": 1e-3}
 PAPER, FINE = paper_run(), paper_run(sampling_rate=1000.0)
@@ -156,7 +156,7 @@ def checked(averaging: Averaging, seeds: int) -> str:
     for seed in range(seeds):
         record = FITTED.decay(1000 + seed)
         pair = [method.identify(record, FITTED.model.library) for method in (averaging, Direct())]
-        p_values.append(cross_check(record, *pair, seed=seed).comparison.p_value.item())
+        p_values.append(st.cross_check(record, *pair, seed=seed).comparison.p_value.item())
     return shares(p_values)
 
 
