@@ -14,6 +14,7 @@ import xarray as xr
 import sysid_trib as st
 from benchmarks.hostile import worker
 from benchmarks.hostile.pieces import ANGLE, TIME
+from benchmarks.hostile.records import CHANGES
 from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.results.files import write_file
 
@@ -128,21 +129,7 @@ def test_letters_where_numbers_are_asked_for(tmp_path):
     assert "too long" in command_line.run("look", tmp_path / ("a" * 5000)).complaint
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda data: data.drop_vars("angle"),
-        lambda data: data.drop_vars("time"),
-        lambda data: data.rename(time="t"),
-        lambda data: data.isel(time=slice(0, 0)),
-        lambda data: data.assign(angle=data.angle.astype(str)),
-        lambda data: data.expand_dims("run"),
-        lambda data: data.assign(angle=data.angle * np.nan),
-        lambda data: data.assign(angle=data.angle * 1e90),
-        lambda data: data.assign(angle=(data.angle * 0.0).assign_attrs(units="mm")),
-        lambda data: data.isel(time=slice(None, None, -1)),
-    ],
-)
+@pytest.mark.parametrize("change", CHANGES)
 def test_data_that_are_no_record(change):
     data = change(xr.Dataset({"angle": ("time", ANGLE)}, {"time": TIME}))
     library = st.load_library().select(["zeta"])

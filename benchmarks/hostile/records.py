@@ -19,6 +19,22 @@ METHODS = (
 COUNTS = (0, 1, 2, 3, 10, 50, 200, 400)
 
 
+# What makes a record none.
+CHANGES = (
+    lambda data: data.drop_vars("angle"),
+    lambda data: data.drop_vars("time"),
+    lambda data: data.rename(time="t"),
+    lambda data: data.expand_dims("run"),
+    lambda data: data.isel(time=slice(0, 0)),
+    lambda data: data.isel(time=slice(None, None, -1)),
+    lambda data: data.assign(angle=data.angle.astype(complex)),
+    lambda data: data.assign(angle=data.angle.astype(str)),
+    lambda data: data.assign(angle=data.angle * np.nan),
+    lambda data: data.assign(angle=data.angle * 1e90),
+    lambda data: data.assign(angle=(data.angle * 0.0).assign_attrs(units="mm")),
+)
+
+
 def dataset(random: np.random.Generator) -> xr.Dataset:
     """A decay, or what nobody would call one."""
     count = int(pick(random, COUNTS)) if random.random() < 0.5 else 400
@@ -40,18 +56,7 @@ def dataset(random: np.random.Generator) -> xr.Dataset:
         {"source": "hostile"},
     )
     data["angle"].attrs = {name: value for name, value in attrs.items() if value is not None}
-    count_ms = np.datetime64("2020-01-01") + (1e3 * np.arange(count)).astype("m8[ms]")
-    changes = (
-        lambda: data.drop_vars("angle"),
-        lambda: data.drop_vars("time"),
-        lambda: data.rename(time="t"),
-        lambda: data.expand_dims("run"),
-        lambda: data.assign(angle=data.angle.astype(complex)),
-        lambda: data.assign(angle=data.angle.astype(str)),
-        lambda: data.assign_coords(time=count_ms),
-    )
-    kind = random.integers(30)
-    return changes[kind]() if kind < len(changes) else data
+    return pick(random, CHANGES)(data) if random.random() < 0.25 else data
 
 
 def case(random: np.random.Generator, folder: Path) -> Callable[[], object]:

@@ -12,6 +12,7 @@ from argparse import Namespace
 import numpy as np
 import xarray as xr
 from scipy.stats import t as student
+from test_between_runs import runs_of
 
 import sysid_trib as st
 from benchmarks.study.common import W, shown, time_of
@@ -23,13 +24,6 @@ NOISE, TRUTH = 4e-5, {"lambda": 1e-3, "zeta": 1e-3, "delta": 2e-3}
 SCATTER, PER_LOAD = 5e-5, 1e-3
 LOADS = np.repeat([0.0, 0.5, 1.0], 2)
 PARTS = ("between_run", "load", "shrunken", "repeatability", "between_laboratory", "reproducibility")
-
-
-def runs_of(values: np.ndarray, errors: np.ndarray) -> xr.Dataset:
-    """Values of one coefficient as `run_agreement` gives them."""
-    dims = ("run", "quantity")
-    variables = {"value": (dims, values[:, None]), "standard_error": (dims, errors[:, None])}
-    return xr.Dataset(variables, {"quantity": ["lambda"]})
 
 
 def holds(fit: xr.Dataset, name: str, truth: float) -> bool:
