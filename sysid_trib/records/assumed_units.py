@@ -13,21 +13,6 @@ from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.tables import FileTable
 
-# Two columns lie on a circle about the origin if their radius scatters by less than this part of it,
-ROUND = 0.02
-# and its unit is one in which gravity comes out right, within this part.
-GRAVITY_TOLERANCE = 0.05
-# Days that spreadsheets count from 1900 and MATLAB from the year 0, and stamps that count from 1970.
-SERIAL_DAYS = ((32874.0, 73051.0), (726834.0, 767011.0))
-EPOCH_STAMPS = (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18))
-# An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
-REST_IN_G = (0.5, 1.2)
-# rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it decays, by
-# more than this part of what it should.
-FROM_AMPLITUDE, STEADY = 1.0, 0.25
-# s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
-LONGEST_PERIOD, LONGEST_OF_WHOLE, SHORTEST_PERIOD = 1000.0, 60.0, 5e-5
-
 
 def time_factor(table: FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
     """Unit of a time column, its factor to s, and why where it was not stated; None if nothing tells it.
@@ -76,10 +61,11 @@ def _by_steps(table: FileTable, time: Column) -> tuple[str | None, str]:
                 if np.isclose(usual * lab.TIME_UNITS[text], stated, rtol=0.01):
                     return text, f"time in {text}, by its steps in column {other.name}"
     middle = float(np.median(stamps)) if steps.size else 0.0
-    for text, low, high in EPOCH_STAMPS:
+    for text, low, high in (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18)):
         if low < middle < high:
             return text, f"time in {text}: it counts from 1970"
-    for low, high in SERIAL_DAYS:
+    # Days that spreadsheets count from 1900 and MATLAB from the year 0, and stamps that count from 1970.
+    for low, high in ((32874.0, 73051.0), (726834.0, 767011.0)):
         # Of the years 1990 to 2100.
         if 0.0 < usual < 1e-2 and low < stamps.min() and stamps.max() < high:
             return "d", "time in days: it counts them as a calendar does"
@@ -110,8 +96,9 @@ def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
         With the period, and what to give.
     """
     periods = dominant_periods(time, values)
-    longest = LONGEST_OF_WHOLE if whole else LONGEST_PERIOD
-    if periods and not SHORTEST_PERIOD < periods[0] < longest:
+    # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
+    longest = 60.0 if whole else 1000.0
+    if periods and not 5e-5 < periods[0] < longest:
         raise RecordError(
             f"{source}: nothing states the unit of its times: the period would be {periods[0]:.3g} s in s, "
             f"{1e-3 * periods[0]:.3g} s in ms, {1e-6 * periods[0]:.3g} s in us; give it, --time-units "
@@ -154,8 +141,9 @@ def assumed_unit(
         text = "deg/s" if far > np.pi else "rad/s"
         why = f"taken as {text}, which makes the swing {far:.3g} {text.removesuffix('/s')}"
     else:
+        # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
         rest = float(np.median(values))
-        text = "g" if REST_IN_G[0] < abs(rest) < REST_IN_G[1] else "m/s^2"
+        text = "g" if 0.5 < abs(rest) < 1.2 else "m/s^2"
         gravity = f", since it swings about {rest:.3g}, as gravity would" if text == "g" else ""
         why = f"taken as {text}{gravity}"
     unit = lab.signal_unit(text)
@@ -167,9 +155,11 @@ def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
     """Unit of what swings so far to either side as an angle, and why."""
     if half > np.pi:
         return "deg", f"in degrees, since an angle does not swing to {half:.3g} rad"
-    if half > FROM_AMPLITUDE and (moves := _frequency_shift(time, values)) is not None:
+    # rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it
+    # decays, by more than a quarter of what it should.
+    if half > 1.0 and (moves := _frequency_shift(time, values)) is not None:
         seen, of_pendulum = moves
-        if abs(seen) < STEADY * of_pendulum:
+        if abs(seen) < 0.25 * of_pendulum:
             return "deg", (
                 f"in degrees, since the frequency of a pendulum that swings to "
                 f"{half:.3g} rad would rise by {100.0 * of_pendulum:.2g} % as it decays, and this one "
@@ -205,8 +195,9 @@ def _circle_radius(table: FileTable, signal: Column) -> float | None:
             continue
         radius = np.hypot(values.astype(float), second.astype(float))
         middle = float(np.nanmean(radius))
-        moves = min(np.nanstd(values), np.nanstd(second)) > ROUND / 10.0 * middle
-        if middle > 0.0 and moves and np.nanstd(radius) < ROUND / 10.0 * middle:
+        # The radius of a circle scatters by less than this, and either coordinate by more.
+        scatter = 2e-3 * middle
+        if middle > 0.0 and np.nanstd(radius) < scatter < min(np.nanstd(values), np.nanstd(second)):
             return middle
     return None
 
@@ -216,7 +207,8 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
     periods = dominant_periods(time, values)
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
-        if abs(gravity * metres / lab.STANDARD_GRAVITY - 1.0) < GRAVITY_TOLERANCE:
+        # Gravity comes out right, within this part.
+        if abs(gravity * metres / lab.STANDARD_GRAVITY - 1.0) < 0.05:
             return text, (
                 f"in {text}, since it moves on a circle of radius {radius:.4g} and swings "
                 f"as a pendulum of {radius:.4g} {text} does (its angle: --angle 'atan2(...)')"

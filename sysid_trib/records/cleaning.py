@@ -14,7 +14,6 @@ AT_END = np.array([4.0, -6.0, 4.0, -1.0])
 WRAP_SHARE = 0.75
 # Samples on either side that show how the motion goes on.
 CUT_REACH = 3
-FEWEST_CROSSINGS = 12
 
 
 def spikes(time: Array, signal: Array) -> Index:
@@ -163,7 +162,8 @@ def pulses(signal: Array) -> bool:
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
     above = signal[clear] > 0.5 * (low + high)
     crossings = np.flatnonzero(np.diff(above))
-    if crossings.size < FEWEST_CROSSINGS:
+    # Fewer do not show how long either side lasts.
+    if crossings.size < 12:
         return False
     # By medians: a single long rest, before a release or after a stop, is none of them.
     lasts, up = np.diff(clear[crossings]), above[crossings[:-1] + 1]
@@ -174,8 +174,6 @@ def pulses(signal: Array) -> bool:
 
 # Of the spline: its degree, knots in a period, and fewest samples between knots.
 OUTLIER_DEGREE, KNOTS, SAMPLES_PER_INTERVAL = 5, 12, 3
-# Noise levels, and part of the swing.
-OUTLIER_NOISE, OUTLIER_SHARE = 8.0, 3e-4
 # An impact bends the motion: it leaves its neighbours off as well, by more than this part.
 NEIGHBOURS, NEIGHBOURS_PART = 3, 0.2
 # Noise with so many samples in its tails has no outliers.
@@ -203,7 +201,8 @@ def outliers(time: Array, signal: Array, period: float) -> Index:
     pieces = np.split(np.arange(time.size), gaps)
     # Samples that are looked at together.
     parts = [part for piece in pieces for part in np.array_split(piece, 1 + piece.size // 20_000)]
-    least = OUTLIER_SHARE * float(np.ptp(signal))
+    # Part of the swing.
+    least = 3e-4 * float(np.ptp(signal))
     step = quantisation_step(signal)
     parts_off = [part[_off_the_others(time[part], signal[part], period, (least, step))] for part in parts]
     together = np.concatenate(parts_off)
@@ -231,7 +230,8 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
         good = np.where(bad, 0.0, off)
         noise = max(1.5 * float(np.median(off[~bad])), least[1] / np.sqrt(12.0))
         largest = good == maximum_filter1d(good, 2 * NEIGHBOURS + 1)
-        limit = max(OUTLIER_NOISE * noise, least[0])
+        # Noise levels.
+        limit = max(8.0 * noise, least[0])
         further = largest & (good > limit)
         if not further.any():
             break

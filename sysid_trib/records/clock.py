@@ -14,16 +14,12 @@ from sysid_trib.records.signal import usual_step
 UNEVEN_PART = 1e-9
 # Stamps are decimal numbers: the step of their rounding is a power of ten.
 MOST_DIGITS = 9
-# Digits that are counted from the first one that is not zero.
-SIGNIFICANT_DIGITS = range(3, 8)
 # Steps of the rounding within which stamps are a line's, cut off or rounded; its slope is known to a little
 # less, and less well where the steps differ.
 WITHIN, WITHIN_UNEQUAL = 1.02, 1.5
 # A row follows at once if it comes within this part of the mean step; in packets most do.
 AT_ONCE = 0.5
 INSTEAD = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
-# Longest steps by which packets are late, and most by which the long and the short steps differ.
-LATE, LARGEST_RATIO = 1.5, 100.0
 
 
 # Times of a record (s, rising), rows of the file that they belong to, times at which the clock was set back:
@@ -191,7 +187,8 @@ def roundings(given: Array) -> Iterator[tuple[float | Array, str]]:
         yield step, f"stamps rounded to {step:g}"
     size = np.abs(np.where(given == 0.0, np.min(np.abs(given[given != 0.0]), initial=1.0), given))
     decade = 10.0 ** np.floor(np.log10(size) + 1e-12)
-    for digits in SIGNIFICANT_DIGITS:
+    # Digits that are counted from the first one that is not zero.
+    for digits in range(3, 8):
         unit = decade * 10.0 ** (1 - digits)
         if np.all(np.abs(given / unit - np.round(given / unit)) < 1e-6):
             yield unit, f"stamps of {digits} digits"
@@ -232,8 +229,9 @@ def _in_packets(given: Array, line: Array, values: Array) -> bool:
     if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):
         return False
     # Rows that are lacking add up; those that are late do not.
-    if np.ptp(given - line) > LATE * steps.max() or not _shows_period(steps.max(), line, values):
+    # Longest steps by which packets are late, and most by which the long and the short steps differ.
+    if np.ptp(given - line) > 1.5 * steps.max() or not _shows_period(steps.max(), line, values):
         return False
     ratio = np.median(steps[~at_once]) / max(float(np.median(steps[at_once])), 1e-300)
     within, between = np.nanmedian(moves[at_once]), np.nanmedian(moves[~at_once])
-    return bool(between < np.sqrt(min(ratio, LARGEST_RATIO)) * within)
+    return bool(between < np.sqrt(min(ratio, 100.0)) * within)

@@ -21,9 +21,6 @@ MISSING_TEXTS = frozenset(lab.LAB_WORDS["missing"])
 DAY = 86400.0
 # The minus sign of Swedish and Norwegian settings.
 MINUS = "\u2212"
-# What loggers write where they have no value, and how many times as large as any other value it is.
-SENTINELS = (-999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -999.25)
-FAR_OUTSIDE = 2.0
 _CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
 
 
@@ -114,10 +111,11 @@ class Column:
 
         A sentinel is one of theirs that no other value comes near.
         """
-        for sentinel in SENTINELS:
+        # What loggers write where they have no value: it is at least twice as large as any other value.
+        for sentinel in (-999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -999.25):
             marked = self.numbers == sentinel
             others = np.abs(self.numbers[~marked & np.isfinite(self.numbers)])
-            if marked.any() and others.size and abs(sentinel) > FAR_OUTSIDE * others.max():
+            if marked.any() and others.size and abs(sentinel) > 2.0 * others.max():
                 said = f"{np.count_nonzero(marked)} values of {sentinel:g} taken as missing"
                 return np.where(marked, np.nan, self.numbers), said
         return self.numbers, ""

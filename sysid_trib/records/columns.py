@@ -19,8 +19,6 @@ from sysid_trib.records.free_decay import swing_within
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
 
-FEWEST_NUMBERS = 3
-DERIVATIVE_TOLERANCE = 0.2
 # Of a run: the columns of its times, if any, and of its signal; why it is this one, nothing where there is no
 # other.
 Chosen: TypeAlias = tuple[Column | None, Column, str]
@@ -150,7 +148,8 @@ def _candidate(column: Column, time: Column | None) -> _Candidate | None:
         values, _ = column.signal
     except SysidTribError:
         return None
-    if np.count_nonzero(np.isfinite(values)) < FEWEST_NUMBERS:
+    # Fewer numbers are none that move.
+    if np.count_nonzero(np.isfinite(values)) < 3:
         return None
     try:
         stamps = np.arange(values.size) if time is None else time.numbers
@@ -256,7 +255,7 @@ def _is_rate_of(column: _Candidate, other: _Candidate) -> bool:
     w = 2.0 * np.pi / its.period
     wave = np.exp(-1j * w * its.time)
     rate, angle = (np.sum((swing.signal - swing.signal.mean()) * wave) for swing in (mine, its))
-    return bool(abs(rate / angle / (1j * w) - 1.0) < DERIVATIVE_TOLERANCE)
+    return bool(abs(rate / angle / (1j * w) - 1.0) < 0.2)
 
 
 def _listed(pool: list[_Candidate]) -> str:

@@ -176,10 +176,6 @@ def _sentence(swing: Swing, units: str, mended: str) -> str:
     return f"Free decay: {kept}; cut {cut or 'nothing'}{done}; {middle}."
 
 
-# Exponents, over the frequency, from which the damped sine is fitted.
-FIRST_EXPONENTS = -0.02, 0.02, 0.2, 0.6
-
-
 def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing:
     """The swing of a piece about a given value, or about the constant of the damped sine that fits it best.
 
@@ -214,7 +210,8 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
         return np.asarray(constant + fall * (cosine * np.cos(ratio * at) + sine * np.sin(ratio * at)))
 
     fits = []
-    for exponent in FIRST_EXPONENTS:
+    # Exponents, over the frequency, from which the damped sine is fitted.
+    for exponent in -0.02, 0.02, 0.2, 0.6:
         fall = np.exp(np.clip(-exponent * at, -50.0, 50.0))
         columns = np.stack([np.ones_like(at), fall * np.cos(at), fall * np.sin(at)], axis=1)
         start = np.linalg.lstsq(columns, y, rcond=None)[0]

@@ -21,7 +21,6 @@ from sysid_trib.records.signal import Piece, checked_signal
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 DRIFT_BLOCKS = 8
 SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
-KEPT_DECAYS = 64
 # Half periods that are summed at once: of a hundred samples each, their terms fit into the cache of a core.
 HALF_PERIODS_AT_ONCE = 64
 
@@ -127,7 +126,7 @@ def with_half_periods(
     return time, angle, halves
 
 
-@lru_cache(maxsize=KEPT_DECAYS)
+@lru_cache(maxsize=64)
 def _whole_half_periods(time: bytes, angle: bytes, equilibrium: float | None) -> HalfPeriods | None:
     swing = find_swing(Piece(np.frombuffer(time), np.frombuffer(angle)), equilibrium)
     return None if swing is None else swing.halves.select(swing.run)

@@ -15,8 +15,6 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.units import METRES, RADIANS, signal_unit
 
-# What makes a text an expression and no name.
-EXPRESSION_SIGNS = re.compile(r"[-+*/(]")
 ARC_TANGENT = "atan2("
 # How near to the factor between two units a factor is that stands for it.
 CONVERTED = 2e-3
@@ -88,7 +86,8 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
 
 def is_expression(table: FileTable, wanted: str | int | None) -> bool:
     """True if a text could be a formula of columns, and no column has that name."""
-    signs = isinstance(wanted, str) and EXPRESSION_SIGNS.search(wanted) is not None
+    # What makes a text an expression and no name.
+    signs = isinstance(wanted, str) and re.search(r"[-+*/(]", wanted) is not None
     return signs and table.match(wanted) is None
 
 

@@ -19,7 +19,6 @@ SMALLEST_SWING = 1e-150
 # What is left of a record is searched for another decay if it is of this part of the first one's amplitude,
 # of the same period, and lasts for some periods.
 SMALLEST_FURTHER = 0.2
-MOST_DECAYS = 60
 
 
 def free_decay(
@@ -175,7 +174,7 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
     waiting = [longest, *(piece for piece in pieces if piece is not longest)]
     decays: list[Swing] = []
     refusals: list[DecayError] = []
-    while waiting and len(decays) < MOST_DECAYS:
+    while waiting and len(decays) < 60:
         piece = waiting.pop(0)
         if piece is not longest and not _may_hold_another(piece, decays):
             continue

@@ -10,18 +10,12 @@ from sysid_trib.records.equilibrium import Swing
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
-# A drive holds the amplitude for so many half periods at least, and within this part.
+# A drive holds the amplitude for so many half periods at least.
 DRIVEN_HALF_PERIODS = 8
-DRIVEN_TOLERANCE = 0.03
-# A beat rises over so many half periods at least, in this part of them, and swings on in this part.
+# A beat rises over so many half periods at least.
 FEWEST_RISING = 5
-RISING_PART = 0.8
 # Between its maxima the amplitude of a beat falls by this part of the largest one at least.
 TROUGH = 0.3
-SWINGING_ON = 0.7
-# Noise levels within which a sample is at the end of the sensor's range; part of the samples within four
-# times that which are at it in a flat top (of a parabola it is half of them); fewest flat tops of one sign.
-CLIPPED_NOISE, FLAT_PART, FEWEST_CLIPPED = 6.0, 0.75, 2
 PACE_TOLERANCE = 0.03
 
 
@@ -32,7 +26,8 @@ def after_the_drive(swing: Swing) -> Swing:
         return swing
     peak = swing.extrema
     held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
-    allowed = DRIVEN_TOLERANCE * held + swing.scatter
+    # Part of the amplitude within which a drive holds it.
+    allowed = 0.03 * held + swing.scatter
     away = np.abs(peak - held) > allowed
     end = int(np.argmax(away)) if away.any() else peak.size
     if end < DRIVEN_HALF_PERIODS or end > peak.size - FEWEST_EXTREMA:
@@ -112,11 +107,12 @@ def _refuse_beats(swing: Swing, source: str) -> None:
     if quarter < 1 or rise.size < FEWEST_RISING:
         return
     lasts = swing.halves.duration[run.stop : run.stop + rise.size] / (0.5 * swing.oscillation.period)
-    swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > SWINGING_ON
+    # In most half periods the motion goes on, and in most of them it rises.
+    swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > 0.7
     # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
     hollow = fall[-quarter - 1] - fall[-1] < 0.8 * (fall[0] - fall[quarter])
     top = int(np.argmax(rise))
-    gradual = top >= FEWEST_RISING - 1 and np.mean(np.diff(rise[: top + 1]) > 0.0) > RISING_PART
+    gradual = top >= FEWEST_RISING - 1 and np.mean(np.diff(rise[: top + 1]) > 0.0) > 0.8
     if swings_on and not hollow and gradual and rise[top] > 0.5 * fall[0]:
         instant = swing.halves.crossing[run.stop]
         raise DecayError(
@@ -215,14 +211,16 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
         near = np.concatenate(([0], np.cumsum(np.abs(limit - angle) <= width)))
         return np.where(halves.sign == side, near[stops] - near[starts], 0)
 
-    for width in (1e-9 * height, CLIPPED_NOISE * noise):
+    # At the end of the sensor's range, exactly or within so many noise levels.
+    for width in (1e-9 * height, 6.0 * noise):
         # A cosine stays within so much of its top for this part of a half period.
         usual_width = max(width, swing.oscillation.step)
         usual = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - usual_width / height)) * samples
         at_limit = near_limit(width)
-        # A broad top has many more samples somewhat below it, a flat one next to none.
-        tops = (at_limit > 1.5 * usual + 1) & (at_limit > FLAT_PART * near_limit(4.0 * usual_width))
-        if np.any(tops & inside) and np.count_nonzero(tops) >= FEWEST_CLIPPED:
+        # A broad top has many more samples somewhat below it (a parabola half of those within four times the
+        # width), a flat one next to none; one flat top of a sign may be chance.
+        tops = (at_limit > 1.5 * usual + 1) & (at_limit > 0.75 * near_limit(4.0 * usual_width))
+        if np.any(tops & inside) and np.count_nonzero(tops) >= 2:
             return np.flatnonzero((at_limit > 0) & (inside | tops)), limit
     return np.zeros(0, dtype=np.int64), limit
 

@@ -224,11 +224,6 @@ def regular_run(halves: HalfPeriods, period: float) -> slice:
     return slice(int(best[0]), int(best[-1]) + 1) if best.size else slice(0, 0)
 
 
-# N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half period
-# alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has 2.
-EXTREMUM_VARIANCE = 2.0
-
-
 def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
     """Extrema of the half periods, from lines through the log amplitude and the phase of the analytic signal.
 
@@ -258,7 +253,10 @@ def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     log_level, log_slope = _lines(s, log_amplitude, half, count)
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
-    error: Array = np.sqrt(EXTREMUM_VARIANCE / samples)
+    # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half
+    # period alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has
+    # 2.
+    error: Array = np.sqrt(2.0 / samples)
     return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
 
 

@@ -17,8 +17,6 @@ from sysid_trib.records.signal import unit_of_signal
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
-# Half periods that differences for the scatter span; fewer than a few of these decide nothing.
-DIFFERENCE_SPAN, FEWEST_FOR_SCATTER = 8, 15
 IMPULSES = 8
 """Impulses in each half period that stand for white acceleration."""
 SPAN = 4
@@ -152,7 +150,8 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
     differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line
     (solid friction), of a geometric decay (viscous friction), nor of their sum.
     """
-    if value.size < FEWEST_FOR_SCATTER:
+    # A few differences, which span eight half periods, decide nothing.
+    if value.size < 15:
         return 1.0
     weights = np.convolve([1.0, 0.0, -2.0, 0.0, 1.0], [1.0, 0.0, -2.0 * decay_ratio, 0.0, decay_ratio**2])
     difference = np.convolve(value, weights, "valid")
@@ -160,7 +159,7 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
     ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
     # White noise scatters by more than 1 + this over sqrt(differences) in one record of a thousand, however
     # long.
-    return ratio if ratio > 1.0 + 6.5 / np.sqrt(value.size - DIFFERENCE_SPAN) else 1.0
+    return ratio if ratio > 1.0 + 6.5 / np.sqrt(value.size - 8) else 1.0
 
 
 def with_standard_error(

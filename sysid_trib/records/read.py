@@ -24,7 +24,6 @@ from sysid_trib.records.row_times import input_columns, inputs_near, row_times, 
 from sysid_trib.records.tables import FileTable, read_table
 
 POSITIONS = ("angle", "displacement")
-LARGEST_AMPLITUDE = 4.0 * np.pi
 
 
 def _unit_of(
@@ -73,8 +72,9 @@ def _unit_of(
     if not unit.known:
         known = f"none of those that are known ({lab.OFFERED_UNITS})"
         why = f"unit {unit.text} is {known}: coefficients are in it"
+    # Two whole turns to either side are more than an oscillation.
     swing = 0.5 * float(np.ptp(values)) * unit.factor
-    if unit.quantity == "angle" and swing > LARGEST_AMPLITUDE and unit.text.lower().startswith("rad"):
+    if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
         raise RecordError(
             f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much for an "
             "oscillation; if it is in degrees say so with --units deg (units= in Python), if it is no angle "

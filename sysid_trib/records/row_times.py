@@ -23,10 +23,8 @@ from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import SignalUnit
 
-RATE_TOLERANCE = 0.01
 # Of its steps so many are those of a counter.
 MOSTLY = 0.9
-LARGEST_COUNT = 2.0**53
 _PACKETS = re.compile(r"\b(packet|paket|paquet|pkt|block|burst|seq|sequence)")
 
 
@@ -93,7 +91,7 @@ def _check_rate(stamps: Array, given: float, time: Column) -> None:
     # A coarse clock's last stamp lasts for as many samples as the others do.
     distinct = np.unique(stamps).size
     rate = (stamps.size - stamps.size / max(1, distinct)) / max(float(np.ptp(stamps)), 1e-300)
-    if distinct > 1 and abs(given / rate - 1.0) > RATE_TOLERANCE + 1.0 / stamps.size:
+    if distinct > 1 and abs(given / rate - 1.0) > 0.01 + 1.0 / stamps.size:
         raise UsageError(
             f"{time.source}: the time stamps of column {time.name} say {rate:.6g} Hz, but --sampling-rate "
             f"says {given:g} Hz (sampling_rate= in Python); leave the option out, or give "
@@ -113,7 +111,8 @@ def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -
             continue
         if not np.all(np.isfinite(cells)) or np.any(cells != np.round(cells)):
             continue
-        if cells.min() < 0 or cells.max() > LARGEST_COUNT:
+        # Larger ones are no longer exact.
+        if cells.min() < 0 or cells.max() > 2.0**53:
             continue
         steps, counted = _counted_on(cells), None
         if np.mean(steps == 1) > MOSTLY and np.all(steps >= 1):

@@ -13,7 +13,6 @@ from sysid_trib.records.column import MINUS, is_missing, is_number
 from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
-WIDEST_TABLE = 4096
 # Rows in which facts may stand next to the numbers.
 MOST_FACTS = 40
 DELIMITERS = (";", "\t", "|", ",", None)
@@ -119,7 +118,8 @@ def check_width(path: Path, columns: int) -> None:
     RecordError
         With how many there are.
     """
-    if columns > WIDEST_TABLE:
+    # The widest table that is looked at.
+    if columns > 4096:
         raise RecordError(
             f"{path.name}: has {columns:,} columns; a record has a few, and a row for each "
             "sample: turn the table, or cut it."
