@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
@@ -41,7 +40,7 @@ class Column:
     """
 
     name: str
-    cells: NDArray[Any]
+    cells: Any
     source: str
     base: str
     stated: str

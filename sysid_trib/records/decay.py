@@ -203,17 +203,15 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
     w, size = 2.0 * np.pi / period, float(np.std(signal))
     at, y = w * (time - time[0]), signal / size
 
-    def motion(
-        at: Array, constant: float, cosine: float, sine: float, exponent: float, ratio: float
-    ) -> Array:
+    def motion(at: Array, *values: float) -> Array:
+        constant, cosine, sine, exponent, ratio = values
         fall = np.exp(np.clip(-exponent * at, -50.0, 50.0))
         return np.asarray(constant + fall * (cosine * np.cos(ratio * at) + sine * np.sin(ratio * at)))
 
     fits = []
     # Exponents, over the frequency, from which the damped sine is fitted.
     for exponent in -0.02, 0.02, 0.2, 0.6:
-        fall = np.exp(np.clip(-exponent * at, -50.0, 50.0))
-        columns = np.stack([np.ones_like(at), fall * np.cos(at), fall * np.sin(at)], axis=1)
+        columns = np.stack([motion(at, *unit, exponent, 1.0) for unit in np.eye(3)], axis=1)
         start = np.linalg.lstsq(columns, y, rcond=None)[0]
         try:
             fits.append(curve_fit(motion, at, y, [*start, exponent, 1.0]))

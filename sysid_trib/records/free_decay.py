@@ -1,5 +1,6 @@
 """The free decays within a record: from the release to the stop, about their equilibrium."""
 
+import re
 from contextlib import suppress
 
 import numpy as np
@@ -102,9 +103,7 @@ def free_decays(
         As `free_decay`.
     """
     record = as_record(record)
-    checked_signal(
-        record, *([str(record.attrs["measured"])] if "measured" in getattr(record, "attrs", {}) else [])
-    )
+    checked_signal(record, *filter(None, [getattr(record, "attrs", {}).get("measured")]))
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
     # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
@@ -137,9 +136,7 @@ def free_decays(
             raise
         longest = max(pieces, key=lambda piece: piece.time.size)
         decays = [short_decay(longest, value, refusal)]
-        refused = (
-            str(refusal).removeprefix(f"{source}: ").partition(";")[0].partition(", at least")[0].rstrip(".")
-        )
+        refused = re.split(";|, at least", str(refusal).removeprefix(f"{source}: "))[0].rstrip(".")
         said.append(f"taken as it is, since its forces are named, though {refused}")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
@@ -125,7 +124,7 @@ def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -
     return None, ""
 
 
-def _counted_on(column: NDArray[np.float64]) -> Index:
+def _counted_on(column: Array) -> Index:
     """Steps of a counter that may start anew after all values of so many bits."""
     whole = column.astype(np.int64)
     turn = 1 << int(whole.max()).bit_length()

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
 from sysid_trib.records import units as lab
@@ -176,7 +175,7 @@ def _contents(path: Path) -> Contents:
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
 
 
-def _is_nested(values: NDArray[Any]) -> bool:
+def _is_nested(values: Any) -> bool:
     """True if the cells of a column are lists, as netCDF and Parquet can have them."""
     return values.dtype.kind == "O" and any(isinstance(cell, np.ndarray | list | dict) for cell in values)
 
