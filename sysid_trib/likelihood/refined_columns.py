@@ -35,7 +35,7 @@ SETTLED_WITHOUT_NOISE = 1e-10
 
 
 def refine_columns(
-    runs: Runs, rows: Rows, operators: Sequence[Operator], active: Mask, constraints: ConstraintMap
+    runs: Runs, rows: Rows, about: Runs, active: Mask, constraints: ConstraintMap
 ) -> tuple[Runs, Rows, bool]:
     """Take the columns from the motion of the identified model, and solve again, until nothing changes.
 
@@ -45,8 +45,8 @@ def refine_columns(
         With a first estimate.
     rows : Rows
         That it is from.
-    operators : sequence of Operator
-        Of each run.
+    about : tuple of RunRegression
+        About whose paths the rows are linear; about each motion itself where that does not settle.
     active : (force,) array of bool
         Forces that are in the model.
     constraints : ConstraintMap
@@ -59,8 +59,8 @@ def refine_columns(
     settled : bool
         Otherwise runs and rows are those given.
     """
-    for kept in (operators, None):
-        refined = _refined(runs, kept, active, constraints)
+    for operators in ([linearised(run) for run in about], None):
+        refined = _refined(runs, operators, active, constraints)
         if refined is not None:
             return *refined, True
     return runs, rows, False
@@ -94,8 +94,7 @@ def _refined(
             runs = shifted(runs, step_back, constraints)
             continue
         followed = runs
-        local = operators or [linearised(run) for run in runs]
-        rows = weak_regression(runs, local)
+        rows = weak_regression(runs, operators)
         solution = solve(rows, runs[0], active, constraints)
         after = solution.applied_to(runs)
         change = common_values(after) - common_values(runs)

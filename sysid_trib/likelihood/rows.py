@@ -100,22 +100,25 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
     return Rows(target, columns, np.column_stack(nuisances), factor)
 
 
-def strong_rows(run: RunRegression) -> Rows:
-    """Rows theta'' + theta of the smoothed record, one a sample.
+def strong_regression(runs: Sequence[RunRegression]) -> Rows:
+    """Rows theta'' + theta of the smoothed records, one a sample.
 
     For comparison: the noise of second derivatives makes them far less precise than the weak form, and
     smoothing biases them.
     """
-    x, _, acceleration, _ = smooth(run.form.tau, run.angle)
-    nuisances = [-np.ones_like(x)] + [x] * run.frequency_free
-    lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(run.form.tau))))
-    target = -(acceleration / run.stiffness_scale + x)
-    return Rows(target, run.columns, np.column_stack(nuisances), lags=lags)
+    rows = []
+    for run in runs:
+        x, _, acceleration, _ = smooth(run.form.tau, run.angle)
+        nuisances = np.column_stack([-np.ones_like(x)] + [x] * run.frequency_free)
+        lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(run.form.tau))))
+        rows.append(Rows(-(acceleration / run.stiffness_scale + x), run.columns, nuisances, lags=lags))
+    return stack_rows(runs, rows)
 
 
-def weak_regression(runs: Sequence[RunRegression], operators: Sequence[Operator]) -> Rows:
-    """The weak rows of all runs about their paths, with what whitens them."""
-    return stack_rows(runs, [rows_about(run, *near) for run, near in zip(runs, operators, strict=True)])
+def weak_regression(runs: Sequence[RunRegression], operators: Sequence[Operator] | None = None) -> Rows:
+    """The weak rows of all runs about their paths, with what whitens them; linearised there by default."""
+    near = operators or [linearised(run) for run in runs]
+    return stack_rows(runs, [rows_about(run, *of_run) for run, of_run in zip(runs, near, strict=True)])
 
 
 def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:

@@ -27,12 +27,10 @@ from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
 from sysid_trib.likelihood.rows import (
     Rows,
     Solution,
-    linearised,
     rms_forces,
     select,
     solve,
-    stack_rows,
-    strong_rows,
+    strong_regression,
     weak_regression,
     with_errors_of_dropped,
 )
@@ -171,12 +169,12 @@ class Direct(Constrained):
         )
         chosen = np.ones(len(offered), bool)
         for _ in range(FIRST_ESTIMATES):
-            rows = weak_regression(runs, [linearised(run) for run in runs])
+            rows = weak_regression(runs)
             after = solve(rows, runs[0], chosen, constraints).applied_to(runs)
             runs = tuple(run.along_own_path() for run in after)
         begun = runs
         if not self._fits_random_force:
-            rows = self._first_rows(runs)
+            rows = strong_regression(runs) if self.form == "strong" else weak_regression(runs)
             chosen = _selected(self, runs, rows, constraints)
         # About the motion of the kept forces alone the choice is better founded than about all of them.
         for _ in range(MAX_SELECTIONS):
@@ -187,8 +185,7 @@ class Direct(Constrained):
                 break
         if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
             runs = shifted(runs, nearer - common_values(runs), constraints)
-            operators = [linearised(run) for run in runs]
-            runs, rows, refined = refine_columns(runs, rows, operators, active, constraints)
+            runs, rows, refined = refine_columns(runs, rows, runs, active, constraints)
         solution = solve(rows, runs[0], active, constraints)
         solution = replace(solution, covariance=solution.covariance + further.covariance)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
@@ -208,11 +205,6 @@ class Direct(Constrained):
     def _fits_random_force(self) -> bool:
         return is_fitted(self.random_force) and self._takes_random_force
 
-    def _first_rows(self, runs: Runs) -> Rows:
-        if self.form == "strong":
-            return stack_rows(runs, [strong_rows(run) for run in runs])
-        return weak_regression(runs, [linearised(run) for run in runs])
-
     def _regressed(
         self, begun: Runs, runs: Runs, rows: Rows, active: Mask, constraints: ConstraintMap
     ) -> tuple[Runs, Rows, bool, RatioAverage]:
@@ -226,8 +218,7 @@ class Direct(Constrained):
             return runs, rows, False, NOTHING_OPEN
         if not active.all():
             about = tuple(replace(run, x=at.x, v=at.v) for run, at in zip(runs, begun, strict=True))
-        operators = [linearised(run) for run in about]
-        return *refine_columns(runs, rows, operators, active, constraints), NOTHING_OPEN
+        return *refine_columns(runs, rows, about, active, constraints), NOTHING_OPEN
 
 
 def _estimate(runs: Runs, solution: Solution) -> Estimate:
