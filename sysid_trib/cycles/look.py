@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import BackboneCurves, backbone_curves
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.half_periods import noise_level
 from sysid_trib.records.half_sines import envelope
@@ -28,15 +28,15 @@ FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "d
 ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
 
 
-def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) -> tuple[tuple[str, ...], bool]:
+def pointed_to(curves: BackboneCurves, forces: Mapping[str, Force], *, angle: bool) -> tuple[list[str], bool]:
     """The forces that a backbone points to, by their formulas, and whether it is that of a pendulum.
 
     Parameters
     ----------
     curves : BackboneCurves
         Of `backbone_curves`.
-    library : ForceLibrary
-        Of forces of these formulas.
+    forces : mapping of str to Force
+        Those of `FRICTION` and `ELASTIC` by their formulas.
     angle : bool
         Whether the signal is an angle in rad: else nothing is a pendulum.
 
@@ -47,12 +47,8 @@ def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) ->
     within the band; a pendulum where w0 pi/(2 K(sin(a/2))) does; else the fewest elastic forces.
     """
     a = np.exp(curves.log_amplitude)
-    tables = {
-        formula: averages(force, a, {})
-        for formula in (*FRICTION, *ELASTIC)
-        if (force := library.role(formula)) is not None
-    }
-    damping = {formula: -tables[formula][0] / a for formula in FRICTION if formula in tables}
+    damping = {formula: -averages(forces[formula], a, {})[0] / a for formula in FRICTION}
+    shifts = {formula: averages(forces[formula], a, {})[1] / a for formula in ELASTIC}
     frequency, half = curves.by_name["frequency"].mean, curves.half_width("frequency")
     shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
     ratio = curves.by_name["damping_ratio"].mean
@@ -60,46 +56,37 @@ def pointed_to(curves: BackboneCurves, library: ForceLibrary, *, angle: bool) ->
     width = curves.half_width("damping_ratio") + 2.0 * shift / frequency * np.abs(ratio)
     # A curve that is nowhere known better than so says nothing.
     known = np.min(width / np.abs(ratio)) < 0.5
-    friction = _fewest(damping, ratio, width, np.empty((len(a), 0))) if known else ()
-    if _within({}, frequency, half, np.ones((len(a), 1))):
+    friction = _fewest(damping, ratio, width, []) if known else []
+    constant = np.ones(len(a))
+    if _fit([constant], frequency, half)[0] <= 1.0:
         return friction, False
     swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
     # Besides the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
     # leave open.
     half = half + 0.1 * shift
-    if angle and a[-1] < np.pi and _within({}, frequency, half, swing[:, None]):
+    if angle and a[-1] < np.pi and _fit([swing], frequency, half)[0] <= 1.0:
         return friction, True
-    shifts = {formula: tables[formula][1] / a for formula in ELASTIC if formula in tables}
-    return (*friction, *_fewest(shifts, frequency, half, np.ones((len(a), 1)))), False
+    return [*friction, *_fewest(shifts, frequency, half, [constant])], False
 
 
-def _fewest(columns: Mapping[str, Array], curve: Array, half: Array, always: Array) -> tuple[str, ...]:
+def _fewest(columns: Mapping[str, Array], curve: Array, half: Array, always: list[Array]) -> list[str]:
     """The fewest columns whose sum stays within the band; those of the best sum where none do."""
     for count in range(1, len(columns) + 1):
-        within = {
-            names: part
+        deviations = {
+            names: _fit([*(columns[name] for name in names), *always], curve, half, bool(always))[0]
             for names in combinations(columns, count)
-            if (part := _within({name: columns[name] for name in names}, curve, half, always))
         }
-        if within:
-            return min(within, key=lambda names: within[names])
-    _, weights = _fit(columns, curve, half, always)
-    return tuple(name for name, weight in zip(columns, weights, strict=False) if weight)
+        best = min(deviations, key=deviations.__getitem__)
+        if deviations[best] <= 1.0:
+            return list(best)
+    _, weights = _fit([*columns.values(), *always], curve, half, bool(always))
+    return [name for name, weight in zip(columns, weights, strict=False) if weight]
 
 
-def _within(columns: Mapping[str, Array], curve: Array, half: Array, always: Array) -> float:
-    """The largest deviation of the best sum in half widths, 0 where that is outside of the band."""
-    deviation, _ = _fit(columns, curve, half, always)
-    return deviation if deviation <= 1.0 else 0.0
-
-
-def _fit(columns: Mapping[str, Array], curve: Array, half: Array, always: Array) -> tuple[float, Array]:
-    """Largest deviation in half widths, and weights of the columns: none negative without others."""
-    table = np.column_stack([*columns.values(), always]) / half[:, None]
-    if always.size:
-        weights = lsq_linear(table, curve / half).x
-    else:
-        weights, _ = nnls(table, curve / half)
+def _fit(columns: list[Array], curve: Array, half: Array, free: bool = True) -> tuple[float, Array]:
+    """Largest deviation of the best sum in half widths, and weights; none negative if they are not free."""
+    table = np.column_stack(columns) / half[:, None]
+    weights = lsq_linear(table, curve / half).x if free else nnls(table, curve / half)[0]
     return float(np.max(np.abs(table @ weights - curve / half))), weights
 
 
@@ -192,11 +179,12 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
 def _pointers(decay: xr.Dataset) -> dict[str, str]:
     """What the backbone points to: forces by their symbols, the system, both in words; empty if nothing."""
     library = load_library(USUAL_LIBRARY)
+    roles = {formula: library.role(formula) for formula in (*FRICTION, *ELASTIC)}
+    forces = {formula: force for formula, force in roles.items() if force is not None}
     try:
-        formulas, pendulum = pointed_to(backbone_curves(decay), library, angle=counts_angles(decay))
+        formulas, pendulum = pointed_to(backbone_curves(decay), forces, angle=counts_angles(decay))
     except DecayError:
-        formulas, pendulum = (), False
-    forces = [force.symbol for formula in formulas if (force := library.role(formula)) is not None]
+        formulas, pendulum = [], False
     friction, elastic = (
         [words[formula] for formula in formulas if formula in words] for words in (FRICTION, ELASTIC)
     )
@@ -206,7 +194,7 @@ def _pointers(decay: xr.Dataset) -> dict[str, str]:
     elif elastic:
         parts.append(f"frequency as of {_listed(elastic)}")
     return {
-        "points_to_forces": ",".join(forces),
+        "points_to_forces": ",".join(forces[formula].symbol for formula in formulas),
         "points_to_system": PENDULUM if pendulum else "",
         "points_to": "; ".join(parts),
     }

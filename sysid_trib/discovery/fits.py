@@ -193,7 +193,11 @@ class Fits:
             return None
 
         def possible(fitted: FittedModel) -> bool:
-            return _is_physical(fitted, len(self.start.trials))
+            """True if the forces besides the start model's may have their coefficients."""
+            columns = [table[:, : len(fitted.trials)] for table in fitted.tables]
+            size, most = strengths(fitted, columns), fitted.settings.strongest
+            physical = are_physical(fitted.trials, fitted.coefficients, size, most)
+            return bool(np.all(physical[len(self.start.trials) :]))
 
         limits = Limits(worst, possible)
         model = _fitted(near, trials, limits)
@@ -247,10 +251,3 @@ def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect
     for at, trial in enumerate(trials):
         for start in trial.starts:
             yield [*trials[:at], start, *trials[at + 1 :]]
-
-
-def _is_physical(model: FittedModel, base: int) -> bool:
-    """True if the forces besides the first ones, those of the start model, may have their coefficients."""
-    relative_force = strengths(model, [table[:, : len(model.trials)] for table in model.tables])
-    physical = are_physical(model.trials, model.coefficients, relative_force, model.settings.strongest)
-    return bool(np.all(physical[base:]))

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
+from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpstrf as pstrf
 from scipy.stats import chi2, norm
 
@@ -137,23 +137,18 @@ def _of_possible_size(
 
     With their products, and the likelihood of the model with them.
     """
+    count, tried = products[0].products.shape[1], along[0].shape[1]
+    columns = np.array([*range(1, 1 + model.columns), *range(count - tried, count)])
     while True:
-        mixed = [_mixed(run, model.columns, mixtures) for run in products]
-        together = likelihood(mixed, range(1, 1 + model.columns + mixtures.shape[1]))
-        relative_force = strengths(model, [columns @ mixtures for columns in along])
+        mix = block_diag(np.eye(1 + model.columns), mixtures)
+        mixed = [replace(run, products=mix.T @ run.of(columns) @ mix) for run in products]
+        together = likelihood(mixed, range(1, mix.shape[1]))
+        relative_force = strengths(model, [forces @ mixtures for forces in along])
         coefficients = together.coefficients[model.columns :]
         possible = np.abs(coefficients) * relative_force < model.settings.strongest
         if possible.all():
             return mixtures, mixed, together
         mixtures = mixtures[:, possible]
-
-
-def _mixed(run: RunProducts, columns: int, mixtures: Array) -> RunProducts:
-    """Products of the target, the model's columns and mixtures of the last ones, the trial forces."""
-    count = run.products.shape[1]
-    whole = run.of(np.array([*range(1, 1 + columns), *range(count - len(mixtures), count)]))
-    mix = scipy.linalg.block_diag(np.eye(1 + columns), mixtures)
-    return replace(run, products=mix.T @ whole @ mix)
 
 
 def _strongest_line(residuals: Sequence[Array]) -> float:

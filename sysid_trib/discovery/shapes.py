@@ -55,7 +55,13 @@ def refined(
     alike, most = 1.0 - 2.0 * model.settings.tolerance, 2 * model.settings.shape_values
     added: dict[str, int] = {}
     base = base_of(model)
-    outside, part = _directions(model, base, tables)
+
+    def directions(columns: Sequence[Array]) -> tuple[Array, Array]:
+        """What of columns is outside of the model's, of unit length or zero, and which part that is."""
+        outside, part = outside_of(model, columns, base)
+        return outside / np.maximum(np.linalg.norm(outside, axis=0), 1e-300), part
+
+    outside, part = directions(tables)
     # Times a cell of a grid is halved at most.
     for _ in range(4):
         pairs = [
@@ -72,17 +78,11 @@ def refined(
         if not between:
             break
         new = [rows.coarse_columns(between) for rows in model.rows]
-        added_outside, added_part = _directions(model, base, new)
+        added_outside, added_part = directions(new)
         outside, part = np.column_stack([outside, added_outside]), np.append(part, added_part)
         every += between
         tables = [np.column_stack([table, column]) for table, column in zip(tables, new, strict=True)]
     return every, tables, outside.T @ np.concatenate(model.white_residuals())
-
-
-def _directions(model: FittedModel, base: Array, columns: Sequence[Array]) -> tuple[Array, Array]:
-    """What of columns is outside of the model's, of unit length or zero, and which part of each that is."""
-    outside, part = outside_of(model, columns, base)
-    return outside / np.maximum(np.linalg.norm(outside, axis=0), 1e-300), part
 
 
 def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialEffect]]:
