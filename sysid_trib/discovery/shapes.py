@@ -21,7 +21,6 @@ from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import likelihood
 from sysid_trib.likelihood.trials import (
     TrialEffect,
-    from_unit,
     has_frequency_parameter,
     is_frequency_parameter,
     is_phase,
@@ -97,12 +96,17 @@ def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialE
             others = tuple(sorted((k, value) for k, value in trial.shapes.items() if k != key))
             if not is_phase(force, name):
                 lines.setdefault((key, name, others), []).append((to_unit(shape, trial.shapes[key]), at))
-    for (key, name, _), line in lines.items():
+    for (_, name, _), line in lines.items():
         line.sort()
         for (low, at), (high, other) in pairwise(line):
-            trial = trials[at]
-            middle = float(from_unit(trial.force.shape[name], np.asarray(0.5 * (low + high))))
-            yield at, other, replace(trial, shapes={**trial.shapes, key: middle})
+            yield at, other, _stepped(trials[at], name, 0.5 * (high - low))
+
+
+def _stepped(trial: TrialEffect, name: str, step: float) -> TrialEffect:
+    """The trial with a shape a step higher, in parts of its range."""
+    key = f"{trial.force.symbol}.{name}"
+    value = stepped_shape(trial.force, name, trial.shapes[key], step)
+    return replace(trial, shapes={**trial.shapes, key: value})
 
 
 # Combinations of the finer grid, over those that are screened: of three shapes two have thrice the values.
@@ -161,7 +165,11 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     climbs = [(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
     ends = list[tuple[float, TrialEffect, float]]()
     while climbs:
-        aside = [_aside(trial, step) for _, trial, step in climbs]
+        # Each of its shapes a step lower and higher.
+        aside = [
+            [_stepped(trial, name, side) for name in trial.force.shape for side in (-step, step)]
+            for _, trial, step in climbs
+        ]
         gains_aside = iter(_gains(model, [trial for near in aside for trial in near], gone).tolist())
         further = []
         for climb, near in zip(climbs, aside, strict=True):
@@ -175,17 +183,6 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
                 ends.append(climb)
         climbs = [climb for at, climb in enumerate(further) if climb not in further[:at]]
     return [trial for _, trial, _ in sorted(ends, key=lambda climb: -climb[0])]
-
-
-def _aside(trial: TrialEffect, step: float) -> list[TrialEffect]:
-    """The trial with each of its shapes a step lower and higher, in parts of their ranges."""
-    near = []
-    for name in trial.force.shape:
-        key = f"{trial.force.symbol}.{name}"
-        for side in (-step, step):
-            value = stepped_shape(trial.force, name, trial.shapes[key], side)
-            near.append(replace(trial, shapes={**trial.shapes, key: value}))
-    return near
 
 
 def _gain_of(model: FittedModel, effects: Sequence[str]) -> float:
