@@ -12,7 +12,7 @@ from command_line import run, write_csv
 from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
-from sysid_trib.commands.options import ConstraintOptions, DecayOptions, ModelOptions, SearchOptions
+from sysid_trib.commands.options import DecayOptions, ModelOptions, SearchOptions
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.next_step import NextStep, next_step
@@ -54,9 +54,9 @@ def test_a_record_that_is_not_explained_leads_to_discover():
 def test_the_next_command_takes_over_what_was_given(tmp_path):
     record = tmp_path / "a swing.csv"
     given = dataclasses.replace(DecayOptions(), records=[record], angle="theta", units="deg", window="2:60")
-    model = dataclasses.replace(ModelOptions(), forces="zeta", omega0="8.87±0.02")
-    constraint = dataclasses.replace(ConstraintOptions(), fix=["zeta=0.01", "lambda=0"])
-    groups = (given, model, constraint)
+    fixed = ["zeta=0.01", "lambda=0"]
+    model = dataclasses.replace(ModelOptions(), forces="zeta", omega0="8.87±0.02", fix=fixed)
+    groups = (given, model)
     compare = shlex.split(command_after(NextStep("compare", ""), groups))
     assert compare[:3] == ["sysid-trib", "compare", str(record)]
     for pair in (["--angle", "theta"], ["--window", "2:60"], ["--fix", "zeta=0.01"], ["--fix", "lambda=0"]):

@@ -110,8 +110,6 @@ def _parameter(part: Field[Any], title: str) -> inspect.Parameter:
 
 SAVED = "What identify, compare or discover wrote with -o."
 RESULT = Path, option("RESULT.nc", SAVED, ..., title="Result", positional=True)
-# Of all that fits given forces.
-FIT = options.DecayOptions, options.ModelOptions, options.ConstraintOptions
 
 
 @command("shown", options.DecayOptions, options.Shown)
@@ -136,14 +134,7 @@ def backbone() -> None:
     """
 
 
-@command(
-    "fits",
-    options.DecayOptions,
-    options.ModelOptions,
-    options.ConstraintOptions,
-    own_options.IdentifyOptions,
-    options.Destination,
-)
+@command("fits", options.DecayOptions, options.ModelOptions, own_options.IdentifyOptions, options.Destination)
 def identify() -> None:
     """Identify the forces of a decay in two ways, and cross-check them.
 
@@ -165,7 +156,7 @@ def discover() -> None:
     """
 
 
-@command("fits", *FIT, options.Destination)
+@command("fits", options.DecayOptions, options.ModelOptions, options.Destination)
 def compare() -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen.
 
@@ -176,7 +167,7 @@ def compare() -> None:
     """
 
 
-@command("fits", *FIT, options.Destination)
+@command("fits", options.DecayOptions, options.ModelOptions, options.Destination)
 def difference() -> None:
     """Hold two samples against each other, A... : B...: which coefficients differ, and by how much.
 
@@ -187,14 +178,7 @@ def difference() -> None:
     """
 
 
-@command(
-    "foretold",
-    options.DecayOptions,
-    options.ModelOptions,
-    options.ConstraintOptions,
-    own_options.PlanOptions,
-    options.Shown,
-)
+@command("foretold", options.DecayOptions, options.ModelOptions, own_options.PlanOptions, options.Shown)
 def plan() -> None:
     """Say which run to make next: RESULT.nc of identify or discover, or records.
 
@@ -217,12 +201,7 @@ def response() -> None:
 
 
 @command(
-    "campaign",
-    options.DecayOptions,
-    options.ModelOptions,
-    options.ConstraintOptions,
-    options.SearchOptions,
-    own_options.CampaignOptions,
+    "campaign", options.DecayOptions, options.ModelOptions, options.SearchOptions, own_options.CampaignOptions
 )
 def campaign() -> None:
     """Do one task with many records, on several processes, into a store that can be gone on with.

@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.checks import assigned, parse_value_with_error
-from sysid_trib.commands.options import MOST, ConstraintOptions, ModelOptions, SearchOptions, StartOptions
+from sysid_trib.commands.options import MOST, ModelOptions, SearchOptions, StartOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -84,15 +84,15 @@ class AskedModel:
         return {label: with_random_force(method, self.random_force) for label, method in methods.items()}
 
 
-def asked_model(model: ModelOptions, given: ConstraintOptions, system: str | None = None) -> AskedModel:
+def asked_model(model: ModelOptions, system: str | None = None) -> AskedModel:
     """What is to be identified, with what a system (name or file) always has."""
     moving = load_system(system)
     contactless, held = parse_value_with_error(model.omega0, "--omega0"), model.reference_frequency
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     offered = offered_forces(model.library, moving.with_held(model.forces), bool(contactless or held))
-    shapes = held_shapes(given.set_, offered)
-    constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
+    shapes = held_shapes(model.set_, offered)
+    constraints = Constraints.from_texts(model.fix, model.bound, model.tie)
     unconstrained = set(offered.symbols) - set(constraints.names)
     always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})

@@ -30,7 +30,6 @@ def campaign(
     tell: Tell,
     given: options.DecayOptions,
     model: options.ModelOptions,
-    constraint: options.ConstraintOptions,
     search: options.SearchOptions,
     asked: CampaignOptions,
 ) -> Callable[[], None]:
@@ -48,7 +47,7 @@ def campaign(
     table = _conditions(asked, new_store.CampaignRecords(records).names)
     store = filled(
         records,
-        _task(given, model, constraint, search, asked),
+        _task(given, model, search, asked),
         output=asked.output,
         workers=asked.workers if asked.scheduler is None else asked.scheduler,
         memory=asked.memory,
@@ -81,7 +80,6 @@ def decays_of(given: options.DecayOptions, model: options.ModelOptions, path: st
 def _task(
     given: options.DecayOptions,
     model: options.ModelOptions,
-    constraint: options.ConstraintOptions,
     search: options.SearchOptions,
     asked: CampaignOptions,
 ) -> task.Task:
@@ -93,13 +91,13 @@ def _task(
     read = partial(decays_of, replace(given, records=[]), model)
     if name == "discover":
         known = [options.flag_of(part) for part in fields(options.StartOptions)]
-        _refuse(name, [flag for flag in options.changed_flags(model, constraint) if flag not in known])
+        _refuse(name, [flag for flag in options.changed_flags(model) if flag not in known])
         if asked.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
         start, offered, how = asked_search(model, model.forces, search, given.system)
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     _refuse(name, options.changed_flags(search))
-    of_model = asked_model(model, constraint, given.system)
+    of_model = asked_model(model, given.system)
     methods = of_model.every_method
     # The two that `identify` holds against each other.
     wanted = ["averaging", "direct"] if name == "identify" else list(methods)

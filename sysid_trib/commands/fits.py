@@ -11,7 +11,7 @@ import xarray as xr
 from sysid_trib.commands.asked import asked_model
 from sysid_trib.commands.checks import parse_value_with_error
 from sysid_trib.commands.destination import Drawings, deliver, figures_of_runs, texts_of
-from sysid_trib.commands.options import ConstraintOptions, DecayOptions, Destination, ModelOptions
+from sysid_trib.commands.options import DecayOptions, Destination, ModelOptions
 from sysid_trib.commands.own_options import IdentifyOptions
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
@@ -37,16 +37,11 @@ def names_in(text: str | None) -> list[str]:
 
 
 def identify(
-    tell: Tell,
-    given: DecayOptions,
-    model: ModelOptions,
-    constraint: ConstraintOptions,
-    asked: IdentifyOptions,
-    into: Destination,
+    tell: Tell, given: DecayOptions, model: ModelOptions, asked: IdentifyOptions, into: Destination
 ) -> Callable[[], None]:
     """Identify the forces of records in two ways."""
     measured, calibration = _measured(asked), calibration_of(given)
-    wanted = asked_model(model, constraint, given.system)
+    wanted = asked_model(model, given.system)
     profiled = names_in(asked.profile)
     if len(pairs := [name for name in profiled if ":" in name]) > 1:
         raise UsageError(f"--profile draws contours of one pair, not of {' and '.join(pairs)}; ask for one.")
@@ -61,7 +56,7 @@ def identify(
         raise UsageError(
             "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
         )
-    own, warm_up = tuple(names_in(constraint.own)), asked.warm_up or 0.0
+    own, warm_up = tuple(names_in(model.own)), asked.warm_up or 0.0
     usual = usual_methods(decays, wanted.library, wanted.reference_frequency, wanted.shapes, own, warm_up)
     tree = identified(
         decays,
@@ -85,7 +80,7 @@ def identify(
         converted = in_si_units(result, **measured).drop_dims("other_force")
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
     if not driven:
-        keep_next(tree, given, model, constraint)
+        keep_next(tree, given, model)
     texts = texts_of(into, tree)
     if asked.methods is not None:
         texts[asked.methods] = partial(exported.methods_text, tree)
@@ -148,11 +143,9 @@ def _figures(tree: xr.DataTree) -> Drawings:
     return figures
 
 
-def compare(
-    tell: Tell, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, into: Destination
-) -> Callable[[], None]:
+def compare(tell: Tell, given: DecayOptions, model: ModelOptions, into: Destination) -> Callable[[], None]:
     """Identify the forces of records by every method."""
-    asked = asked_model(model, constraint, given.system)
+    asked = asked_model(model, given.system)
     tell("reading")
     decays, sources = read_decays(given, model, driven=True)
     tree = compared(
@@ -163,7 +156,7 @@ def compare(
         constraints=asked.constraints.table,
         tell=tell,
     )
-    keep_next(tree, given, model, constraint)
+    keep_next(tree, given, model)
     blocks = partial(comparison_blocks, tree, record_sentences(tree, sources))
     says = blocks, partial(json_results.comparison_json, tree)
     figures = figures_of_runs(tree, "overview") | {"comparison": ("comparison", tree)}
@@ -174,12 +167,10 @@ def compare(
 AND = Path(":")
 
 
-def difference(
-    tell: Tell, given: DecayOptions, model: ModelOptions, constraint: ConstraintOptions, into: Destination
-) -> Callable[[], None]:
+def difference(tell: Tell, given: DecayOptions, model: ModelOptions, into: Destination) -> Callable[[], None]:
     """Hold two samples against each other."""
     sides = _sides(given.records)
-    asked = asked_model(model, constraint, given.system)
+    asked = asked_model(model, given.system)
     tell("reading")
     (first, of_first), (second, of_second) = (
         read_decays(replace(given, records=side), model) for side in sides

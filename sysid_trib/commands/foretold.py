@@ -12,7 +12,6 @@ from sysid_trib.commands.checks import assigned, parse_window
 from sysid_trib.commands.destination import deliver, figures_of_runs, texts_of
 from sysid_trib.commands.options import (
     EXAMPLE_FORCES,
-    ConstraintOptions,
     DecayOptions,
     Destination,
     Files,
@@ -82,12 +81,7 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
 
 
 def plan(
-    tell: Tell,
-    given: DecayOptions,
-    model: ModelOptions,
-    constraint: ConstraintOptions,
-    asked: PlanOptions,
-    shown: Shown,
+    tell: Tell, given: DecayOptions, model: ModelOptions, asked: PlanOptions, shown: Shown
 ) -> Callable[[], None]:
     """Say which run tells most, of a result or of records."""
     limits = {
@@ -99,7 +93,7 @@ def plan(
     tree = load(given.records[0]) if [p.suffix for p in given.records] == [".nc"] else None
     # A record may be netCDF too.
     if tree is None or not kind_of(tree):
-        of_model = asked_model(model, constraint, given.system)
+        of_model = asked_model(model, given.system)
         decays, _ = read_decays(given, model)
         tree = identify(decays, of_model.library, constraints=of_model.constraints.table, tell=tell)
     main = model_of_file(given.records[0] if given.records else Path("the example"), tree)

@@ -12,7 +12,7 @@ DEFAULT_LIBRARY = "contact_forces"
 EXAMPLE_FORCES = "lambda,zeta,delta"
 WHERE_TO_WRITE, WRITTEN_BY = "Where to write; replaces what is there.", ("-o", "--output")
 # Titles of groups of options that several dataclasses have.
-MODEL, OUTPUT = "Model", "Output"
+MODEL, HELD, OUTPUT = "Model", "Constraints", "Output"
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 POSITIVE = (LEAST, MOST, "")
@@ -122,7 +122,7 @@ class DecayOptions:
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Which forces are identified."""
+    """Which forces are identified, and what of them is held, bounded or tied."""
 
     title: ClassVar[str] = MODEL
 
@@ -138,19 +138,15 @@ class ModelOptions:
         "its one-sided density in (rad/s^2)^2/Hz.",
         "auto",
     )
-
-
-@dataclass(frozen=True)
-class ConstraintOptions:
-    """What is held, bounded or tied."""
-
-    title: ClassVar[str] = "Constraints"
-
-    set_: list[str] = option("SYMBOL.SHAPE=VALUE", "A shape parameter to hold; repeat.", [], flags=("--set",))
-    fix: list[str] = option("NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [])
-    bound: list[str] = option("NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [])
-    tie: list[str] = option("NAME=FORMULA", 'One by others: "nu=-2.356*delta"; repeat.', [])
-    own: str | None = option("A,B,...", "Forces whose coefficient is each run's own, of driven records.")
+    set_: list[str] = option(
+        "SYMBOL.SHAPE=VALUE", "A shape parameter to hold; repeat.", [], flags=("--set",), title=HELD
+    )
+    fix: list[str] = option("NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [], title=HELD)
+    bound: list[str] = option("NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [], title=HELD)
+    tie: list[str] = option("NAME=FORMULA", 'One by others: "nu=-2.356*delta"; repeat.', [], title=HELD)
+    own: str | None = option(
+        "A,B,...", "Forces whose coefficient is each run's own, of driven records.", title=HELD
+    )
 
 
 @dataclass(frozen=True)
