@@ -68,8 +68,8 @@ def read_clock(
                 f"{source}: most time stamps are repeated: the clock is coarser than the sampling; {INSTEAD}"
             )
         if not kept.all():
-            repeated = np.count_nonzero(~kept)
-            sentences.append(f"{_rows(repeated)} with a repeated time stamp left out")
+            repeated = int(np.count_nonzero(~kept))
+            sentences.append(f"{repeated} row{'s' * (repeated > 1)} with a repeated time stamp left out")
         rows = rows[kept]
         given, back = _rising(given[kept], source)
     if back.size:
@@ -100,10 +100,6 @@ def read_clock(
     return time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate)
 
 
-def _rows(count: int) -> str:
-    return "1 row" if count == 1 else f"{count} rows"
-
-
 def _rising(given: Array, source: str) -> tuple[Array, Index]:
     """Stamps that rise throughout, and where the clock was set back: from there they are shifted."""
     steps = np.diff(given)
@@ -128,7 +124,7 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
     counts = np.maximum(1.0, np.round(steps / usual))
     missing = int(np.sum(counts - 1))
     index = np.concatenate(([0.0], np.cumsum(counts)))
-    lack = f"{_rows(missing)} missing" if missing else ""
+    lack = f"{missing} row{'s' * (missing > 1)} missing" if missing else ""
     if np.all(np.abs(steps - usual * counts) <= UNEVEN_PART * usual + 4e-16 * np.abs(given).max()):
         return given, lack
     # A line through all stamps, its steps counted again by what it says.

@@ -182,7 +182,7 @@ def _dimension(tree: ast.AST, units: Mapping[str, str]) -> Dimension | None:
     if len(known) < len(dimensions) or name == "Pow":
         return None
     if name in ("Mult", "Div"):
-        return _product(*known, -1.0 if name == "Div" else 1.0)
+        return _product(known[0], known[1], -1.0 if name == "Div" else 1.0)
     if name in ("Add", "Sub", "abs", "min", "max"):
         # A number that is added to a column is in its unit.
         others = {*known} - {NUMBER}

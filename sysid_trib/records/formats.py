@@ -14,7 +14,6 @@ from sysid_trib.records.text import read_text, table_in
 
 # Attributes of HDF5 that hold a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
-HDF5 = (b"\x89HDF", b"MATLAB 7.3")
 # Columns by name, in the order of the file; their units, where it states them apart from the names; and what
 # else it says: comment lines, texts and scalars as `name = value`.
 Contents: TypeAlias = tuple[dict[str, Any], dict[str, str], Sequence[str]]
@@ -28,7 +27,10 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
     RecordError
         It is empty, or a workbook of the old format.
     """
-    head = _head(path)
+    with path.open("rb") as file:
+        head = file.read(1024)
+    # HDF5 may stand behind a block of 512 bytes.
+    head = head[512:] if head[512:516] == b"\x89HDF" else head
     if not head.strip():
         raise RecordError(f"{path.name}: the file is empty.")
     if head.startswith(b"\xd0\xcf\x11\xe0"):
@@ -36,7 +38,7 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
             f"{path.name}: this is a workbook of the old format (.xls); save it as .xlsx or CSV."
         )
     readers = {
-        HDF5: read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5,
+        (b"\x89HDF", b"MATLAB 7.3"): read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5,
         (b"MATLAB 5.0",): read_matlab,
         (b"\x93NUMPY",): read_numpy,
         (b"CDF",): read_netcdf,
@@ -49,18 +51,6 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
         if head.startswith(starts):
             return reader
     return read_matlab if path.suffix == ".mat" and b"\0" in head else read_lines
-
-
-def _head(path: Path) -> bytes:
-    """The first bytes of a file; of HDF5 behind a block of 512 bytes those after it."""
-    with path.open("rb") as file:
-        head = file.read(1024)
-    return head[512:] if head[512:516] == b"\x89HDF" else head
-
-
-def is_hdf5(path: Path) -> bool:
-    """True if a file is one of HDF5, by its beginning."""
-    return _head(path).startswith(HDF5)
 
 
 def read_lines(path: Path) -> Contents:

@@ -29,21 +29,16 @@ MEMORY, MEMORY_PER_BYTE = 2**29, 16
 # How a file was read: to its end or not, it points outside of itself or in circles, the package that reads it
 # is not installed.
 WHOLE, DAMAGED, LINKED, NO_READER = "whole", "damaged", "linked", "no reader"
-# What a reader needs; it is imported before a process is forked, as is what it uses besides where that is
-# installed.
+# What a reader needs, and what it uses besides: imported before a process is forked.
 PACKAGES: dict[str, tuple[str, ...]] = {
     "read_hdf5": ("h5py",),
     "read_matlab": ("scipy.io",),
     "read_numpy": ("numpy",),
     "read_excel": ("openpyxl",),
-    "read_netcdf": ("xarray", "scipy.io", "h5netcdf", "h5py"),
-    "read_parquet": ("pyarrow.parquet",),
+    "read_netcdf": ("xarray", "scipy.io", "h5netcdf.legacyapi", "h5py", "dask.base"),
+    "read_parquet": ("pyarrow.parquet", "pyarrow.dataset"),
     "read_tdms": ("nptdms",),
     "read_tree": ("h5py",),
-}
-USED_BESIDES: dict[str, tuple[str, ...]] = {
-    "read_netcdf": ("dask.base", "h5netcdf.legacyapi"),
-    "read_parquet": ("pyarrow.dataset",),
 }
 # The module of the package that runs here, wherever the process is started. In one that does nothing else
 # more threads take address space alone.
@@ -154,12 +149,13 @@ def _answer_all() -> None:
 
 
 def _answer(reader: str, path: str, seconds: float) -> tuple[str, str]:
+    needed, *besides = PACKAGES[reader]
     try:
-        for name in ("sysid_trib.records.formats", *PACKAGES[reader]):
+        for name in ("sysid_trib.records.formats", needed):
             importlib.import_module(name)
     except ImportError as error:
         return NO_READER, error.name or ""
-    for name in USED_BESIDES.get(reader, ()):
+    for name in besides:
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
     if not hasattr(os, "fork"):
@@ -203,7 +199,8 @@ def _read(reader: str, path: str) -> tuple[str, str]:
     from sysid_trib.records import formats
 
     try:
-        if formats.is_hdf5(Path(path)) and (said := _walk(path, whole=reader == "read_tree")):
+        said = _walk(path, whole=reader == "read_tree") if "h5py" in PACKAGES[reader] else ""
+        if said:
             return LINKED, said
         if reader != "read_tree":
             getattr(formats, reader)(Path(path))
@@ -242,6 +239,9 @@ def _walk(path: str, *, whole: bool) -> str:
                 _ = dict(item.attrs), item[()] if is_dataset else None
         return ""
 
+    # NetCDF of version 3 is none.
+    if not whole and not h5py.is_hdf5(path):
+        return ""
     with h5py.File(path, "r") as file:
         return visit(file)
 
