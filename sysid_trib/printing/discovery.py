@@ -200,8 +200,8 @@ def _detectability(tree: xr.DataTree) -> list[str]:
         sentences.append(f"On this record, these look alike even at {NAMED:g} standard errors: {alike}.")
     # The reason may name the record already.
     reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")
-    for reason, alone in reasons[reasons != ""].groupby(reasons, sort=False):
-        sentences.append(f"Not testable on this record: {', '.join(alone.index)} ({reason}).")
+    for reason, untested in reasons[reasons != ""].groupby(reasons, sort=False):
+        sentences.append(f"Not testable on this record: {', '.join(untested.index)} ({reason}).")
     if left_out := tree.attrs["left_out"]:
         sentences.append(f"Not offered, because the model has them: {', '.join(left_out)}.")
     if failed := tree.attrs["failed_fits"]:

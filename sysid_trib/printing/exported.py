@@ -84,14 +84,14 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
         model = findings.answer_of(tree)
         said = {"verdict": findings.verdict_of(tree), "answer": model}
     ratio = findings.residual_over_noise(tree, model)
-    left = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
-    return said | details | {"residual": left}
+    residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
+    return said | details | {"residual": residual}
 
 
 def csv_text(tree: xr.DataTree) -> str:
     """All coefficients and frequencies, a row each, with total errors and their parts; then the record."""
-    about = ({"quantity": name, "value": text} for name, text in about_the_record(tree).items())
-    rows = (*_rows(tree), *({"method": RECORD} | row for row in about))
+    details = ({"quantity": name, "value": text} for name, text in about_the_record(tree).items())
+    rows = (*_rows(tree), *({"method": RECORD} | row for row in details))
     return csv_of(["method", *list(layout.COLUMNS)[:-1]], rows)
 
 

@@ -177,31 +177,28 @@ def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, dict[str, s
     results : mapping of str to Dataset
         Identifications by name.
     """
-    named = {name: list(quantities(result)) for name, result in results.items()}
-    symbols = {row["quantity"] for found in named.values() for row in found if "formula" in row}
-    width, rows = max([8, *map(len, symbols)]), {}
+    pairs = [(method, row) for method, result in results.items() for row in quantities(result)]
+    width = max([8, *(len(row["quantity"]) for _, row in pairs if "formula" in row)])
+    rows: dict[str, dict[str, str]] = {}
     # Forces, then shape parameters, then frequencies, of whichever method.
-    every = [row for found in named.values() for row in found]
-    for row in sorted(every, key=lambda row: ("formula" not in row) + (row["quantity"] in FREQUENCIES)):
+    for method, row in sorted(pairs, key=lambda pair: _order(pair[1])):
         label, name = row["quantity"], row["name"]
         if "formula" in row:
-            words = {
-                "force": f"{label:{width}} {name_and_unit(name, row['unit'])}",
-                "formula": row["formula"],
-            }
+            what, formula = f"{label:{width}} {name_and_unit(name, row['unit'])}", row["formula"]
         elif label in FREQUENCIES:
-            label, words = name, {"force": FREQUENCIES[label], "formula": name}
+            label, what, formula = name, FREQUENCIES[label], name
         else:
-            words = {"force": label, "formula": "shape parameter"}
-        rows[label] = words | dict.fromkeys(results, "-")
-    for name, found in named.items():
-        for row in found:
-            label = row["name"] if row["quantity"] in FREQUENCIES else row["quantity"]
-            dropped = not row.get("active", True)
-            rows[label][name] = (
-                f"dropped (± {row['standard_error']:.2g})" if dropped else "".join(number_and_mark(row))
-            )
+            what, formula = label, "shape parameter"
+        cells = rows.setdefault(label, {"force": what, "formula": formula, **dict.fromkeys(results, "-")})
+        dropped = not row.get("active", True)
+        cells[method] = (
+            f"dropped (± {row['standard_error']:.2g})" if dropped else "".join(number_and_mark(row))
+        )
     return rows
+
+
+def _order(row: Mapping[str, Any]) -> int:
+    return 2 if row["quantity"] in FREQUENCIES else int("formula" not in row)
 
 
 def name_and_unit(name: str, unit: str) -> str:
