@@ -185,8 +185,8 @@ def between_runs(
     columns, condition_of = _columns_of(table)
     names = estimates.quantity.values.tolist()
     level = VARIES_LEVEL / len(names)
-    alone = [estimates.sel(quantity=name) for name in names]
-    of_quantities = [_quantity(runs, columns, condition_of, laboratory, level) for runs in alone]
+    runs = [estimates.sel(quantity=name) for name in names]
+    of_quantities = [_quantity(of_run, columns, condition_of, laboratory, level) for of_run in runs]
     dims = ("run", "quantity")
     values = estimates.value.transpose(*dims).values, estimates.standard_error.transpose(*dims).values
     both = with_error("value", dims, values, "value of this run by itself", UNIT)
