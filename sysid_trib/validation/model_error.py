@@ -22,7 +22,7 @@ from sysid_trib.validation.holdout import carried_on
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import widening
 
-Runs: TypeAlias = Sequence[xr.Dataset]
+RunList: TypeAlias = Sequence[xr.Dataset]
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 
 
@@ -128,7 +128,7 @@ def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
 
 
 def part_fit(
-    method: Method, runs: Runs, library: ForceLibrary, limits: tuple[float, float], result: xr.Dataset
+    method: Method, runs: RunList, library: ForceLibrary, limits: tuple[float, float], result: xr.Dataset
 ) -> xr.Dataset | None:
     """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
     parts = [run.isel(time=between(run, limits)) for run in runs]
@@ -136,7 +136,9 @@ def part_fit(
     return _identified(method, parts, counted_from(library, later), result)
 
 
-def _identified(method: Method, parts: Runs, library: ForceLibrary, result: xr.Dataset) -> xr.Dataset | None:
+def _identified(
+    method: Method, parts: RunList, library: ForceLibrary, result: xr.Dataset
+) -> xr.Dataset | None:
     """The identification of some runs; None where it cannot be, or has other forces than the result."""
     try:
         part = method.identify(one_or_all(parts), library)
@@ -166,7 +168,9 @@ def _held_out(
         yield _missed(rest, None if part is None else carried_on(part, library, before))
 
 
-def _of_other_runs(method: Method, runs: Runs, library: ForceLibrary, result: xr.Dataset) -> Iterator[float]:
+def _of_other_runs(
+    method: Method, runs: RunList, library: ForceLibrary, result: xr.Dataset
+) -> Iterator[float]:
     """RMS (rad) of what the model of every other run leaves of each of the rest; nothing of a single run."""
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
         if taken and others:

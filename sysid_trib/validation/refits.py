@@ -1,4 +1,4 @@
-"""The same forces fitted anew: to each run by itself, and to a record in every other defensible way."""
+"""Forces fitted anew: to each run by itself, and to a record in every other defensible way."""
 
 from collections.abc import Callable, Iterator, Sequence
 

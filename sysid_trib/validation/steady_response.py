@@ -36,7 +36,7 @@ RESPONSE = {
     "whole_high": ("high end of the band of a sweep", "rad"),
     "phase": ("phase ahead of the drive", "1"),
 }
-SIMULATED = {
+SIMULATED_CHECKS = {
     "check_frequency": ("angular frequency of a motion that was simulated", "rad/s"),
     "check_amplitude": ("its amplitude", "rad"),
     "simulated_amplitude": ("that of the simulation", "rad"),
@@ -150,7 +150,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]
     curves_of = zip(RESPONSE.items(), (amplitude, *bands, phase), strict=True)
-    of_checks = zip(SIMULATED.items(), checks, strict=True)
+    of_checks = zip(SIMULATED_CHECKS.items(), checks, strict=True)
     data = {name: variable(("sweep", "frequency"), curve, *texts) for (name, texts), curve in curves_of}
     data |= {name: variable("check", values, *texts) for (name, texts), values in of_checks}
     natural, text = result.asymptotic_frequency.item(), "over that at small amplitudes"
