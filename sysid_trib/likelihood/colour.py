@@ -73,13 +73,15 @@ class Lines:
         variance = np.sum(self.count * self.power * self._gain(filter_)) / max(1.0, np.sum(self.count))
         return NoiseModel(float(np.sqrt(variance)), filter_)
 
-    def squares(self, filter_: Array) -> float:
-        """Sum of the squares of the innovations of so many independent samples, rad^2."""
-        return self.independent * self.noise(filter_).innovation ** 2
+    def as_samples(self, filter_: Array) -> tuple[float, float, float]:
+        """As independent samples of a given colour (Whittle).
 
-    def log_determinant(self, filter_: Array) -> float:
-        """Log determinant of the samples' covariance, in units of the innovations' variance (Whittle)."""
-        return -2.0 * INDEPENDENT_PART * float(np.sum(self.count * np.log(self._gain(filter_))))
+        How many, the sum of the squares of their innovations (rad^2), and the logarithm of the determinant
+        of their covariance in units of the variance of the innovations.
+        """
+        logarithms = float(np.sum(self.count * np.log(self._gain(filter_))))
+        squares = self.independent * self.noise(filter_).innovation ** 2
+        return self.independent, squares, -2.0 * INDEPENDENT_PART * logarithms
 
     def colour(self, order: int) -> Array:
         """Whitening filter of the most likely autoregression of an order, by the lines alone."""

@@ -75,11 +75,6 @@ def fractional_difference(order: float, taps: int) -> Array:
     return np.concatenate([[1.0], np.cumprod((k - 1.0 - order) / k)])
 
 
-def _warm_up_samples(whitening_filter: Array) -> int:
-    """First samples that a filter has no past for; of a long one, those that would need most of it."""
-    return min(len(whitening_filter) - 1, MAX_ORDER)
-
-
 def memory_samples(whitening_filter: Array) -> int:
     """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`.
 
@@ -95,7 +90,8 @@ def memory_samples(whitening_filter: Array) -> int:
 
 def whitened(values: Array, whitening_filter: Array) -> Array:
     """Values along the first axis after the whitening filter, without the first that have no past."""
-    start = _warm_up_samples(whitening_filter)
+    # Of a long filter those that would need most of it.
+    start = min(len(whitening_filter) - 1, MAX_ORDER)
     if len(whitening_filter) - 1 > MAX_ORDER:
         taps = whitening_filter.reshape(-1, *[1] * (values.ndim - 1))
         return np.asarray(oaconvolve(values, taps, axes=0))[start : len(values)]
@@ -122,15 +118,10 @@ class NoiseModel:
     filter_: Array
 
     @property
-    def warm_up(self) -> int:
-        """First samples that cannot be whitened."""
-        return _warm_up_samples(self.filter_)
-
-    @property
     def standard_deviation(self) -> float:
         """Standard deviation of a sample, rad."""
         # Lines of a record: 1/f noise has more the longer it lasts.
-        lines = len(self.filter_) if self.warm_up < len(self.filter_) - 1 else 4096
+        lines = len(self.filter_) if len(self.filter_) - 1 > MAX_ORDER else 4096
         power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
         return self.innovation * float(np.sqrt(np.mean(1.0 / power)))
 

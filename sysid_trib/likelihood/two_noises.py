@@ -90,8 +90,7 @@ class RowsLikelihood:
         """The rows by the ratio of the two variances, with a sensor's noise of one colour."""
         filter_, further = sensor.filter_, (DEGREES_OF_PRIOR, DEGREES_OF_PRIOR * sensor.innovation**2, 0.0)
         if self.shared_level:
-            lines = self.lines
-            further = lines.independent, lines.squares(filter_), lines.log_determinant(filter_)
+            further = self.lines.as_samples(filter_)
         band = self.band_of_white
         if len(filter_) > 1:
             band = covariance_of_local_rows(coloured(self.matrix, filter_))
