@@ -90,8 +90,7 @@ def memory_samples(whitening_filter: Array) -> int:
 
 def whitened(values: Array, whitening_filter: Array) -> Array:
     """Values along the first axis after the whitening filter, without the first that have no past."""
-    # Of a long filter those that would need most of it.
-    start = min(len(whitening_filter) - 1, MAX_ORDER)
+    start = NoiseModel(1.0, whitening_filter).warm_up
     if len(whitening_filter) - 1 > MAX_ORDER:
         taps = whitening_filter.reshape(-1, *[1] * (values.ndim - 1))
         return np.asarray(oaconvolve(values, taps, axes=0))[start : len(values)]
@@ -116,6 +115,11 @@ class NoiseModel:
 
     innovation: float
     filter_: Array
+
+    @property
+    def warm_up(self) -> int:
+        """First samples that cannot be whitened; of a long filter those that would need most of it."""
+        return min(len(self.filter_) - 1, MAX_ORDER)
 
     @property
     def standard_deviation(self) -> float:

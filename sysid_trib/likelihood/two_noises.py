@@ -88,7 +88,8 @@ class RowsLikelihood:
 
     def by_ratio(self, sensor: NoiseModel) -> RowsByRatio:
         """The rows by the ratio of the two variances, with a sensor's noise of one colour."""
-        filter_, further = sensor.filter_, (DEGREES_OF_PRIOR, DEGREES_OF_PRIOR * sensor.innovation**2, 0.0)
+        filter_, degrees = sensor.filter_, float(DEGREES_OF_PRIOR)
+        further = degrees, degrees * sensor.innovation**2, 0.0
         if self.shared_level:
             further = self.lines.as_samples(filter_)
         band = self.band_of_white
