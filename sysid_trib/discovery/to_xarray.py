@@ -289,8 +289,8 @@ def _holdout(search: Search, final: Sequence[FreeMotion]) -> xr.Dataset:
     noise = root_mean_square([run.noise.standard_deviation for run in final])
     rms = np.array([prediction.rms for prediction in search.predictions])
     above = rms**2 - noise**2
-    # A part that is shorter than a period has no score.
-    of_periods = [np.concatenate(prediction.scores) for prediction in search.predictions]
+    # Parts that are shorter than a period have no score.
+    of_periods = [prediction.scores for prediction in search.predictions]
     values = {
         "rms": rms,
         "log_score": [float(np.mean(scores)) if len(scores) else np.nan for scores in of_periods],

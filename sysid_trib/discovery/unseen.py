@@ -118,13 +118,13 @@ class Prediction:
 
     Attributes
     ----------
-    scores : tuple of (period,) array of float
-        Of each part: mean logarithm of the predictive density of the rows of each period, given those before.
+    scores : (period,) array of float
+        Mean logarithm of the predictive density of the rows of each period of all parts, given those before.
     rms : float, rad
         Residual of the free motion, its start and the sensor's zero fitted.
     """
 
-    scores: tuple[Array, ...]
+    scores: Array
     rms: float
 
 
@@ -162,7 +162,7 @@ def predicted(
             residuals.append(root_mean_square(motion.residual))
         except SysidTribError:
             residuals.append(float("nan"))
-    return Prediction(tuple(scores), root_mean_square(residuals))
+    return Prediction(np.concatenate(scores), root_mean_square(residuals))
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
@@ -242,9 +242,8 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
     """
     better = []
     for before in predictions[:-1]:
-        pairs = zip(predictions[-1].scores, before.scores, strict=True)
         with np.errstate(invalid="ignore"):
-            difference = np.concatenate([later - other for later, other in pairs])
+            difference = predictions[-1].scores - before.scores
         # Without periods in which a model's errors are not finite.
         difference = difference[np.isfinite(difference)]
         known = len(difference) >= 3 and np.ptp(difference)

@@ -17,7 +17,7 @@ from sysid_trib.physics.model_estimate import (
     propagate,
 )
 from sysid_trib.records.units import METRES
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, signal_units, variable, with_error
+from sysid_trib.results.variables import PER_FORCE_UNIT, signal_units, variable, with_error
 
 
 def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error: float = 0.0) -> xr.Dataset:
@@ -52,26 +52,21 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     """
     check_quantity("inertia", inertia, inertia_standard_error)
     estimate = model_estimate(result)
-    data = _in_si(estimate, (inertia, inertia_standard_error), np.ones(len(estimate.forces)))
-    values, whole = estimate.with_inertia(inertia, inertia_standard_error)
-    stiffness = propagate(lambda z: _stiffness(estimate, z), values, whole)
-    data |= with_error("linear_stiffness", (), stiffness, "linear stiffness", "N m rad-1")
-    data |= with_error("inertia", (), (inertia, inertia_standard_error), "moment of inertia", "kg m2")
-    return _of_forces(estimate, data, [_unit(f) for f in estimate.forces])
+    body, units = (inertia, inertia_standard_error), [_unit(force) for force in estimate.forces]
+    stiffness = propagate(lambda z: _stiffness(estimate, z), *estimate.with_inertia(*body))
+    return _in_si(estimate, body, np.ones(len(units)), units).assign(
+        with_error("linear_stiffness", (), stiffness, "linear stiffness", "N m rad-1")
+        | with_error("inertia", (), body, "moment of inertia", "kg m2")
+    )
 
 
-def _of_forces(estimate: ModelEstimate, data: Variables, units: list[str], x: str = "theta") -> xr.Dataset:
-    """Variables over the forces, with the unit of each coefficient and what it multiplies."""
-    terms = [_term(force).replace("theta", x) for force in estimate.forces]
-    coords = {"force": estimate.symbols, "other_force": estimate.symbols}
-    labels = {"unit": ("force", units), "multiplies": ("force", terms)}
-    return xr.Dataset(data, {**coords, **labels}, estimate.provenance)
-
-
-def _in_si(estimate: ModelEstimate, body: tuple[float, float], lengths: Array) -> Variables:
+def _in_si(
+    estimate: ModelEstimate, body: tuple[float, float], lengths: Array, units: list[str], x: str = "theta"
+) -> xr.Dataset:
     """Coefficients of a body of an inertia or mass with its error, each times a factor of its unit of length.
 
     c becomes m w^(2-q) c, q the degree in the rate; a numerical factor of a power law goes to it.
+    `units` : of each coefficient; `x` : name of the coordinate.
     """
     count, (size, error) = len(estimate.forces), body
     powers = np.array([2.0 - (force.speed_degree or 0.0) for force in estimate.forces])
@@ -85,11 +80,15 @@ def _in_si(estimate: ModelEstimate, body: tuple[float, float], lengths: Array) -
     jacobian[:, count + 1] = c * scale / size
     covariance = jacobian @ estimate.with_inertia(size, error)[1] @ jacobian.T
     errors = np.sqrt(np.diag(covariance))
-    return {
+    data = {
         "coefficient": variable("force", scale * c, "coefficient in SI units", PER_FORCE_UNIT),
         "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
         "covariance": variable(("force", "other_force"), covariance, "covariance", PER_FORCE_UNIT),
     }
+    terms = [_term(force).replace("theta", x) for force in estimate.forces]
+    coords = {"force": estimate.symbols, "other_force": estimate.symbols}
+    labels = {"unit": ("force", units), "multiplies": ("force", terms)}
+    return xr.Dataset(data, {**coords, **labels}, estimate.provenance)
 
 
 def inertia_with_mass(
@@ -346,8 +345,8 @@ def _of_translation(result: xr.Dataset, mass: Measured) -> xr.Dataset:
     powers = _degrees(estimate)
     speeds = [force.speed_degree or 0.0 for force in estimate.forces]
     units = [_unit_of_force(*pair) for pair in zip(powers, speeds, strict=True)]
-    data = _in_si(estimate, mass, METRES[unit] ** (1.0 - powers))
-    return _of_forces(estimate, data | with_error("mass", (), mass, "mass", "kg"), units, "x")
+    values = _in_si(estimate, mass, METRES[unit] ** (1.0 - powers), units, "x")
+    return values.assign(with_error("mass", (), mass, "mass", "kg"))
 
 
 def check_length_unit(unit: str) -> None:
