@@ -1,8 +1,6 @@
 """Envelope, frequency and phase of a model's free decay, by averaging."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
 from math import floor, log2
 
 import numpy as np
@@ -77,36 +75,24 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
     return xr.Dataset(data, {"time": ("time", time, {"units": "s"})})
 
 
-@dataclass(frozen=True)
 class Averaged:
     """The averaged equations of a model: powers of the amplitude, the rest tabulated as it is needed."""
 
-    model: Model
-    octaves: dict[int, list[OctavePart]] = field(default_factory=dict, repr=False)
-
-    @cached_property
-    def powers(self) -> tuple[Array, Array]:
-        """Degrees of the homogeneous forces and their weighted (sine, cosine) at a = 1."""
-        forces = [f for f in self.model.forces if f.degree is not None]
-        degrees = np.array([f.degree for f in forces], dtype=float)
-        unit = np.array([self._weighted(f, np.ones(1))[:, 0] for f in forces]).reshape(-1, 2)
-        return degrees, unit
-
-    @cached_property
-    def others(self) -> list[Force]:
-        """Forces that are tabulated."""
-        return [f for f in self.model.forces if f.degree is None and not f.holds_time]
-
-    @cached_property
-    def drifting(self) -> list[Force]:
-        """Forces whose signature changes in time."""
-        return [f for f in self.model.forces if f.holds_time]
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        powers = [force for force in model.forces if force.degree is not None]
+        # Degrees of the homogeneous forces, and their weighted (sine, cosine) at a = 1.
+        self.degrees = np.array([force.degree for force in powers], dtype=float)
+        self.unit = np.array([self._weighted(f, np.ones(1))[:, 0] for f in powers]).reshape(-1, 2)
+        # Forces that are tabulated, and those whose signature changes in time.
+        self.others = [f for f in model.forces if f.degree is None and not f.holds_time]
+        self.drifting = [force for force in model.forces if force.holds_time]
+        self.octaves: dict[int, list[OctavePart]] = {}
 
     def rates(self, a: ArrayLike, time: ArrayLike = 0.0) -> tuple[Array, Array]:
         """da/dt (rad/s) and frequency (rad/s) at amplitudes `a` > 0 (rad) and times (s)."""
         a = np.asarray(a, dtype=float)
-        degrees, unit = self.powers
-        sums = np.power.outer(a, degrees) @ unit
+        sums = np.power.outer(a, self.degrees) @ self.unit
         if self.others:
             sums = sums + self._tabulated(np.atleast_1d(a)).reshape(sums.shape)
         for force in self.drifting:

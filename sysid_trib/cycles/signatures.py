@@ -58,21 +58,16 @@ def cycle_averages(
     if force.memoryless:
         means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
     else:
-        means = _means_of_history(force, a, time, shape_values)
+        shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
+        means = np.zeros((len(a), 3))
+        for rows, cycles in cycles_at(force, a, time, shapes):
+            means[rows] = cycles.integrals / (2 * np.pi)
+        # The root mean square of h in the place of the mean of |h|.
+        means[:, 2] = np.sqrt(means[:, 2])
     # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
     # Part of the mean of |h| below which an average is rounding.
     means[np.abs(means) < 1e-14 * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
-
-
-def _means_of_history(force: Force, a: Array, time: Array, shape_values: Mapping[str, float]) -> Array:
-    """Means of h sin phi and h cos phi over steady cycles, and root mean square of h, (amplitude, 3)."""
-    shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
-    means = np.zeros((len(a), 3))
-    for rows, cycles in cycles_at(force, a, time, shapes):
-        means[rows] = cycles.integrals / (2 * np.pi)
-    means[:, 2] = np.sqrt(means[:, 2])
-    return means
 
 
 @dataclass
@@ -86,11 +81,6 @@ class _Cycles:
     a: Array
     time: Array
     shape_values: Mapping[str, float]
-
-    def integrals(self) -> Array:
-        """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude."""
-        sums = self.row_integrals()
-        return sums[: self.a.size] + sums[self.a.size :]
 
     def names(self, row: Index, phi: Array) -> dict[str, Any]:
         """Variables of the formulas at the angles `phi` of the rows (same shapes, or broadcast)."""
@@ -130,8 +120,11 @@ class _Cycles:
         root = elementwise.find_root(side, (low, high), args=(row.astype(float),), tolerances=exact)
         return np.asarray(root.x)
 
-    def row_integrals(self) -> Array:
-        """Integrals of (h sin phi, h cos phi, |h|) over each row; pieces are halved until they are exact."""
+    def integrals(self) -> Array:
+        """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
+
+        Pieces are halved until they are exact.
+        """
         nodes, weights = _nodes()
         row, low, high = self.pieces()
         total = np.zeros((2 * self.a.size, 3))
@@ -139,7 +132,8 @@ class _Cycles:
         for turn in range(60):
             phi = low[:, None] + (high - low)[:, None] * nodes
             h = self.force.formula.evaluate(self.names(row[:, None], phi))
-            terms = _terms(np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None]), phi)
+            h = np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None])
+            terms = np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
             fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
             self.check_finite(fine, row)
             # The size is computed anew at every turn: the first may miss a narrow peak.
@@ -155,7 +149,7 @@ class _Cycles:
             done, before = done | rounding[row], remaining
             np.add.at(total, row[done], fine[done])
             if done.all():
-                return total
+                return total[: self.a.size] + total[self.a.size :]
             if done.size > MAX_PIECES:
                 break
             row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
@@ -184,10 +178,6 @@ def _nodes() -> tuple[Array, Array]:
     s = step * np.arange(-54, 55)
     u = QUARTER * np.sinh(s)
     return 1.0 / (1.0 + np.exp(-2.0 * u)), 0.5 * step * QUARTER * np.cosh(s) / np.cosh(u) ** 2
-
-
-def _terms(h: Array, phi: Array) -> Array:
-    return np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
 
 
 # Amplitudes averaged at once, to bound the memory used.
