@@ -119,16 +119,14 @@ def force_counted_from(force: Force, seconds: float) -> Force:
     if seconds == 0.0 or not any("t" in f.names for f in (*force.formulas, *force.start.values())):
         return force
 
-    def all_shifted(formulas: Mapping[str, Formula]) -> dict[str, Formula]:
-        return {name: formula.with_instead("t", f"t + {seconds!r}") for name, formula in formulas.items()}
+    def moved(formula: Formula) -> Formula:
+        return formula.with_instead("t", f"t + {seconds!r}")
 
-    return replace(
-        force,
-        formula=force.formula.with_instead("t", f"t + {seconds!r}"),
-        state=all_shifted(force.state),
-        memory=all_shifted(force.memory),
-        start=all_shifted(force.start),
-    )
+    tables: dict[str, Any] = {
+        key: {name: moved(formula) for name, formula in getattr(force, key).items()}
+        for key in ("state", "memory", "start")
+    }
+    return replace(force, formula=moved(force.formula), **tables)
 
 
 def _channels(inputs: object, source: str) -> dict[str, Channel]:
@@ -166,8 +164,8 @@ def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: st
         fits, meaning = KEY_CHECKS.get(key, (lambda _: True, ""))
         if not fits(value):
             raise LibraryError(f"{where}: {key} must be {meaning}, not {value!r}.")
-    words = {k: _words(entry.get(k, ""), f"{where}: '{k}'") for k in TEXT_KEYS}
-    given = {k: entry[k] for k in ("kind", "passive", "run") if k in entry}
+    words: dict[str, Any] = {k: _words(entry.get(k, ""), f"{where}: '{k}'") for k in TEXT_KEYS}
+    given: dict[str, Any] = {k: entry[k] for k in ("kind", "passive", "run") if k in entry}
     if "coefficient" in entry:
         given["coefficient"] = float(entry["coefficient"])
     tables = {k: entry.get(k, {}) for k in TABLE_KEYS}

@@ -217,11 +217,6 @@ def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Paramet
     return parameters.fix({name: 0.0 for name in parameters.names if name.startswith(PER_RUN[-1])})
 
 
-def _units(runs: Sequence[xr.Dataset]) -> str:
-    """Unit of what is compared."""
-    return str(runs[0][MEASURED].attrs.get("units", "rad")) if MEASURED in runs[0] else "rad"
-
-
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
     """The direct identification, first guess and colour of the sensor's noise.
 
@@ -339,7 +334,8 @@ def _identification(method: Trajectory, problem: FitProblem, fit: Fit) -> xr.Dat
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
             # In which the errors of a driven record are taken whose residual is not white.
             covariance = parameters.clustered_covariance(fit.sensitivity, fit.residual, fit.values, 24)
-    units = _units(runs)
+    # Unit of what is compared.
+    units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
     extra: dict[str, tuple[ArrayLike, str, str]]
     extra = {"residual_rms": ([root_mean_square(residual) for residual in residuals], units, "RMS residual")}
     levels = noises
