@@ -100,14 +100,9 @@ def unwrapped(angle: Array, turn: float) -> tuple[Array, int]:
     return (angle, 0) if np.ptp(whole) > 2.0 * turn else (whole, int(np.count_nonzero(jumps)))
 
 
-def _step_within_cubic() -> Array:
-    """Weights of samples before and after a cut that give the step of a cubic there, by least squares."""
-    at = np.arange(-CUT_REACH - 0.5, CUT_REACH + 1.0)
-    columns = np.column_stack([at**0, at, at**2, at**3, at > 0.0])
-    return np.asarray(np.linalg.pinv(columns)[-1])
-
-
-_STEP_WITHIN_CUBIC = _step_within_cubic()
+# Weights of samples before and after a cut that give the step of a cubic there, by least squares.
+_AT = np.arange(-CUT_REACH - 0.5, CUT_REACH + 1.0)
+_STEP_WITHIN_CUBIC = np.linalg.pinv(np.column_stack([_AT**0, _AT, _AT**2, _AT**3, _AT > 0.0]))[-1]
 
 
 def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
