@@ -19,7 +19,7 @@ MOST_DIGITS = 9
 WITHIN, WITHIN_UNEQUAL = 1.02, 1.5
 # A row follows at once if it comes within this part of the mean step; in packets most do.
 AT_ONCE = 0.5
-INSTEAD = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
+GIVE_RATE = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
 
 
 # Times of a record (s, rising), rows of the file that they belong to, times at which the clock was set back:
@@ -65,7 +65,8 @@ def read_clock(
         kept = np.append(True, steps != 0.0)
         if 2 * np.count_nonzero(kept) < given.size:
             raise RecordError(
-                f"{source}: most time stamps are repeated: the clock is coarser than the sampling; {INSTEAD}"
+                f"{source}: most time stamps are repeated: the clock is coarser than the sampling; "
+                f"{GIVE_RATE}"
             )
         if not kept.all():
             repeated = int(np.count_nonzero(~kept))
@@ -93,7 +94,7 @@ def read_clock(
         row = int(rows[still[0] + 1]) + 1
         raise RecordError(
             f"{source}: its times do not rise by as much as their digits show, first in row {row}; correct "
-            f"them, or {INSTEAD}"
+            f"them, or {GIVE_RATE}"
         )
     rate = f"{1.0 / usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)

@@ -92,17 +92,17 @@ class Column:
             seconds = _of_dates(texts) if seconds is None else seconds
             if seconds is not None:
                 return seconds
-        found = []
+        values = []
         for row, value in enumerate(self.cells, 1):
             try:
                 text = str(value).replace(",", ".").replace(MINUS, "-")
-                found.append(np.nan if is_missing(text) else float(text))
+                values.append(np.nan if is_missing(text) else float(text))
             except ValueError:
                 raise RecordError(
                     f"{self.source}: row {row} of column {self.name} holds {str(value)[:30]!r}, not a "
                     "number; correct it or cut it out."
                 ) from None
-        return np.array(found)
+        return np.array(values)
 
     @property
     def signal(self) -> tuple[Array, str]:

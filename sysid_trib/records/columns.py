@@ -86,13 +86,13 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
         return [_chosen(table, signals, times, how)]
     first = runs[0][1]
     at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
-    beside = [(time, group[at]) for time, group in runs]
+    pairs = [(time, group[at]) for time, group in runs]
     # Runs that hold no decay where others do are left out, and named.
-    candidates = {signal: _candidate(signal, time) for time, signal in beside}
+    candidates = {signal: _candidate(signal, time) for time, signal in pairs}
     still = [signal for signal, seen in candidates.items() if seen is None or seen.swing is None]
     still = [] if len(still) == len(runs) else still
     left_out = f", {', '.join(signal.name for signal in still)} left out: no decay" if still else ""
-    return [(time, signal, f"runs side by side{left_out}") for time, signal in beside if signal not in still]
+    return [(time, signal, f"runs side by side{left_out}") for time, signal in pairs if signal not in still]
 
 
 def own_time(table: FileTable, signal: Column) -> Column | None:

@@ -40,8 +40,8 @@ def free_part(swing: Swing) -> Swing:
         else:
             stop = int(np.searchsorted(time, halves.crossing[(free or run).stop]))
             small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
-            lost = "is lost in the noise" if small else "does not swing freely"
-            reason = ", in which it leaves the course of the decay" if free else f" in which it {lost}"
+            reason = "is lost in the noise" if small else "does not swing freely"
+            reason = ", in which it leaves the course of the decay" if free else f" in which it {reason}"
             after = f"the last {time[-1] - time[stop - 1]:.4g} s{reason}"
     return replace(swing, free=slice(start, stop), before=before, after=after, stop_time=float(stop_time))
 

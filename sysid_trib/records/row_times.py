@@ -119,8 +119,8 @@ def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -
         elif (_PACKETS.search(column.base) or column.counts_rows) and np.all(steps >= 0) and np.any(steps):
             counted = _of_packets(steps)
         if counted is not None:
-            lost = int(counted[-1]) + 1 - samples
-            return (counted, f"{lost} samples lost, by column {column.name}") if lost else (None, "")
+            missing = int(counted[-1]) + 1 - samples
+            return (counted, f"{missing} samples lost, by column {column.name}") if missing else (None, "")
     return None, ""
 
 

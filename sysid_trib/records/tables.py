@@ -93,14 +93,14 @@ class FileTable:
         UsageError
             There is none; all are listed.
         """
-        found = self.match(wanted)
-        if found is None:
+        column = self.match(wanted)
+        if column is None:
             names = [*(column.name for column in self.columns), *(column.base for column in self.columns)]
             raise UsageError(
                 f"{self.source}: there is no single column {str(wanted)!r}; its columns are {self.listed}."
                 f"{did_you_mean(str(wanted), names)}"
             )
-        return found
+        return column
 
     @property
     def listed(self) -> str:

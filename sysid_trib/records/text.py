@@ -105,8 +105,8 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
     # What columns of texts hold next to the first numbers, as an oscilloscope's facts.
-    beside = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
-    facts = [" ".join(str(cell) for cell in row if cell == cell) for row in beside]
+    texts = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
+    facts = [" ".join(str(cell) for cell in row if cell == cell) for row in texts]
     return frame, header if named else None, [*lines[:start], *facts]
 
 
@@ -129,8 +129,8 @@ def check_width(path: Path, columns: int) -> None:
 def _plain_numbers(text: str) -> str:
     """Text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
     text = text.replace(MINUS, "-")
-    for pattern, beside, unless, sign, plain in _WRITTEN_OTHERWISE:
-        if re.search(beside, text) and not (unless and re.search(unless, text)):
+    for pattern, needed, unless, sign, plain in _WRITTEN_OTHERWISE:
+        if re.search(needed, text) and not (unless and re.search(unless, text)):
             text = _rewritten(text, pattern, sign, plain)
     return text
 
@@ -210,8 +210,8 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
                 # A lone number above the header is no row.
-                alone = len(fields) == 1 and any(sign in below for sign in ",;\t")
-                if (numbers if whole else any(map(is_number, fields))) and goes_on and not alone:
+                single = len(fields) == 1 and any(sign in below for sign in ",;\t")
+                if (numbers if whole else any(map(is_number, fields))) and goes_on and not single:
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
 
