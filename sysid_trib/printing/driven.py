@@ -20,25 +20,25 @@ ERRORS = (
     "rows two periods apart or the random force that stands for what the model lacks (direct). "
     "Differences are over the larger error of both."
 )
-VERDICTS = {
+DRIVEN_VERDICTS = {
     "explained": "The record is explained: what its motion leaves is white.",
     "approximate": "The model follows the record to {} (RMS); more than noise is left.",
     "not explained": "The model does not explain the record: its motion leaves {} (RMS).",
 }
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
 PRINTED = 4
-CURVES = ("frequency", "frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
-METHOD: dict[str, Source] = {
+CURVE_VALUES = ("frequency", "frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
+DRIVEN_METHOD: dict[str, Source] = {
     "coefficients": ("force", COEFFICIENT | same("unit")),
     **same("reference_frequency", "reference_frequency_standard_error", "noise"),
 }
 RESIDUAL = same("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
 RESPONSE: dict[str, Source] = {
     "unit": lambda response: response.amplitude.attrs["units"],
-    "sweeps": ("sweep", same(*CURVES)),
+    "sweeps": ("sweep", same(*CURVE_VALUES)),
     **same("left_open", "check_frequency", "check_amplitude", "simulated_amplitude"),
 }
-PREDICTION: dict[str, Source] = {
+PREDICTION_JSON: dict[str, Source] = {
     "source": lambda record: record.attrs.get("source", ""),
     "warm_up": "@warm_up",
     **same("residual_rms", "residual_over_motion"),
@@ -51,7 +51,7 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     answer = compared.attrs["answer"]
     best = compared.sel(model=answer)
     remains = f"{best.residual_rms.item():.3g} {unit}, {100.0 * best.residual_over_motion.item():.2g} %"
-    first = VERDICTS[compared.attrs["verdict_on_record"]].format(remains)
+    first = DRIVEN_VERDICTS[compared.attrs["verdict_on_record"]].format(remains)
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
     others = [f"whose motion leaves less than that of {name}" for name in results if name != answer]
     why = (others or ["since no motion by the other method follows the record"])[0]
@@ -106,7 +106,7 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     return {
         **mapped(compared, {"answer": "@answer", "verdict_on_record": "@verdict_on_record"}),
         "methods": {
-            name: mapped(tree[name].to_dataset(), METHOD) | mapped(row, RESIDUAL)
+            name: mapped(tree[name].to_dataset(), DRIVEN_METHOD) | mapped(row, RESIDUAL)
             for name, row in by_label(compared, "model").items()
         },
         "per_input": {} if scaled is None else per_label(scaled, "quantity", same("value", "standard_error")),
@@ -129,7 +129,7 @@ def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     """A prediction as plain data, under `test`; nothing where nothing was predicted."""
-    return {"test": [mapped(record, PREDICTION) for record in predicted]} if predicted else {}
+    return {"test": [mapped(record, PREDICTION_JSON) for record in predicted]} if predicted else {}
 
 
 def response_blocks(response: xr.Dataset) -> list[Block]:
@@ -168,12 +168,12 @@ def _row(motion: xr.Dataset, sweep: str) -> dict[str, str]:
 
 def response_csv(response: xr.Dataset) -> str:
     """A row for each sweep and frequency."""
-    columns = ("frequency_rad_s", *CURVES[1:])
+    columns = ("frequency_rad_s", *CURVE_VALUES[1:])
     rows = []
     for sweep, curve in by_label(response, "sweep").items():
         motions = curve.dropna("frequency", subset=["amplitude"])
         words = {"sweep": sweep, "unit": response.amplitude.attrs["units"]}
-        table = zip(*(motions[name].values.tolist() for name in CURVES), strict=True)
+        table = zip(*(motions[name].values.tolist() for name in CURVE_VALUES), strict=True)
         rows += [words | dict(zip(columns, values, strict=True)) for values in table]
     return csv_of(["sweep", *columns[:2], "unit", *columns[2:]], rows)
 

@@ -90,7 +90,7 @@ LANGUAGES: dict[str, dict[str, str]] = {
         **{"state": "{name} = y({next});\n", "rate": "; W*({rate})"},
     },
 }
-FUNCTIONS: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
+FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
 
 
 def equation_text(result: xr.Dataset) -> str:
@@ -229,7 +229,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
     if language not in LANGUAGES:
         raise UsageError(f"'{language}' is no language of export; choose {', '.join(LANGUAGES)}.")
     _check_is_equation(result)
-    model, written, functions = model_of(result), LANGUAGES[language], FUNCTIONS[language]
+    model, written, functions = model_of(result), LANGUAGES[language], FUNCTION_NAMES[language]
     terms, states, starts = list[str](), dict[str, str](), ["x", "rate" if language == "python" else "x'"]
     for force in model.forces:
         known = dict(functions)

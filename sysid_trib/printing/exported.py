@@ -20,7 +20,7 @@ from sysid_trib.validation import findings
 from sysid_trib.validation.verdict import record_noise
 
 # Columns of the LaTeX table, beside the methods: what stands in the column `method` of the other one.
-SI_UNITS, DIFFERENCE, RECORD = "SI units", "first minus second", "record"
+SI_COLUMN, DIFFERENCE_ROWS, RECORD_ROWS = "SI units", "first minus second", "record"
 # More methods than this are rows.
 MOST_COLUMNS = 3
 LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
@@ -91,7 +91,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
 def csv_text(tree: xr.DataTree) -> str:
     """All coefficients and frequencies, a row each, with total errors and their parts; then the record."""
     details = ({"quantity": name, "value": text} for name, text in about_the_record(tree).items())
-    rows = (*_rows(tree), *({"method": RECORD} | row for row in details))
+    rows = (*_rows(tree), *({"method": RECORD_ROWS} | row for row in details))
     return csv_of(["method", *list(layout.COLUMNS)[:-1]], rows)
 
 
@@ -100,7 +100,7 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     for method, result in findings.given_results(tree).items():
         yield from ({"method": method} | row for row in layout.quantities(findings.with_error_parts(result)))
     if (values := si_of(tree)) is not None:
-        words = {"method": f"{values.attrs['of_method']} in {SI_UNITS}"}
+        words = {"method": f"{values.attrs['of_method']} in {SI_COLUMN}"}
         for symbol, force in layout.by_label(values, "force").items():
             own = words | {"quantity": symbol, "formula": force["multiplies"].item()}
             yield own | _number(force, "coefficient") | {"unit": force["unit"].item()}
@@ -111,7 +111,7 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     if files.kind_of(tree) == "difference":
         for symbol, row in layout.by_label(tree.to_dataset(), "force").items():
             tested = {name: row[name].item() for name in ("standard_error", "z", "p_value")}
-            yield {"method": DIFFERENCE, "quantity": symbol, "value": row.difference.item()} | tested
+            yield {"method": DIFFERENCE_ROWS, "quantity": symbol, "value": row.difference.item()} | tested
 
 
 def _number(data: xr.Dataset, name: str) -> dict[str, float]:
@@ -127,8 +127,8 @@ def latex_text(tree: xr.DataTree) -> str:
         if row["quantity"] in GIVEN:
             continue
         quantity, (number, mark) = row["quantity"], layout.number_and_mark(row)
-        column = SI_UNITS if row["method"].endswith(SI_UNITS) else row["method"]
-        column = "difference" if column == DIFFERENCE else column
+        column = SI_COLUMN if row["method"].endswith(SI_COLUMN) else row["method"]
+        column = "difference" if column == DIFFERENCE_ROWS else column
         letter = letters.get(quantity) or FREQUENCIES_LATEX.get(quantity) or symbol_latex(quantity)
         head = rf"$\mu_{{{letter}}}$" if row.get("name") == MU.replace("_", " ") else f"${letter}$"
         head += " (rad/s)" * (quantity in FREQUENCIES_LATEX)

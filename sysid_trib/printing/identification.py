@@ -23,7 +23,7 @@ BARELY = 0.05
 # More errors than one of several differences that agree as a whole should have without a word.
 AS_A_WHOLE = 2.0
 COEFFICIENTS, BETWEEN_RUNS, CONSEQUENCES = "Coefficients", "Do the runs agree", "What follows from the model"
-STIFFNESS = (
+NO_STIFFNESS = (
     "In a single record, {0} cannot be separated from the frequency: give --omega0 (frequency without "
     "contact) to identify {0}."
 )
@@ -220,7 +220,7 @@ def _stiffness(tree: xr.DataTree) -> list[str]:
     stiffness = library_of(second, whole=True).role("x")
     if stiffness is None or stiffness.symbol in second.force:
         return []
-    return [STIFFNESS.format(stiffness.symbol)]
+    return [NO_STIFFNESS.format(stiffness.symbol)]
 
 
 def _own_quantity(tree: xr.DataTree) -> list[str]:

@@ -20,7 +20,7 @@ UNIDENTIFIABLE = {
     "averaging_cannot_see": f"{ENVELOPE} identify: {{}}.",
 }
 MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
-FREQUENCIES = {"reference_frequency": "w (rad/s)", "asymptotic_frequency": "w_inf (rad/s)"}
+FREQUENCY_ROWS = {"reference_frequency": "w (rad/s)", "asymptotic_frequency": "w_inf (rad/s)"}
 # Columns of a row of `quantities`, and the variables of a force that they hold.
 COLUMNS = {
     **{"quantity": "force", "name": "name", "formula": "formula", "value": "coefficient"},
@@ -156,7 +156,7 @@ def quantities(result: xr.Dataset) -> Iterator[dict[str, Any]]:
         row = {"quantity": name, "name": "shape", "value": shape["shape"].item()}
         error = shape.shape_standard_error.item()
         yield row | ({"constraint": "fixed"} if np.isnan(error) else {"standard_error": error})
-    for name in FREQUENCIES:
+    for name in FREQUENCY_ROWS:
         row = {"quantity": name, "name": name.replace("_", " "), "unit": "rad/s"}
         yield row | {"value": result[name].item(), "standard_error": result[error_of(name)].item()}
 
@@ -185,8 +185,8 @@ def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, dict[str, s
         label, name = row["quantity"], row["name"]
         if "formula" in row:
             what, formula = f"{label:{width}} {name_and_unit(name, row['unit'])}", row["formula"]
-        elif label in FREQUENCIES:
-            label, what, formula = name, FREQUENCIES[label], name
+        elif label in FREQUENCY_ROWS:
+            label, what, formula = name, FREQUENCY_ROWS[label], name
         else:
             what, formula = label, "shape parameter"
         cells = rows.setdefault(label, {"force": what, "formula": formula, **dict.fromkeys(results, "-")})
@@ -198,7 +198,7 @@ def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, dict[str, s
 
 
 def _order(row: Mapping[str, Any]) -> int:
-    return 2 if row["quantity"] in FREQUENCIES else int("formula" not in row)
+    return 2 if row["quantity"] in FREQUENCY_ROWS else int("formula" not in row)
 
 
 def name_and_unit(name: str, unit: str) -> str:

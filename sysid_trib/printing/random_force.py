@@ -16,7 +16,7 @@ TOO_SHORT = (
     "The record is too short, or too coarsely sampled, to tell a random force from the sensor's noise, for "
     "which all is taken: one that moves the motion by {:.2g} times that noise may hide in it."
 )
-MISSING = (
+SIGN_OF_MISSING = (
     "This random force is the sign of something missing: {}. The coefficients are off by more than their "
     "errors."
 )
@@ -99,7 +99,7 @@ def _periods(count: float, lasts: float) -> str:
 
 
 def _whose(tested: xr.Dataset, explained: bool, units: str) -> list[str]:
-    """Whether the random force is the experiment's, or stands for something that is missing.
+    """Sentences on whether the random force is the experiment's, or stands for something that is missing.
 
     And that the record contradicts a density that was given in these units.
     """
@@ -109,7 +109,7 @@ def _whose(tested: xr.Dataset, explained: bool, units: str) -> list[str]:
         f"{tested.likely_density.values[run]:.2g} {units}. Take --random-force auto."
     ] * bool(units and against < DEPENDENCE_LEVEL)
     if p_value_of_dependence(tested) < DEPENDENCE_LEVEL:
-        return [MISSING.format(_dependences(tested)), *contradiction]
+        return [SIGN_OF_MISSING.format(_dependences(tested)), *contradiction]
     return contradiction or [OF_EXPERIMENT] * explained
 
 

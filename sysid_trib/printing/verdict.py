@@ -15,7 +15,7 @@ GROUP = "homogeneity"
 TESTED = ("chi_square", "degrees_of_freedom", "p_value")
 
 # By the verdict on the size of the random force in all runs.
-DENSITIES = {
+DENSITY_VERDICTS = {
     "unknown": "Whether the random force has the same size in all runs cannot be tested.",
     "disagree": "The size of the random force differs between the runs (p {}).",
     "agree": "No difference between the runs was found in the size of the random force (p {}): it may be a "
@@ -45,7 +45,7 @@ def runs_sentences(runs: xr.Dataset) -> list[str]:
         said.append(_test_of_runs(runs, worst if runs.attrs["verdict"] == "disagree" else "", "total_"))
     if density := runs.attrs.get("density_verdict"):
         p_value = "" if density == "unknown" else layout.p_value_text(runs.density_p_value.item())
-        said.append(DENSITIES[density].format(p_value))
+        said.append(DENSITY_VERDICTS[density].format(p_value))
     return said
 
 

@@ -31,7 +31,7 @@ USUAL_ANGLES = 1e-4, 1e4
 # Variables in rad or rad/s that are no signal: phases and frequencies have no unit of length.
 NO_SIGNAL = ("phase", "frequency", "refers_to", "omega0")
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2/Hz": 2}
-SHAPES = ("shape", "shape_standard_error", "competing_shape")
+SHAPE_VARIABLES = ("shape", "shape_standard_error", "competing_shape")
 UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
 
 
@@ -126,9 +126,9 @@ class _SignalScale:
             if power:
                 values = variable.values * factor**power
                 changed[name] = (variable.dims, values, attrs | {"units": units.replace(old, new)})
-            elif units == PER_FORCE_UNIT or _per_force(name, units) or name in SHAPES:
+            elif units == PER_FORCE_UNIT or _per_force(name, units) or name in SHAPE_VARIABLES:
                 # Of the shapes of what competes, those of each step are in one row.
-                dims = variable.dims[-1:] if name in SHAPES else variable.dims
+                dims = variable.dims[-1:] if name in SHAPE_VARIABLES else variable.dims
                 changed[name] = (variable.dims, (variable * self._factors(data, dims, factor)).values, attrs)
         dims = data["unit"].dims if "unit" in data.variables else ()
         labels = _labels(data, str(dims[0])) if len(dims) == 1 else None
