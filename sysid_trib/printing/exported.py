@@ -123,6 +123,8 @@ def latex_text(tree: xr.DataTree) -> str:
     named = findings.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
+    # In the order of the methods, whichever forces they hold.
+    heads: dict[str, None] = {}
     for row in _rows(tree):
         if row["quantity"] in GIVEN:
             continue
@@ -135,8 +137,8 @@ def latex_text(tree: xr.DataTree) -> str:
         has_unit = quantity in letters and row.get("unit", "1") != "1"
         unit = f" {unit_in_latex(row['unit'])}" if has_unit else ""
         z = f", $z = {row['z']:.1f}$" if np.isfinite(row.get("z", np.nan)) else ""
+        heads |= {column: None}
         cells.setdefault(head, {})[column] = f"{_in_latex(number)}{unit}{mark}{z}"
-    heads = list(dict.fromkeys(column for row in cells.values() for column in row))
     table = [[head, *(row.get(name, "--") for name in heads)] for head, row in cells.items()]
     table.insert(0, ["", *(name.replace("_", " ") for name in heads)])
     if len(heads) > MOST_COLUMNS:
