@@ -31,8 +31,8 @@ def force_table(library: ForceLibrary) -> Table:
     rows = []
     for force in library:
         power = "" if force.kind == "sensor" else loses_power(force)
-        words = (force.parity, force.character, POWER_WORDS.get(power, power), force.units)
-        kind = (word for word in words if word not in ("", "1"))
+        kinds = (force.parity, force.character, POWER_WORDS.get(power, power), force.units)
+        kind = (word for word in kinds if word not in ("", "1"))
         words = "\n".join(fill(line, WORDS) for line in (force.name, *equations_of(force)))
         averaged = (text.removesuffix(AT_TWO).replace(", ", "\n") for text in signature_text(force))
         cells = (force.symbol, words, "\n".join(kind), *averaged)

@@ -170,7 +170,9 @@ class _SignalScale:
     def _method(self, method: Any) -> Any:
         """A method whose options, given in the record's unit, are those of the scaled motion."""
         given = {part.name: getattr(method, part.name) for part in fields(method)}
-        changes = {"shapes": self._parameters(given["shapes"])} if given.get("shapes") else {}
+        changes: dict[str, Any] = {}
+        if given.get("shapes"):
+            changes["shapes"] = self._parameters(given["shapes"])
         if (start := given.get("start")) is not None:
             scaled = {name: self._parameters(getattr(start, name)) for name in ("coefficients", "shapes")}
             changes["start"] = replace(start, **scaled)
