@@ -2,7 +2,6 @@
 
 import ast
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -160,7 +159,7 @@ def readable(
     """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
     names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
     names |= {k: f"{value:g}" for k, value in force.shape_values(shapes).items()}
-    tree = _Spoken(names).visit(deepcopy(force.formula.tree))
+    tree = _spoken(force.formula.tree, names | {"sign": "sgn"})
     text = ast.unparse(tree)
     for sign, spoken in ((" * ", " "), (" / ", "/"), (" ** ", "^")):
         text = text.replace(sign, spoken)
@@ -168,22 +167,23 @@ def readable(
     return f"({text})" if is_sum else text
 
 
-class _Spoken(ast.NodeTransformer):
-    """What names, numbers and functions of a formula are called, as names of its tree."""
-
-    def __init__(self, names: Mapping[str, str]) -> None:
-        self.names = {**names, "sign": "sgn"}
-
-    def visit_Name(self, node: ast.Name) -> ast.Name:
-        return ast.Name(self.names.get(node.id, node.id))
-
-    def visit_Constant(self, node: ast.Constant) -> ast.Name:
-        return ast.Name(f"{float(node.value):.12g}")  # type: ignore[arg-type]
-
-    def visit_Call(self, node: ast.Call) -> ast.expr:
-        self.generic_visit(node)
-        is_abs = isinstance(node.func, ast.Name) and node.func.id == "abs"
-        return ast.Name(f"|{ast.unparse(node.args[0])}|") if is_abs else node
+def _spoken(tree: ast.AST, names: Mapping[str, str]) -> Any:
+    """A tree of a formula with what its names, numbers and functions are called, as names."""
+    match tree:
+        case ast.Name(id=name):
+            return ast.Name(names.get(name, name))
+        case ast.Constant(value=value):
+            return ast.Name(f"{float(value):.12g}")  # type: ignore[arg-type]
+        case ast.UnaryOp(op=op, operand=operand):
+            return ast.UnaryOp(op, _spoken(operand, names))
+        case ast.BinOp(left=left, op=op, right=right):
+            return ast.BinOp(_spoken(left, names), op, _spoken(right, names))
+        case ast.Call(func=function, args=args):
+            inner = [_spoken(arg, names) for arg in args]
+            if isinstance(function, ast.Name) and function.id == "abs":
+                return ast.Name(f"|{ast.unparse(inner[0])}|")
+            return ast.Call(_spoken(function, names), inner, [])
+    raise AssertionError(f"unchecked tree: {ast.dump(tree)}")
 
 
 def _check_columns(x: Any, inputs: Sequence[str]) -> None:

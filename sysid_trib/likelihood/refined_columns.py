@@ -35,7 +35,7 @@ SETTLED_WITHOUT_NOISE = 1e-10
 
 
 def refine_columns(
-    runs: Runs, rows: Rows, about: Runs, active: Mask, constraints: ConstraintMap
+    runs: Runs, rows: Rows, linear_about: Runs, active: Mask, constraints: ConstraintMap
 ) -> tuple[Runs, Rows, bool]:
     """Take the columns from the motion of the identified model, and solve again, until nothing changes.
 
@@ -45,7 +45,7 @@ def refine_columns(
         With a first estimate.
     rows : Rows
         That it is from.
-    about : tuple of RunRegression
+    linear_about : tuple of RunRegression
         About whose paths the rows are linear; about each motion itself where that does not settle.
     active : (force,) array of bool
         Forces that are in the model.
@@ -59,7 +59,7 @@ def refine_columns(
     settled : bool
         Otherwise runs and rows are those given.
     """
-    for operators in ([linearised(run) for run in about], None):
+    for operators in ([linearised(run) for run in linear_about], None):
         refined = _refined(runs, operators, active, constraints)
         if refined is not None:
             return *refined, True

@@ -213,12 +213,12 @@ class Direct(Constrained):
             return regress_stochastic(begun, active, constraints, self.random_force)
         if self.form == "strong":
             return runs, rows, False, NOTHING_OPEN
-        runs, about = solve(rows, runs[0], active, constraints).applied_to(runs), begun
+        runs, linear_about = solve(rows, runs[0], active, constraints).applied_to(runs), begun
         if not self.refine:
             return runs, rows, False, NOTHING_OPEN
         if not active.all():
-            about = tuple(replace(run, x=at.x, v=at.v) for run, at in zip(runs, begun, strict=True))
-        return *refine_columns(runs, rows, about, active, constraints), NOTHING_OPEN
+            linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in zip(runs, begun, strict=True))
+        return *refine_columns(runs, rows, linear_about, active, constraints), NOTHING_OPEN
 
 
 def _estimate(runs: Runs, solution: Solution) -> Estimate:
