@@ -117,11 +117,11 @@ class Screening:
         rejects = self.omnibus_p_value < self.model.settings.level and len(tested)
         return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
 
-    def best(self) -> list[int]:
-        """The trial of each candidate that gains most, the best first; without what is not testable."""
+    def best(self, *, testable: bool = True) -> list[int]:
+        """The trial of each candidate that gains most, the best first; without what is not testable, or all."""
         best: dict[str, int] = {}
-        for at in np.argsort(-self.gains).tolist():
-            if not self.reasons[at]:
+        for at in np.argsort(-self.gains, kind="stable").tolist():
+            if not (testable and self.reasons[at]):
                 best.setdefault(self.trials[at].force.symbol, at)
         return list(best.values())
 

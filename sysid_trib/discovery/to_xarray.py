@@ -29,7 +29,6 @@ from sysid_trib.discovery.parts import (
     probabilities_in_parts,
     squares_left,
 )
-from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search
 from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -116,8 +115,8 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
     shapes = np.full((len(search.screenings), len(names)), np.nan)
     reasons = np.full(z.shape, "in the model", dtype=object)
     for i, screening in enumerate(search.screenings):
-        for symbol, at in _best_trials(screening).items():
-            j = symbols.index(symbol)
+        for at in screening.best(testable=False):
+            j = symbols.index(screening.trials[at].force.symbol)
             reasons[i, j] = screening.reasons[at]
             for name, value in screening.trials[at].shapes.items():
                 shapes[i, names.index(name)] = value
@@ -142,14 +141,6 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
         # netCDF has no empty axis.
         values["shape"], coords["shape_parameter"] = shapes, names
     return _group("ranking", values, coords)
-
-
-def _best_trials(screening: Screening) -> dict[str, int]:
-    """The trial of each candidate that gains most."""
-    best: dict[str, int] = {}
-    for at in np.argsort(-screening.gains, kind="stable").tolist():
-        best.setdefault(screening.trials[at].force.symbol, at)
-    return best
 
 
 def _steps(search: Search, motions: Motions, error: Array | None, offered: ForceLibrary) -> xr.Dataset:
