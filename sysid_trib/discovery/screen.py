@@ -118,7 +118,7 @@ class Screening:
         return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
 
     def best(self, *, testable: bool = True) -> list[int]:
-        """The trial of each candidate that gains most, the best first; without what is not testable, or all."""
+        """The trial of each candidate that gains most, the best first; of those that are testable, or all."""
         best: dict[str, int] = {}
         for at in np.argsort(-self.gains, kind="stable").tolist():
             if not (testable and self.reasons[at]):
