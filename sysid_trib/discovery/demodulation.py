@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import freqz
 from scipy.stats import binned_statistic_2d, chi2
 
@@ -52,7 +53,9 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     least = chi_square
     for name, power in SHAPES.items():
         rate = tau - tau.min() if power is None else amplitude**power
-        values, remaining = _fitted_trend(np.column_stack([plain, _integral(rate, tau, run)]), value, error)
+        # From one run to the next it steps, as the runs' offsets do.
+        integral = cumulative_trapezoid(rate, tau, initial=0.0)
+        values, remaining = _fitted_trend(np.column_stack([plain, integral]), value, error)
         if remaining < least:
             least = remaining
             best = values[-2] + values[-1] * rate, name.replace("larger", "large")
@@ -65,13 +68,6 @@ def _fitted_trend(columns: Array, value: Array, error: Array) -> tuple[Array, fl
     size = np.maximum(np.linalg.norm(columns / error[:, None], axis=0), np.finfo(float).tiny)
     values = np.linalg.lstsq(columns / error[:, None] / size, value / error, rcond=1e-12)[0] / size
     return values, float(np.sum(((value - columns @ values) / error) ** 2))
-
-
-def _integral(rate: Array, tau: Array, run: Array) -> Array:
-    """Integral of a rate over tau, from the first span of each run."""
-    steps = np.diff(tau) * 0.5 * (rate[1:] + rate[:-1])
-    total = np.concatenate([[0.0], np.cumsum(np.where(np.diff(run) == 0, steps, 0.0))])
-    return np.asarray(total)
 
 
 # Terms of the residual: the harmonic of the motion whose noise they take, and their part.
@@ -212,10 +208,9 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
     if not np.any(good):
         # Where a smoothed residual has no middle, as in a record of a period: every cell is empty.
         good, force = np.ones(len(x), dtype=bool), np.full(len(x), np.nan)
-    values = np.concatenate([np.ones((1, len(x))), force[None], drawn])[:, good]
-    binned = binned_statistic_2d(x[good], v[good], values, "sum", bins=[edges, edges]).statistic
-    samples = binned[0]
-    mean, *scatter = np.where(samples > 0, binned[1:] / np.maximum(samples, 1.0), np.nan)
+    x, v, values = x[good], v[good], np.vstack([force, drawn])[:, good]
+    mean, *scatter = binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic
+    samples, *_ = np.histogram2d(x, v, [edges, edges])
     error = np.sqrt(np.mean(np.square(scatter), axis=0))
     middle = 0.5 * (edges[1:] + edges[:-1])
     return {"x": middle, "v": middle, "force": mean, "standard_error": error, "samples": samples}
