@@ -86,13 +86,18 @@ def _zeros(spline: PPoly) -> Array:
     Looked for where the spline's Bernstein coefficients, between which it lies, differ in sign: in one step
     of dozens, where a motion is followed closely.
     """
-    cubic, square, slope, value = spline.c * np.diff(spline.x) ** np.arange(3, -1, -1)[:, None]
+    length = np.diff(spline.x)
+    cubic, square, slope, value = spline.c * length ** np.arange(3, -1, -1)[:, None]
     bounds = [value, value + slope / 3.0, value + (2.0 * slope + square) / 3.0]
     bounds.append(value + slope + square + cubic)
     at = np.flatnonzero((np.min(bounds, axis=0) <= 0.0) & (np.max(bounds, axis=0) >= 0.0))
-    parts = [PPoly(spline.c[:, [i]], spline.x[i : i + 2]).roots(extrapolate=False) for i in at]
-    zeros = np.concatenate([*parts, []])
-    return zeros[np.isfinite(zeros)]
+    # Steps of unit length side by side, between them what has no zero.
+    parts = np.zeros((4, 2 * len(at)))
+    parts[:, ::2], parts[-1, 1::2] = [cubic[at], square[at], slope[at], value[at]], 1.0
+    zeros = PPoly(parts, np.arange(2.0 * len(at) + 1.0)).roots(False, False) if len(at) else np.empty(0)
+    zeros = zeros[np.isfinite(zeros)]
+    step = np.minimum((zeros // 2.0).astype(int), len(at) - 1)
+    return np.asarray(spline.x[at[step]] + (zeros - 2.0 * step) * length[at[step]])
 
 
 def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
