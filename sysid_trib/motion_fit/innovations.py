@@ -180,16 +180,8 @@ def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:
     By the covariances of the free oscillator, over steps `length` of tau: (step, 2), (step,).
     """
     cross = np.stack([1.0 - np.cos(length), np.sin(length)], axis=1)
-    a, b, d = diffusion[:, 0, 0], diffusion[:, 0, 1], diffusion[:, 1, 1]
-    determinant = a * d - b * b
     # A body that friction holds for the whole step shows nothing of the force.
-    free = determinant > 1e-9 * length**4
-    determinant = np.where(free, determinant, np.inf)
-    weights = np.stack(
-        [
-            (d * cross[:, 0] - b * cross[:, 1]) / determinant,
-            (a * cross[:, 1] - b * cross[:, 0]) / determinant,
-        ],
-        axis=1,
-    )
+    free = np.linalg.det(diffusion) > 1e-9 * length**4
+    weights = np.zeros_like(cross)
+    weights[free] = np.linalg.solve(diffusion[free], cross[free, :, None])[..., 0]
     return weights, np.maximum(length - np.sum(weights * cross, axis=1), 0.0)
