@@ -102,16 +102,11 @@ def arrays_of(path: Path) -> dict[str, Any]:
     arrays = {place.parent.name: zarr.open_array(place.parent, mode="r") for place in places}
     count, block = arrays["status"].shape[0], arrays["status"].chunks[0]
     for name, array in arrays.items():
-        if array.dtype.kind not in KINDS or array.filters:
-            raise ValueError(f"{name} is of another kind")
-        if _is_per_record(array) and (
-            array.shape[0] != count or (name != "record" and array.chunks[0] != block)
-        ):
-            raise ValueError(f"{name} is of another length")
-        if not _is_per_record(array) and array.nbytes > LARGEST_LABELS:
-            raise ValueError(f"{name} is of another length")
-        if array.chunks[1:] != array.shape[1:]:
-            raise ValueError(f"{name} is in other chunks")
+        good = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
+        if _is_per_record(array):
+            good = good and array.shape[0] == count and (name == "record" or array.chunks[0] == block)
+        if not good or (not _is_per_record(array) and array.nbytes > LARGEST_LABELS):
+            raise ValueError(f"{name} is of another kind or length")
     return arrays
 
 
