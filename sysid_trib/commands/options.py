@@ -12,7 +12,7 @@ DEFAULT_LIBRARY = "contact_forces"
 EXAMPLE_FORCES = "lambda,zeta,delta"
 WHERE_TO_WRITE, WRITTEN_BY = "Where to write; replaces what is there.", ("-o", "--output")
 # Titles of groups of options that several dataclasses have.
-MODEL, CONSTRAINED, OUTPUT = "Model", "Constraints", "Output"
+MODEL, HOLDS, OUTPUT = "Model", "Constraints", "Output"
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 POSITIVE = (LEAST, MOST, "")
@@ -139,19 +139,17 @@ class ModelOptions:
         "auto",
     )
     set_: list[str] = option(
-        "SYMBOL.SHAPE=VALUE", "A shape parameter to hold; repeat.", [], flags=("--set",), title=CONSTRAINED
+        "SYMBOL.SHAPE=VALUE", "A shape parameter to hold; repeat.", [], flags=("--set",), title=HOLDS
     )
     fix: list[str] = option(
-        "NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [], title=CONSTRAINED
+        "NAME=VALUE", "A coefficient or shape to hold: lambda=0; repeat.", [], title=HOLDS
     )
     bound: list[str] = option(
-        "NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [], title=CONSTRAINED
+        "NAME=LOW:HIGH", "Bounds of one; either may be empty: zeta=0:.", [], title=HOLDS
     )
-    tie: list[str] = option(
-        "NAME=FORMULA", 'One by others: "nu=-2.356*delta"; repeat.', [], title=CONSTRAINED
-    )
+    tie: list[str] = option("NAME=FORMULA", 'One by others: "nu=-2.356*delta"; repeat.', [], title=HOLDS)
     own: str | None = option(
-        "A,B,...", "Forces whose coefficient is each run's own, of driven records.", title=CONSTRAINED
+        "A,B,...", "Forces whose coefficient is each run's own, of driven records.", title=HOLDS
     )
 
 
