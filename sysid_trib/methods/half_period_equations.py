@@ -172,8 +172,8 @@ def solve(
     parameters = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
     rounded = [_with_rounding(run) for run in measured]
     ends = np.cumsum([len(table[1]) for table in tables])[:-1]
-    # The covariance depends on the parameters: weakly, but where averages over a cycle leave much of a record,
-    # which would be weighed by what is wrong.
+    # The covariance depends on the parameters: weakly, but where averages over a cycle leave much of a
+    # record, which would be weighed by what is wrong.
     for _ in range(1 if names else 2):
         runs = [at(parameters) for at in linear]
         noises = [run.noise(errors) for run, errors in zip(runs, rounded, strict=True)]
