@@ -197,7 +197,7 @@ def _whitened(search: Search) -> list[float]:
     tables = np.concatenate(final.white_tables())
     kept = [final.columns_without(search.effects[count:]) for count in range(len(search.effects) + 1)]
     squares = [squares_left(tables[:, columns], tables[:, 0], 1e-12)[0] for columns in kept]
-    return [float(np.sqrt(left / len(tables))) for left in squares]
+    return [float(np.sqrt(rest / len(tables))) for rest in squares]
 
 
 def _selected_at(search: Search, symbol: str) -> int:

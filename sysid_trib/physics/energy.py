@@ -64,7 +64,7 @@ def dissipated_energy(
     taken, covariance = estimate.coefficients[:, None] * unit, estimate.coefficient_covariance
 
     def energies(z: Array) -> Array:
-        """Of each force, of all, and of all as a part of a^2/2."""
+        """Energy of each force, of all, and of all as a part of a^2/2."""
         of_forces, factor = z[: len(unit), None] * unit, 1.0 if inertia is None else z[-1] * z[-2] ** 2
         total = of_forces.sum(axis=0)
         return np.vstack([factor * of_forces, factor * total, total / (0.5 * a**2)])
