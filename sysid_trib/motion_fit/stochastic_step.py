@@ -7,12 +7,46 @@ from functools import cached_property
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.colour import most_likely_colour
 from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.likelihood.ratio_posterior import RatioAverage, average_over_ratios
-from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
-from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
+from sysid_trib.likelihood.variance_ratio import (
+    VarianceRatio,
+    WhiteRows,
+    held_ratio,
+    ratio_span,
+    variance_ratio,
+)
+from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.parameters import Parameters
+
+
+def likely_ratio(
+    linear: LinearModel, rows: Callable[[float], WhiteRows] | None = None, start: float | None = None
+) -> VarianceRatio:
+    """The ratio per_tau / variance of most restricted likelihood.
+
+    Parameters
+    ----------
+    linear : LinearModel
+    rows : callable, optional
+        White rows of a ratio, in the place of the model's with all its columns.
+    start : float, optional
+        Where the ratio was last.
+
+    Raises
+    ------
+    DecayError
+        Friction holds the body all the time.
+    """
+    impulses = linear.steps.diffusion[:, 1, 1]
+    # A body that friction holds is not pushed.
+    impulses = impulses[impulses > 0.0]
+    if not len(impulses):
+        raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
+    low, high = ratio_span(float(np.sum(impulses)), float(np.median(impulses)))
+    return variance_ratio(linear.rows if rows is None else rows, low, high, start)
 
 
 @dataclass(frozen=True)
