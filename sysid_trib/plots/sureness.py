@@ -153,15 +153,17 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS
-    rows = ["AB"] if wide else ["AA", "BB"]
-    heights = [*(CURVES_HEIGHT for _ in rows), ROW * (1.0 if wide else 1.5) * (count + 2)]
+    heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
     figure = style.new_figure(width, sum(heights))
-    mosaic = figure.subplot_mosaic(";".join([*rows, "CC"]), height_ratios=heights)
-    *panels, differences = mosaic.values()
+    # Texts beside the differences take no room from the curves.
+    rows = figure.add_gridspec(2, 1, height_ratios=heights)
+    curves = rows[0].subgridspec(*((1, 2) if wide else (2, 1)))
+    panels = [figure.add_subplot(curves[at]) for at in range(2)]
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         _draw_samples(ax, tree, name)
+    differences = figure.add_subplot(rows[1])
     _draw_differences(differences, tree, wide)
-    style.letter(mosaic.values())
+    style.letter([*panels, differences])
     lines, labels = panels[0].get_legend_handles_labels()
     figure.legend(lines, labels, ncols=2 if wide else 1, loc="outside upper right", frameon=False, fontsize=8)
     return figure
