@@ -23,7 +23,7 @@ from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.simulation.simulate import paper_twin
 
 # A file, none of the embedded example; its runs, and what they are.
-Source: TypeAlias = tuple[Path | None, list[xr.Dataset], str]
+RunsOfFile: TypeAlias = tuple[Path | None, list[xr.Dataset], str]
 PROGRAM = "sysid-trib"
 
 
@@ -145,7 +145,7 @@ def read_decays(
     return decays, sentences
 
 
-def read_sources(given: DecayOptions, *, driven: bool = False) -> list[Source]:
+def read_sources(given: DecayOptions, *, driven: bool = False) -> list[RunsOfFile]:
     """The runs of each file as they are in it, uncut, and what they are."""
     if given.input_ is not None and not driven:
         raise UsageError(
@@ -156,7 +156,7 @@ def read_sources(given: DecayOptions, *, driven: bool = False) -> list[Source]:
 
 
 def decays_within(
-    given: DecayOptions, source: Source, *, as_it_is: bool = False
+    given: DecayOptions, source: RunsOfFile, *, as_it_is: bool = False
 ) -> tuple[list[xr.Dataset], str]:
     """The decays of a file, or the one that is asked for, and what they are."""
     record, runs, sentence = source
@@ -181,7 +181,7 @@ def driving_of(given: DecayOptions) -> dict[str, str | int]:
     return named_inputs(given.input_ and given.input_.split(","))
 
 
-def _read(given: DecayOptions, record: Path | None) -> Source:
+def _read(given: DecayOptions, record: Path | None) -> RunsOfFile:
     """The runs of a file, or the embedded example, and what they are."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
