@@ -19,7 +19,7 @@ from benchmarks.stopwatch import timed
 from benchmarks.study.common import shown
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.pysindy_features import ForceFeatures
-from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.motion_fit.least_squares import cramer_rao_bound
 
 # A plain shooting takes minutes a record.
 FEW_SEEDS, IS_SLOW = 2, "scipy shooting, from SINDy"

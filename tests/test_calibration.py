@@ -25,7 +25,7 @@ from helpers import (
 from test_direct import run_with
 
 import sysid_trib as st
-from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.motion_fit.least_squares import cramer_rao_bound
 
 Direct, Trajectory, Averaging = st.methods.Direct, st.methods.Trajectory, st.methods.Averaging
 STRONG = SIX | {"lambda": 1e-3}

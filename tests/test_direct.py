@@ -19,7 +19,7 @@ from helpers import (
 from sysid_trib import Model
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
-from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.motion_fit.least_squares import cramer_rao_bound
 from sysid_trib.simulation.simulate import trajectory
 
 STRONG = SIX | {"lambda": 1e-3}

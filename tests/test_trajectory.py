@@ -18,7 +18,7 @@ from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Trajectory
-from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound
+from sysid_trib.motion_fit.least_squares import cramer_rao_bound
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()

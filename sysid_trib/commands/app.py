@@ -145,7 +145,7 @@ def identify() -> None:
     """
 
 
-@command("foretold", options.DecayOptions, options.StartOptions, options.SearchOptions, options.Destination)
+@command("predicted", options.DecayOptions, options.StartOptions, options.SearchOptions, options.Destination)
 def discover() -> None:
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks.
 
@@ -178,7 +178,7 @@ def difference() -> None:
     """
 
 
-@command("foretold", options.DecayOptions, options.ModelOptions, own_options.PlanOptions, options.Shown)
+@command("predicted", options.DecayOptions, options.ModelOptions, own_options.PlanOptions, options.Shown)
 def plan() -> None:
     """Say which run to make next: RESULT.nc of identify or discover, or records.
 
@@ -189,7 +189,7 @@ def plan() -> None:
     """
 
 
-@command("foretold", own_options.SweepOptions, options.Files, result=RESULT)
+@command("predicted", own_options.SweepOptions, options.Files, result=RESULT)
 def response() -> None:
     """Steady response of an identified model to a harmonic drive, with bands and its unstable branch.
 
@@ -213,7 +213,7 @@ def campaign() -> None:
     """
 
 
-@command("simulated", own_options.SimulationOptions)
+@command("predicted", own_options.SimulationOptions)
 def simulate() -> None:
     """Simulate the decay of a model; without --set, of the paper's PDMS/glass run.
 

@@ -17,9 +17,16 @@ from sysid_trib.simulation.compiled import (
     Given,
     new_state,
 )
-from sysid_trib.simulation.forcing import UNFORCED, Forcing, jumps_of
 from sysid_trib.simulation.model import Model, Motion, Vector, program_of
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY, SimulatedMotion
+from sysid_trib.simulation.motions import (
+    BY_ANGLE,
+    BY_RATE,
+    FREQUENCY,
+    UNFORCED,
+    Forcing,
+    SimulatedMotion,
+    jumps_of,
+)
 from sysid_trib.simulation.program import Instructions
 
 # Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.

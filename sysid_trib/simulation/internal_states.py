@@ -16,9 +16,9 @@ from sysid_trib.errors import DecayError, LibraryError, SimulationError, SysidTr
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.forces.library import force_counted_from
-from sysid_trib.simulation.forcing import UNFORCED, Forcing
 from sysid_trib.simulation.integrate import integrate
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import UNFORCED, Forcing
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
 # rad/s; at such a frequency `t` stands still, whatever the length of the motion.

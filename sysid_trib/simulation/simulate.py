@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused
-from sysid_trib.simulation.forcing import forcing_of
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD, integrate
 from sysid_trib.simulation.model import Model, Vector
-from sysid_trib.simulation.motions import SimulatedMotion
+from sysid_trib.simulation.motions import SimulatedMotion, forcing_of
 
 
 def simulate(

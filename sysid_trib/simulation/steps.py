@@ -17,10 +17,9 @@ from scipy.special import ndtri
 from sysid_trib.arrays import Array, Index
 from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.compiled import INTERVAL_ENDS, Given
-from sysid_trib.simulation.forcing import bends_of, polynomials_of
 from sysid_trib.simulation.integrate import DIVERGED, begun, run
 from sysid_trib.simulation.model import Model, Motion, program_of
-from sysid_trib.simulation.motions import FREQUENCY
+from sysid_trib.simulation.motions import FREQUENCY, bends_of, polynomials_of
 
 # In an interval, and in each unit of tau of it.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000

@@ -1,6 +1,6 @@
 from sysid_trib.motion_fit.bands import prediction_bands as prediction_bands
-from sysid_trib.motion_fit.cramer_rao import cramer_rao_bound as cramer_rao_bound
 from sysid_trib.motion_fit.innovations import innovations as innovations
+from sysid_trib.motion_fit.least_squares import cramer_rao_bound as cramer_rao_bound
 from sysid_trib.validation.draws import curve_bands as curve_bands, posterior as posterior
 from sysid_trib.validation.next_run import plan as plan
 from sysid_trib.validation.profiles import contour as contour, profile as profile

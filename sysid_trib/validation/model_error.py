@@ -11,7 +11,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
 from sysid_trib.methods.scope import Method
-from sysid_trib.motion_fit.cramer_rao import sensitivities
+from sysid_trib.motion_fit.least_squares import sensitivities
 from sysid_trib.records.decay import RECORD_PARTS, one_or_all, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results.schema import model_of

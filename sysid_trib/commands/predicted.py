@@ -1,4 +1,4 @@
-"""What `sysid-trib discover`, `plan` and `response` do: what a model lacks, and what it foretells."""
+"""What `sysid-trib simulate`, `plan`, `response` and `discover` do: motions of a model, and what it lacks."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.asked import asked_model, asked_search, model_of_file
-from sysid_trib.commands.checks import assigned, parse_window
+from sysid_trib.commands.asked import asked_model, asked_search, assigned, model_of_file, parse_window
 from sysid_trib.commands.destination import deliver, figures_of_runs, texts_of
 from sysid_trib.commands.options import (
+    DEFAULT_LIBRARY,
     EXAMPLE_FORCES,
+    MOST,
     DecayOptions,
     Destination,
     Files,
@@ -20,15 +21,21 @@ from sysid_trib.commands.options import (
     Shown,
     StartOptions,
 )
-from sysid_trib.commands.own_options import PlanOptions, SweepOptions
+from sysid_trib.commands.own_options import PlanOptions, SimulationOptions, SweepOptions
 from sysid_trib.commands.record_inputs import driving_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import with_shipped
+from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.printing import driven, next_step
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.json_results import discovery_json
-from sysid_trib.results.files import kind_of, load
+from sysid_trib.results.files import kind_of, load, save, write_file
+from sysid_trib.simulation.model import Model, check_shapes
+from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS, simulate as motion_of
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.next_run import plan as best_run
 from sysid_trib.validation.steady_response import forced_response
@@ -115,3 +122,70 @@ def response(tell: Tell, sweep: SweepOptions, files: Files, result: Path) -> Cal
     says = partial(driven.response_blocks, data), partial(driven.response_json, data)
     texts = {files.csv: partial(driven.response_csv, data)}
     return deliver(files, tell, says, {"response": ("response", data)}, xr.DataTree(data), texts)
+
+
+MAX_SAMPLES, MAX_PERIODS = 20_000_000, 1_000_000
+
+
+def simulate(tell: Tell, asked: SimulationOptions) -> Callable[[], None]:
+    """Simulate a record and write it."""
+    named = [text.partition("=")[0].partition(".")[0].strip() for text in asked.set_]
+    offered = with_shipped(load_library(asked.library), named)
+    coefficients, shapes = _settings(asked.set_, offered, papers=asked.library == DEFAULT_LIBRARY)
+    tell("simulation")
+    record = _simulated(Model(offered, coefficients, asked.reference_frequency, shapes), asked)
+    write_record(record, asked.output)
+    stop = record.stop_time.item()
+    ending = f"; it stops at {stop:.4g} s" if stop == stop else ""
+    return partial(print, f"{asked.output}: {record.sizes['time']} simulated samples{ending}.")
+
+
+def _settings(
+    texts: list[str], library: ForceLibrary, *, papers: bool
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
+    values = assigned(texts, "--set '{}' must be SYMBOL=VALUE, such as lambda=1e-3.")
+    for name, value in values.items():
+        if abs(value) > MOST:
+            raise UsageError(f"--set {name}: {value:g} is larger than {MOST:g}.")
+    shapes = {name: value for name, value in values.items() if "." in name}
+    coefficients = {name: value for name, value in values.items() if "." not in name}
+    check_shapes(shapes, library)
+    if not coefficients and (texts or not papers):
+        raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
+    return coefficients or PAPER_COEFFICIENTS, shapes
+
+
+def _simulated(model: Model, motion: SimulationOptions) -> xr.Dataset:
+    """What `simulate` returns, with the noise in `angle`; numbers from which no record comes are refused."""
+    duration, sampling_rate, noise = motion.duration, motion.sampling_rate, motion.noise
+    samples = round(duration * sampling_rate)
+    if not 2 <= samples <= MAX_SAMPLES:
+        raise UsageError(
+            f"{duration:g} s at {sampling_rate:g} Hz must be 2 to {MAX_SAMPLES:,} samples; "
+            "change --duration or --sampling-rate."
+        )
+    if duration * model.reference_frequency > 2.0 * np.pi * MAX_PERIODS:
+        raise UsageError(
+            f"{duration:g} s at {model.reference_frequency:g} rad/s are more than {MAX_PERIODS:,} periods; "
+            "shorten --duration, or lower --reference-frequency."
+        )
+    if motion.seed < 0:
+        raise UsageError(f"--seed '{motion.seed}' must be a whole number, 0 or more.")
+    time = np.arange(samples) / sampling_rate
+    density, seed = motion.random_force, motion.seed
+    record = motion_of(model, time, motion.angle0, motion.rate0, random_force=density, seed=seed)
+    record["angle"] = record.angle + noise * np.random.default_rng(seed).standard_normal(samples)
+    record.angle.attrs = {"units": "rad", "long_name": "angle"}
+    disturbed = f", random force {density:g} {DENSITY_UNITS}" if density else ""
+    source = f"simulated by sysid_trib, noise {noise:g} rad{disturbed}, seed {seed}"
+    return record.assign_attrs(source=source, synthetic="yes")
+
+
+def write_record(record: xr.Dataset, target: Path) -> None:
+    """Write a record as CSV (`time (s)`, `angle (rad)`) or netCDF, by the file's ending."""
+    if target.suffix.lower() == ".csv":
+        table = record.angle.to_dataframe()[["angle"]].rename(columns={"angle": "angle (rad)"})
+        write_file(target, table.to_csv(index_label="time (s)").encode())
+    else:
+        save(record, target)
