@@ -41,7 +41,7 @@ def test_a_fixed_value_comes_back_exactly_and_conditions_the_others(record, meth
     expected = free.coefficient + gain * (truth - free.coefficient.sel(force="epsilon").item())
     apart = (fixed.coefficient - expected) / free.standard_error
     np.testing.assert_allclose(apart.sel(force=others), 0.0, atol=0.02)
-    errors = np.sqrt(free.standard_error**2 - variance * gain**2).sel(force=others)
+    errors = np.sqrt((free.standard_error**2 - variance * gain**2).sel(force=others))
     np.testing.assert_allclose(fixed.standard_error.sel(force=others), errors, rtol=0.02)
 
 

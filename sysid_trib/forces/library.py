@@ -119,14 +119,14 @@ def force_counted_from(force: Force, seconds: float) -> Force:
     if seconds == 0.0 or not any("t" in f.names for f in (*force.formulas, *force.start.values())):
         return force
 
-    def moved(formula: Formula) -> Formula:
+    def delayed(formula: Formula) -> Formula:
         return formula.with_instead("t", f"t + {seconds!r}")
 
     tables: dict[str, Any] = {
-        key: {name: moved(formula) for name, formula in getattr(force, key).items()}
+        key: {name: delayed(formula) for name, formula in getattr(force, key).items()}
         for key in ("state", "memory", "start")
     }
-    return replace(force, formula=moved(force.formula), **tables)
+    return replace(force, formula=delayed(force.formula), **tables)
 
 
 def _channels(inputs: object, source: str) -> dict[str, Channel]:

@@ -33,7 +33,7 @@ DRIVEN_METHOD: dict[str, Source] = {
     **same("reference_frequency", "reference_frequency_standard_error", "noise"),
 }
 RESIDUAL = same("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
-RESPONSE: dict[str, Source] = {
+RESPONSE_KEYS: dict[str, Source] = {
     "unit": lambda response: response.amplitude.attrs["units"],
     "sweeps": ("sweep", same(*CURVE_VALUES)),
     **same("left_open", "check_frequency", "check_amplitude", "simulated_amplitude"),
@@ -180,4 +180,4 @@ def response_csv(response: xr.Dataset) -> str:
 
 def response_json(response: xr.Dataset) -> dict[str, Any]:
     """The curves as plain data, null where a sweep has no such motion."""
-    return mapped(response, RESPONSE)
+    return mapped(response, RESPONSE_KEYS)
