@@ -87,6 +87,11 @@ def test_answers_of_identify_and_what_is_none(samples):
     assert difference(first, other).attrs["first_method"] == "direct"
 
 
+def test_equal_samples_do_not_differ():
+    first, second = identified(RUN, 100, 200)
+    assert difference(first, second, level=1e-5).attrs["verdict"] == "no difference"
+
+
 @pytest.mark.in_full
 def test_equal_samples_differ_as_often_as_the_level_says():
     first, second = (identified(RUN, *range(at, at + 12)) for at in (100, 200))
