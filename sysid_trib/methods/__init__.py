@@ -1,6 +1,6 @@
 """Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`.
 
-`METHODS` lists them in the order of tables and figures. What a method assumes, observes and identifies is its
+`METHODS` has those of `__all__` in its order. What a method assumes, observes and identifies is its
 attribute `scope`.
 """
 
@@ -28,36 +28,25 @@ from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.methods.windowed_era import WindowedERA, windowed_modes
 from sysid_trib.results.schema import NOT_KEPT
 
-METHODS: tuple[type[Any], ...] = (
-    Trajectory,
-    Direct,
-    Averaging,
-    FrequencyShift,
-    WuDecrement,
-    FeenyLiang,
-    EnergyDecay,
-    LogarithmicDecrement,
-    LinearDecrement,
-    QuadraticDecay,
-    WindowedERA,
-)
-
-__all__ = [
-    "Averaging",
-    "Direct",
-    "EnergyDecay",
-    "FeenyLiang",
-    "FrequencyShift",
-    "LinearDecrement",
-    "LogarithmicDecrement",
-    "MethodScope",
-    "QuadraticDecay",
+# In the order of tables and figures.
+__all__ = [  # noqa: RUF022
     "Trajectory",
-    "WindowedERA",
+    "Direct",
+    "Averaging",
+    "FrequencyShift",
     "WuDecrement",
+    "FeenyLiang",
+    "EnergyDecay",
+    "LogarithmicDecrement",
+    "LinearDecrement",
+    "QuadraticDecay",
+    "WindowedERA",
+    "MethodScope",
     "feeny_liang_decrement",
     "windowed_modes",
 ]
+_PUBLIC = [globals()[name] for name in __all__]
+METHODS: tuple[type[Any], ...] = tuple(kind for kind in _PUBLIC if hasattr(kind, "scope"))
 
 
 def method_of(result: xr.Dataset) -> Any:
