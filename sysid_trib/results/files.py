@@ -19,7 +19,7 @@ from sysid_trib.records.tables import check_is_file
 from sysid_trib.results.variables import record_groups
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 # netCDF gives a list of one text back as the text, and an empty list as an array.
 LISTS = (
