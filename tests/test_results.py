@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import sysid_trib
 import sysid_trib as st
 from sysid_trib import load_library
-from sysid_trib.commands.foretold import write_record
+from sysid_trib.commands.predicted import write_record
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page
@@ -95,6 +95,9 @@ def test_unreadable_result_is_refused(tmp_path):
     (tmp_path / "text.nc").write_text("time,angle\n")
     with pytest.raises(RecordError, match=r"text\.nc: not a result"):
         load(tmp_path / "text.nc")
+    save(xr.Dataset(attrs={"sysid_trib_version": "0.1.0", "format_version": 2}), tmp_path / "old.nc")
+    with pytest.raises(RecordError, match=r"old\.nc: a result in format 2, .* make the result again"):
+        load(tmp_path / "old.nc")
 
 
 def test_asymptotic_frequency_and_its_gradient():
