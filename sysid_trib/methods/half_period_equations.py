@@ -169,7 +169,8 @@ def solve(
     _check_rank(free, names, sum(table[2][-1] + 1 for table in tables))
     linear = [_linear(equations, run) for run in measured]
     size = np.linalg.norm(design, axis=0)
-    parameters = np.linalg.lstsq(design / size, target, rcond=None)[0] / size
+    plain = _plain_weights(design, last=rule == "last")
+    parameters = plain @ target
     rounded = [_with_rounding(run) for run in measured]
     ends = np.cumsum([len(table[1]) for table in tables])[:-1]
     # The covariance depends on the parameters: weakly, but where averages over a cycle leave much of a
@@ -184,7 +185,7 @@ def solve(
             inverse = np.linalg.inv(white.T @ white) / size[:, None]
             weights = inverse @ np.concatenate([cho_solve_banded((f, True), part) for f, part in pairs]).T
         else:
-            weights = _plain_weights(design, last=rule == "last")
+            weights = plain
         parameters = weights @ target
     influence = [part @ noise for part, noise in zip(np.split(weights, ends, axis=1), noises, strict=True)]
     solved = [replace(run, residual=y - a @ parameters) for run, (a, y, _) in zip(runs, tables, strict=True)]
@@ -193,9 +194,12 @@ def solve(
 
 def _plain_weights(design: Array, *, last: bool) -> Array:
     """What plain least squares make of each target, (parameter, equation)."""
+    free = design[:, :-1] if last else design
+    size = np.linalg.norm(free, axis=0)
+    inverse = np.linalg.pinv(free / size) / size[:, None]
     if not last:
-        return np.asarray(np.linalg.pinv(design), dtype=float)
-    inverse, of_last = np.linalg.pinv(design[:, :-1]), np.eye(1, len(design), len(design) - 1)
+        return np.asarray(inverse, dtype=float)
+    of_last = np.eye(1, len(design), len(design) - 1)
     # The error of the last target is in all others from which it is taken.
     return np.vstack([inverse - (inverse @ design[:, -1:]) @ of_last, of_last])
 
