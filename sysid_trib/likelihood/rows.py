@@ -10,7 +10,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.least_squares import ConstraintMap, bounds_reached, white_least_squares, whitened
+from sysid_trib.likelihood.least_squares import ConstraintMap, bounds_reached, whitened
 from sysid_trib.likelihood.linearisation import derivatives_along, sensor_slopes
 from sysid_trib.likelihood.regression import RunRegression, Runs, update
 from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
@@ -199,12 +199,15 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
 
     Notes
     -----
-    Where the residual is correlated the covariance is the sandwich of `white_least_squares` over two
+    Where the residual is correlated the covariance is the sandwich of `WhitenedLeastSquares` over two
     periods. Coefficients that would pass a bound are found by an active set and held there.
 
     A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
     that hold it at the present frequency.
     """
+    # Here, since importing pysindy takes as long as twenty identifications.
+    from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
+
     kept = constraints.keep(active)
     in_model = kept.matrix.any(axis=1) | (kept.constant != 0.0)
     rescaling = _rescaling(run, run.coefficients * in_model)
@@ -214,15 +217,15 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
         nuisances = np.column_stack([nuisances[:, :-1], nuisances[:, -1] + rows.columns @ shift])
     design = np.column_stack([rows.columns @ kept.matrix, nuisances])
     target = rows.target - rows.columns @ kept.constant
-    white = whitened(rows.factor, np.column_stack([design, target]))
-    solved, free_covariance, noise, lags = white_least_squares(white[:, :-1], white[:, -1], rows.lags)
-    count = len(kept.free)
+    fit = WhitenedLeastSquares(rows.factor, rows.lags).fit(design, target)
+    solved, count = fit.coef_[0], len(kept.free)
     free, steps = solved[:count], solved[count:]
     if np.any((free < kept.low) | (free > kept.high)):
         low, high = (
             np.pad(limit, (0, len(steps)), constant_values=side * np.inf)
             for limit, side in ((kept.low, -1.0), (kept.high, 1.0))
         )
+        white = whitened(rows.factor, np.column_stack([design, target]))
         side = bounds_reached(white[:, :-1], white[:, -1], low, high)[:count]
         limits = np.where(side < 0, kept.low, kept.high)[side != 0]
         return solve(rows, run, active, kept.hold(side != 0, limits))
@@ -234,7 +237,8 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
         # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
         jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
-    covariance = jacobian @ free_covariance @ jacobian.T
+    covariance = jacobian @ fit.covariance_[0] @ jacobian.T
+    noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
     return Solution(coefficients, steps, covariance, noise, lags, kept, target - design @ solved)
 
 

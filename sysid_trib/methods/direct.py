@@ -55,7 +55,7 @@ class Direct(Constrained):
     """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by a pysindy optimiser.
 
     The columns are those of `ForceFeatures`, a feature library of pysindy, averaged over the samples' cells,
-    and they are solved as by `WhitenedLeastSquares`, one of its optimisers.
+    and they are solved by `WhitenedLeastSquares`, one of its optimisers.
 
     Parameters
     ----------
