@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
-from sysid_trib import Model, load_library
+from sysid_trib import Model, load_library, methods
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.likelihood.random_force import RandomForce
@@ -28,6 +28,16 @@ SIX: dict[str, float] = {
     "epsilon": 0.30,
 }
 FIVE = {symbol: value for symbol, value in SIX.items() if symbol != "alpha"}
+# Forces of a decay that a classical method describes, with nothing neglected.
+OWN_MODELS = {
+    methods.LogarithmicDecrement: {"zeta": 0.0097},
+    methods.WindowedERA: {"zeta": 0.0097},
+    methods.LinearDecrement: {"lambda": 2e-3},
+    methods.QuadraticDecay: {"delta": 0.1},
+    methods.FeenyLiang: {"lambda": 1e-3, "zeta": 0.0097},
+    methods.EnergyDecay: {"lambda": 1e-3, "zeta": 0.0097},
+    methods.WuDecrement: {"lambda": 1e-3, "zeta": 0.0097, "delta": 0.037},
+}
 NOISE = 1e-4
 # Odd forces that are not there.
 EIGHT_MORE = {

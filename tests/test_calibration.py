@@ -11,6 +11,7 @@ import xarray as xr
 from helpers import (
     FIVE,
     NOISE,
+    OWN_MODELS,
     SIX,
     Run,
     W,
@@ -60,15 +61,6 @@ def pair(seed: int) -> list[xr.Dataset]:
     return [FITTED.decay(seed), replace(SHORT, start=0.6).decay(1000 + seed, 3e-4)]
 
 
-CLASSICAL = {
-    st.methods.LogarithmicDecrement: {"zeta": 0.0097},
-    st.methods.WindowedERA: {"zeta": 0.0097},
-    st.methods.LinearDecrement: {"lambda": 2e-3},
-    st.methods.QuadraticDecay: {"delta": 0.1},
-    st.methods.FeenyLiang: {"lambda": 1e-3, "zeta": 0.0097},
-    st.methods.EnergyDecay: {"lambda": 1e-3, "zeta": 0.0097},
-    st.methods.WuDecrement: {"lambda": 1e-3, "zeta": 0.0097, "delta": 0.037},
-}
 TERMS = test_sensor_terms.TRUTH | test_sensor_terms.TERMS
 CASES = {
     "direct": Case(Direct(W), PAPER, 25, 1.2),
@@ -87,7 +79,7 @@ CASES = {
     "two runs, direct": Case(Direct(), FITTED, 15, records=pair),
     "two runs, averaging": Case(Averaging(), FITTED, 15, records=pair),
     "two runs, trajectory": Case(Trajectory(), FITTED, 12, records=pair),
-    **{kind.__name__: Case(kind(), paper_run(own, duration=6.0)) for kind, own in CLASSICAL.items()},
+    **{kind.__name__: Case(kind(), paper_run(own, duration=6.0)) for kind, own in OWN_MODELS.items()},
 }
 FAST = ("direct", "direct, sensor")
 

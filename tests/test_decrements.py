@@ -6,18 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import FIVE, Run, W, paper_run
+from helpers import FIVE, OWN_MODELS, Run, W, paper_run
 from hypothesis import given, settings, strategies as st
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import DecayError
 from sysid_trib.methods import (
-    EnergyDecay,
     FeenyLiang,
     FrequencyShift,
-    LinearDecrement,
-    LogarithmicDecrement,
-    QuadraticDecay,
     WindowedERA,
     WuDecrement,
     feeny_liang_decrement,
@@ -41,12 +37,7 @@ class Case:
 
 
 CASES = [
-    Case(LogarithmicDecrement(), {"zeta": 0.0097}),
-    Case(LinearDecrement(), {"lambda": 2e-3}),
-    Case(FeenyLiang(), {"lambda": 1e-3, "zeta": 0.0097}),
-    Case(WuDecrement(), {"lambda": 1e-3, "zeta": 0.0097, "delta": 0.037}),
-    Case(EnergyDecay(), {"lambda": 1e-3, "zeta": 0.0097}),
-    Case(QuadraticDecay(), {"delta": 0.1}),
+    *(Case(kind(), own) for kind, own in OWN_MODELS.items() if kind is not WindowedERA),
     Case(FrequencyShift(), DAMPED | {"nu": -0.4, "epsilon": 0.3}),
     Case(FrequencyShift(W), DAMPED | {"alpha": 0.1, "nu": -0.4, "epsilon": 0.3}),
 ]

@@ -6,7 +6,7 @@ from inspect import signature
 import numpy as np
 import pytest
 from command_line import run
-from helpers import FIVE, library_of_formulas, paper_run
+from helpers import FIVE, OWN_MODELS, library_of_formulas, paper_run
 
 import sysid_trib as st
 from sysid_trib import load_library, methods
@@ -17,6 +17,10 @@ from sysid_trib.plots.compared import FAMILY_MARKS
 from sysid_trib.validation.compare import every_method
 
 EVERY = every_method()
+
+
+def test_every_classical_method_has_a_model_of_its_own():
+    assert set(METHODS) - set(OWN_MODELS) == {Trajectory, Direct, Averaging, methods.FrequencyShift}
 
 
 @pytest.mark.parametrize("kind", METHODS, ids=lambda kind: kind.__name__)
@@ -57,8 +61,8 @@ def test_a_method_of_one_record_refuses_several(label):
 def test_a_method_from_elsewhere_cannot_be_made_again():
     result = methods.Direct().identify(paper_run(FIVE).decay(0), load_library())
     assert method_of(result) == methods.Direct()
-    with pytest.raises(UsageError, match="'froude' is no method of this package"):
-        method_of(result.assign_attrs(method="froude"))
+    with pytest.raises(UsageError, match="'elsewhere' is no method of this package"):
+        method_of(result.assign_attrs(method="elsewhere"))
 
 
 @pytest.mark.parametrize(

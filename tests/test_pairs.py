@@ -39,8 +39,6 @@ def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
     save(tree, tmp_path / "found.nc")
     again = load(tmp_path / "found.nc")["steps"].to_dataset().isel(step=0)
     assert replacing_pairs(again) == ["lambda and delta"]
-    # As an older version has saved it.
-    assert replacing_pairs(step.drop_vars(["pairs", "pair_odds"])) == []
 
 
 def test_an_effect_of_no_shape_has_no_pairs():

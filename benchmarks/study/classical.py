@@ -8,21 +8,14 @@ from argparse import Namespace
 from functools import partial
 
 import numpy as np
-from helpers import FIVE, SIX, Run, decay, paper_run, rms
+from helpers import FIVE, OWN_MODELS, SIX, Run, decay, paper_run, rms
 
 from benchmarks.stopwatch import timed
 from benchmarks.study.common import shown
 from sysid_trib import methods
 
-BOTH = {"lambda": 5e-4, "zeta": 0.0097}
 METHODS = [
-    (methods.LogarithmicDecrement(), {"zeta": 0.0097}),
-    (methods.WindowedERA(), {"zeta": 0.0097}),
-    (methods.LinearDecrement(), {"lambda": 1e-3}),
-    (methods.QuadraticDecay(), {"delta": 0.037}),
-    (methods.FeenyLiang(), BOTH),
-    (methods.EnergyDecay(), BOTH),
-    (methods.WuDecrement(), BOTH | {"delta": 0.037}),
+    *((kind(), own) for kind, own in OWN_MODELS.items()),
     (methods.FrequencyShift(), FIVE),
     (methods.Averaging(), FIVE),
     (methods.Averaging(curve="analytic-signal"), FIVE),

@@ -201,9 +201,10 @@ def _in_noise_of(
 
 
 def correlation_of(products: Array) -> Array:
-    """Products over the lengths of their columns."""
-    size = np.sqrt(np.maximum(np.diag(products), 1e-300))
-    return np.asarray(products / np.outer(size, size))
+    """Products over the lengths of their columns; 0 of a column of which nothing is left."""
+    size = np.sqrt(np.maximum(np.diag(products), 0.0))
+    lengths = np.outer(size, size)
+    return np.divide(products, lengths, out=np.zeros_like(products), where=lengths > 0.0)
 
 
 def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
