@@ -8,7 +8,8 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.asked import asked_model, parse_value_with_error
+from sysid_trib.commands.asked import asked_model
+from sysid_trib.commands.checks import parse_value_with_error
 from sysid_trib.commands.destination import Drawings, deliver, figures_of_runs, texts_of
 from sysid_trib.commands.options import DecayOptions, Destination, ModelOptions
 from sysid_trib.commands.own_options import IdentifyOptions

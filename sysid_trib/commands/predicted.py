@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.asked import asked_model, asked_search, assigned, model_of_file, parse_window
+from sysid_trib.commands.asked import asked_model, asked_search, model_of_file
+from sysid_trib.commands.checks import assigned, parse_window
 from sysid_trib.commands.destination import deliver, figures_of_runs, texts_of
 from sysid_trib.commands.options import (
     DEFAULT_LIBRARY,

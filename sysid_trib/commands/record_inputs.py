@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.asked import parse_number, parse_value_with_error, parse_window
+from sysid_trib.commands.checks import parse_number, parse_value_with_error, parse_window
 from sysid_trib.commands.options import DecayOptions, ModelOptions, StartOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.selection import load_system
