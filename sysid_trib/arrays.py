@@ -1,5 +1,6 @@
-"""Types of arrays that all rooms share."""
+"""Types of arrays that all rooms share, and which columns of one depend on others."""
 
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -8,3 +9,58 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 Index: TypeAlias = NDArray[np.intp]
+
+# Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
+DEPENDENCE = 1e-11
+
+
+def dependent_columns(table: Array) -> list[tuple[int, ...]]:
+    """Groups of linearly dependent columns of a matrix, each as small as can be.
+
+    Parameters
+    ----------
+    table : (row, column) array of float
+        Finite. Columns of zeros are in no group.
+
+    Returns
+    -------
+    list of tuple of int
+        Proportional columns first, in groups as large as they are; then, for each further column that is a
+        combination of columns before it, the column with the fewest of these that make it up.
+    """
+    # Lengths and residuals are those of the triangular factor, which has few rows.
+    table = np.asarray(np.linalg.qr(np.asarray(table, dtype=float), mode="r"), dtype=float)
+    norms = np.linalg.norm(table, axis=0)
+    floor = 1e-14 * norms.max(initial=0.0)
+    unit = {i: table[:, i] / norm for i, norm in enumerate(norms) if norm > floor}
+    groups: list[list[int]] = []
+    for i, column in unit.items():
+        like = next((g for g in groups if _residual_norm(column, [unit[g[0]]]) < DEPENDENCE), None)
+        if like is None:
+            groups.append([i])
+        else:
+            like.append(i)
+    basis: list[int] = []
+    combined = []
+    for i in (group[0] for group in groups):
+        if basis and _residual_norm(unit[i], [unit[j] for j in basis]) < DEPENDENCE:
+            combined.append(tuple(sorted((*_fewest(i, basis, unit), i))))
+        else:
+            basis.append(i)
+    return [tuple(group) for group in groups if len(group) > 1] + combined
+
+
+def _fewest(i: int, basis: list[int], unit: Mapping[int, Array]) -> list[int]:
+    """Columns of the basis that are needed for column i: the others are dropped one by one."""
+    needed = list(basis)
+    for j in reversed(basis):
+        fewer = [k for k in needed if k != j]
+        if fewer and _residual_norm(unit[i], [unit[k] for k in fewer]) < DEPENDENCE:
+            needed = fewer
+    return needed
+
+
+def _residual_norm(column: Array, others: list[Array]) -> float:
+    """Norm of the residual of a column that is fitted by others."""
+    matrix = np.column_stack(others)
+    return float(np.linalg.norm(column - matrix @ np.linalg.lstsq(matrix, column, rcond=None)[0]))

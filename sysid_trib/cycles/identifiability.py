@@ -1,10 +1,8 @@
 """Which forces a method cannot tell apart by principle, whatever the record."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, dependent_columns
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
@@ -12,8 +10,6 @@ from sysid_trib.simulation.internal_states import states_along
 
 AMPLITUDES = 96
 COMPARED_POINTS = 2000
-# Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
-DEPENDENCE = 1e-11
 # Instants at which forces holding t are compared (s): an amplitude may be met at any time.
 LATEST_TIME = 20.0
 
@@ -119,58 +115,6 @@ def exactly_dependent(
         columns.append(force.value(x, v, t, shapes=shapes, hidden=hidden))
     groups = dependent_columns(np.column_stack(columns)) if columns else []
     return [tuple(forces[i].symbol for i in group) for group in groups]
-
-
-def dependent_columns(table: Array) -> list[tuple[int, ...]]:
-    """Groups of linearly dependent columns of a matrix, each as small as can be.
-
-    Parameters
-    ----------
-    table : (row, column) array of float
-        Finite. Columns of zeros are in no group.
-
-    Returns
-    -------
-    list of tuple of int
-        Proportional columns first, in groups as large as they are; then, for each further column that is a
-        combination of columns before it, the column with the fewest of these that make it up.
-    """
-    # Lengths and residuals are those of the triangular factor, which has few rows.
-    table = np.asarray(np.linalg.qr(np.asarray(table, dtype=float), mode="r"), dtype=float)
-    norms = np.linalg.norm(table, axis=0)
-    floor = 1e-14 * norms.max(initial=0.0)
-    unit = {i: table[:, i] / norm for i, norm in enumerate(norms) if norm > floor}
-    groups: list[list[int]] = []
-    for i, column in unit.items():
-        like = next((g for g in groups if _residual_norm(column, [unit[g[0]]]) < DEPENDENCE), None)
-        if like is None:
-            groups.append([i])
-        else:
-            like.append(i)
-    basis: list[int] = []
-    combined = []
-    for i in (group[0] for group in groups):
-        if basis and _residual_norm(unit[i], [unit[j] for j in basis]) < DEPENDENCE:
-            combined.append(tuple(sorted((*_fewest(i, basis, unit), i))))
-        else:
-            basis.append(i)
-    return [tuple(group) for group in groups if len(group) > 1] + combined
-
-
-def _fewest(i: int, basis: list[int], unit: Mapping[int, Array]) -> list[int]:
-    """Columns of the basis that are needed for column i: the others are dropped one by one."""
-    needed = list(basis)
-    for j in reversed(basis):
-        fewer = [k for k in needed if k != j]
-        if fewer and _residual_norm(unit[i], [unit[k] for k in fewer]) < DEPENDENCE:
-            needed = fewer
-    return needed
-
-
-def _residual_norm(column: Array, others: list[Array]) -> float:
-    """Norm of the residual of a column that is fitted by others."""
-    matrix = np.column_stack(others)
-    return float(np.linalg.norm(column - matrix @ np.linalg.lstsq(matrix, column, rcond=None)[0]))
 
 
 def _signature_table(

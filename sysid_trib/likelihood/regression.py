@@ -8,8 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array, Mask
-from sysid_trib.cycles.identifiability import dependent_columns
+from sysid_trib.arrays import Array, Mask, dependent_columns
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.likelihood.force_columns import cell_averages, value_along
