@@ -142,7 +142,7 @@ def test_the_house_does_not_grow():
     now = numbers()
     assert len(arrows()) <= 140
     assert now["files"] <= 224
-    assert now["code lines"] <= 28_966
+    assert now["code lines"] <= 28_964
     assert now["classes"] <= 153
     assert now["code lines of tests"] <= 10_000
     assert now["code lines of benchmarks"] <= 5_537

@@ -169,24 +169,22 @@ def solve(
     _check_rank(free, names, sum(table[2][-1] + 1 for table in tables))
     linear = [_linear(equations, run) for run in measured]
     size = np.linalg.norm(design, axis=0)
-    plain = _plain_weights(design, last=rule == "last")
-    parameters = plain @ target
+    weights = _plain_weights(design, last=rule == "last")
+    parameters = weights @ target
     rounded = [_with_rounding(run) for run in measured]
     ends = np.cumsum([len(table[1]) for table in tables])[:-1]
     # The covariance depends on the parameters: weakly, but where averages over a cycle leave much of a
-    # record, which would be weighed by what is wrong.
-    for _ in range(1 if names else 2):
+    # record, which would be weighed by what is wrong. Plain ones do not depend on it.
+    for _ in range(2 if rule == "weighted" and not names else 1):
         runs = [at(parameters) for at in linear]
         noises = [run.noise(errors) for run, errors in zip(runs, rounded, strict=True)]
         factors = [whitener(noise) for noise in noises]
-        pairs = list(zip(factors, np.split(design / size, ends), strict=True))
         if rule == "weighted":
+            pairs = list(zip(factors, np.split(design / size, ends), strict=True))
             white = np.concatenate([whiten(factor, part) for factor, part in pairs])
             inverse = np.linalg.inv(white.T @ white) / size[:, None]
             weights = inverse @ np.concatenate([cho_solve_banded((f, True), part) for f, part in pairs]).T
-        else:
-            weights = plain
-        parameters = weights @ target
+            parameters = weights @ target
     influence = [part @ noise for part, noise in zip(np.split(weights, ends, axis=1), noises, strict=True)]
     solved = [replace(run, residual=y - a @ parameters) for run, (a, y, _) in zip(runs, tables, strict=True)]
     return EquationSolution(parameters, np.hstack(influence), solved, factors)

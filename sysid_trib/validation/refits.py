@@ -30,8 +30,6 @@ from sysid_trib.validation.model_error import between
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01
 MIXED_UNITS = "1; rad/s for the frequency"
-
-
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
 # One fit: what it is, the method, and the runs.
