@@ -30,7 +30,7 @@ default_role = "py:obj"
 add_module_names = False
 autodoc_member_order = "bysource"
 # What scikit-learn adds to every estimator.
-autodoc_default_options = {"exclude-members": "set_fit_request, set_transform_request"}
+autodoc_default_options = {"exclude-members": "set_fit_request, set_score_request, set_transform_request"}
 autodoc_typehints_format = "short"
 numpydoc_show_class_members = False
 toc_object_entries_show_parents = "hide"
