@@ -11,25 +11,14 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results.files import is_of_driven
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, record_groups, signal_units, variable
-from sysid_trib.validation.findings import main_result
+from sysid_trib.simulation.model import Model
+from sysid_trib.validation import rivals as models
 from sysid_trib.validation.holdout import first_held_out
 from sysid_trib.validation.model_error import error_parts
-from sysid_trib.validation.rivals import (
-    ODDS,
-    STATED,
-    Rival,
-    RunPrediction,
-    covariance_after,
-    informed,
-    log_odds,
-    parting_of,
-    rivals_of,
-    stated_rival,
-)
+from sysid_trib.validation.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
 
 Span: TypeAlias = tuple[float | None, float | None]
 # Releases and durations that are tried between the limits, in equal ratios.
@@ -120,12 +109,7 @@ def _planned(
     tell: Tell,
 ) -> xr.Dataset:
     """`plan`, whose limits of releases and wanted errors are those of the scaled motion."""
-    rivals = rivals_of(result)
-    main = main_result(result) if isinstance(result, xr.DataTree) else result
-    assert main is not None
-    # Errors of a model that a search left are those of its coefficients and shapes together.
-    there = {STATED, *main.force.values.tolist()}
-    known = next((rival for rival in rivals if rival.name in there), None) or stated_rival(main)
+    main, rivals, known = rivals_of(result)
     wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
     _check_wanted(wanted, known, [rival.name for rival in rivals])
     release, length, kept, measured = _first_record(result)
@@ -142,31 +126,28 @@ def _planned(
     # What is learnt grows with the rate, as white noise lets it, and with the repeats.
     every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
+    push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
     in_part = str(result.attrs.get("held_out", "")).startswith("the last third")
-    runs, rows = [], []
+    runs = list[_Run]()
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
+        given = (release, 0.0), noise, (known.model, push)
         # It may stop in what is held out.
-        times = [_times(end, kept, every) for end in durations]
-        whole, stop = _predicted(known, times, release, noise)
+        stated, stop = _longest(known, [_times(end, kept, every) for end in durations], given)
         lengths = np.unique(np.minimum(durations, stop))
         times = [_times(end, kept, every, in_part=in_part) for end in lengths]
-        others = [rival for rival in rivals if rival is not known]
-        motions = {rival.name: _predicted(rival, times, release, noise)[0] for rival in others}
-        motions[known.name] = whole
-        push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
-        white = _in_white_noise(motions, known, kept / every, release, push)
+        motions = {rival.name: _longest(rival, times, given)[0] for rival in rivals if rival is not known}
+        motions[known.name] = stated
         for length, time in zip(lengths, times, strict=True):
             of_run = {
-                name: RunPrediction(*(part[: len(time)] for part in run))
-                for name, run in white.items()
-                if len(run.angle) >= len(time)
+                name: run.up_to(len(time))
+                for name, run in motions.items()
+                if run is not None and len(run.angle) >= len(time)
             }
-            runs.append((release, length))
-            rows.append((*_worth(rivals, known, main, of_run), of_run, time))
-    if not any(np.isfinite(row[0]) for row in rows):
+            runs.append((release, length, *_worth(rivals, known, main, of_run), of_run, time))
+    if not any(np.isfinite(run[2]) for run in runs):
         raise DecayError("No run within these limits has a motion; take others.")
-    data = _dataset(rivals, known, np.array(runs), rows, wanted, signal_units(main))
+    data = _dataset(rivals, known, runs, wanted, signal_units(main))
     data["samples"] = variable("run", (data.duration.values * rate).astype(int) + 1, "samples")
     return data.assign_attrs(sampling_rate=rate, repeats=repeats)
 
@@ -217,31 +198,18 @@ def _times(length: float, rate: float, every: int, *, in_part: bool = False) -> 
     return time[: first_held_out(time) if in_part else None]
 
 
-def _predicted(
-    rival: Rival, times: Sequence[Array], release: float, noise: float
+def _longest(
+    rival: Rival, times: Sequence[Array], given: tuple[tuple[float, float], float, tuple[Model, float]]
 ) -> tuple[RunPrediction | None, float]:
     """What a rival predicts of the longest run that it has, and when its motion stops (s).
 
     Nothing is fitted after the stop; it is infinite of a motion that does not. None of no such motion.
+    `given` : what `predicted` takes besides.
     """
     for time in reversed(times):
         with suppress(SysidTribError):
-            return rival.predicted(time, (release, 0.0), noise)
+            return predicted(rival, time, *given)
     return None, np.inf
-
-
-def _in_white_noise(
-    motions: Mapping[str, RunPrediction | None], known: Rival, rate: float, release: float, ratio: float
-) -> dict[str, RunPrediction]:
-    """Predictions that there are; innovations where a random force acts, `ratio` to the noise of a sample."""
-    white = {name: run for name, run in motions.items() if run is not None}
-    if not ratio or known.name not in white:
-        return white
-    for name, run in white.items():
-        time = np.arange(len(run.angle)) / rate
-        columns = whitened(known.model, time, (release, 0.0), ratio, np.column_stack([*run]))
-        white[name] = RunPrediction(columns[:, 0], columns[:, 1:-3], columns[:, -3:])
-    return white
 
 
 def _worth(
@@ -256,8 +224,10 @@ def _worth(
     pairs = [(rival, runs[rival.name]) for rival in rivals if rival.name in runs]
     # A model that has no such motion is distinguished by any.
     moving = np.array([rival.probability for rival, _ in pairs])
-    entropy, right = informed(moving, log_odds(pairs)) if len(pairs) > 1 else (0.0, moving.sum())
-    after = covariance_after(runs[known.name])
+    entropy, right = (
+        models.informed(moving, models.log_odds(pairs)) if len(pairs) > 1 else (0.0, moving.sum())
+    )
+    after = models.covariance_after(runs[known.name])
     of_noise = np.sqrt(np.sum((known.directions @ after) * known.directions, axis=1))
     stated = dict(zip(known.model.coefficients, of_noise.tolist(), strict=False))
     of_model = dict(zip(main.force.values.tolist(), error_parts(main)[1].tolist(), strict=True))
@@ -265,49 +235,48 @@ def _worth(
     return entropy, float(right + 1.0 - moving.sum()), errors
 
 
+# Release and duration, the three of `_worth`, what models predict of it by their name, and its times.
+_Run: TypeAlias = tuple[float, float, float, float, Array, dict[str, RunPrediction], Array]
+
+
 def _dataset(
-    rivals: Sequence[Rival],
-    known: Rival,
-    runs: Array,
-    rows: Sequence[tuple[float, float, Array, Mapping[str, RunPrediction], Array]],
-    wanted: Mapping[str, float],
-    unit: str,
+    rivals: Sequence[Rival], known: Rival, runs: Sequence[_Run], wanted: Mapping[str, float], unit: str
 ) -> xr.Dataset:
-    """The Dataset of `plan`, the best run first; of each its `_worth`, what models predict and its times."""
-    entropy, probability, errors = (np.array([row[at] for row in rows]) for at in (0, 1, 2))
-    release, length = runs.T
+    """The Dataset of `plan`, the best run first."""
+    release, length, entropy, probability, errors = (
+        np.array(part) for part in list(zip(*runs, strict=True))[:5]
+    )
     limits = np.array([wanted.get(symbol, np.inf) for symbol in known.fitted])
     meets = np.all(errors <= limits, axis=1)
-    # How far a run is from what is wanted; of runs that tell as much the shorter is the better.
-    lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
-    # Runs that tell as much to a hundredth, or a thousandth of a nat, are as good.
+    # Runs that tell as much to a hundredth, or a thousandth of a nat, are as good: the shorter is the better.
     learnt = np.round(np.log(np.prod(errors / np.nanmin(errors, axis=0), axis=1)), 2)
-    open_names = np.round(entropy, 3) if len(rivals) > 1 else learnt
-    first = np.where(meets, 0.0, lacking) if wanted else open_names
-    order = np.array([at for at in np.lexsort((length, open_names, first)) if np.isfinite(entropy[at])])
+    order = [length, np.round(entropy, 3) if len(rivals) > 1 else learnt]
     if wanted:
-        order = order[np.lexsort((np.where(meets, length, 0.0)[order], first[order]))]
-    text = "standard error by all records"
+        # First how far a run is from what is wanted.
+        lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
+        order += [np.where(meets, length, 0.0), np.where(meets, 0.0, lacking)]
+    best = np.array([at for at in np.lexsort(order) if np.isfinite(entropy[at])])
     variables: Variables = {
-        "amplitude": variable("run", release[order], "release", unit),
-        "duration": variable("run", length[order], "time that is recorded", "s"),
-        "entropy": variable("run", entropy[order], "entropy of the models that is left", "nat"),
-        "probability": variable("run", probability[order], "probability of odds for the right model", "1"),
-        "standard_error": variable(("run", "force"), errors[order], text, PER_FORCE_UNIT),
-        "meets": variable("run", meets[order], "whether it meets what is wanted"),
+        "amplitude": variable("run", release[best], "release", unit),
+        "duration": variable("run", length[best], "time that is recorded", "s"),
+        "entropy": variable("run", entropy[best], "entropy of the models that is left", "nat"),
+        "probability": variable("run", probability[best], "probability of odds for the right model", "1"),
+        "standard_error": variable(
+            ("run", "force"), errors[best], "standard error by all records", PER_FORCE_UNIT
+        ),
+        "meets": variable("run", meets[best], "whether it meets what is wanted"),
     }
-    names = [rival.name for rival in rivals]
-    probabilities = [float(rival.probability) for rival in rivals]
     data = xr.Dataset(variables, {"force": known.fitted})
-    data.attrs = {"models": names, "probabilities": probabilities, "odds": ODDS}
+    names = [rival.name for rival in rivals]
+    data.attrs = {"models": names, "probabilities": [rival.probability for rival in rivals], "odds": ODDS}
     if len(rivals) == 1:
         return data
-    *_, predictions, time = rows[order[0]]
+    *_, predictions, time = runs[best[0]]
     ranked = sorted(rivals, key=lambda rival: -rival.probability)
     likeliest = [rival.name for rival in ranked if rival.name in predictions][:2]
     log_ratio = np.full(len(time), np.nan)
     if len(likeliest) == 2:
-        log_ratio = 0.5 * parting_of(*(predictions[name] for name in likeliest))
+        log_ratio = 0.5 * models.parting_of(*(predictions[name] for name in likeliest))
     data = data.assign_coords(time=time)
     data["parting"] = variable("time", log_ratio, "logarithm of the likelihood ratio up to a time", "nat")
     data.parting.attrs["models"] = likeliest

@@ -17,12 +17,7 @@ from sysid_trib.likelihood.trials import slope_of_unit
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
-from sysid_trib.results.effects import (
-    added_effects,
-    candidates_of,
-    credible_set,
-    misnamed_effects,
-)
+from sysid_trib.results.effects import added_effects, candidates_of, credible_set, misnamed_effects
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
@@ -34,8 +29,6 @@ from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.model_error import error_parts
 from sysid_trib.validation.random_force_test import orthonormal
 
-# Name of the model of an identification.
-STATED = "the model"
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
 # Of what each model may make a run, its parameters and the noise, as many are drawn.
@@ -52,6 +45,14 @@ class RunPrediction(NamedTuple):
     angle: Array
     known: Array
     free: Array
+
+    def up_to(self, count: int) -> "RunPrediction":
+        """The first samples."""
+        return RunPrediction(*(part[:count] for part in self))
+
+    def own(self) -> Array:
+        """What is known of the motion that neither start nor zero can make, (sample, direction)."""
+        return np.asarray(self.known - self.free @ np.linalg.lstsq(self.free, self.known, rcond=None)[0])
 
 
 @dataclass(frozen=True)
@@ -84,47 +85,52 @@ class Rival:
         errors = np.linalg.norm(self.directions, axis=1)
         return [s for s, error in zip(self.model.coefficients, errors, strict=False) if error > 0.0]
 
-    def predicted(self, time: Array, start: tuple[float, float], noise: float) -> tuple[RunPrediction, float]:
-        """What it predicts after a start (angle, rad, and rate, rad/s), in noise of this standard deviation.
 
-        Beside it when the motion stops (s), infinite if it does not.
+def predicted(
+    rival: Rival, time: Array, start: tuple[float, float], noise: float, pushed: tuple[Model, float]
+) -> tuple[RunPrediction, float]:
+    """What a rival predicts after a start (angle, rad, and rate, rad/s), in noise of this standard deviation.
 
-        Raises
-        ------
-        SimulationError
-            The model has no such motion.
-        """
-        *motion, stop = _columns(self.model, time, start)
-        angle, columns, free = (part / noise for part in motion)
-        return RunPrediction(angle, columns @ self.directions, free), stop
+    Beside it when the motion stops (s), infinite if it does not. `pushed` : the model about whose motion a
+    random force acts, and its ratio to the noise of a sample: then innovations are predicted.
 
-
-def _columns(model: Model, time: Array, start: tuple[float, float]) -> tuple[Array, Array, Array, float]:
-    """A motion (sample,), its derivatives by parameters, and by its start and the sensor's zero; its stop."""
+    Raises
+    ------
+    SimulationError
+        The model has no such motion.
+    """
+    model, (pushed_model, ratio) = rival.model, pushed
     names = [*model.coefficients, *model.shapes, FREQUENCY, BY_ANGLE, BY_RATE]
     motion = trajectory(model, time, *start, by=names)
     by = motion.derivatives["angle"]
-    free = np.column_stack([by[:, -2:], np.ones(len(time))])
-    return motion.angle, by[:, :-2], free, float(np.nan_to_num(motion.stop_time, nan=np.inf))
+    columns = np.column_stack([motion.angle, by, np.ones(len(time))]) / noise
+    columns = whitened(pushed_model, time, start, ratio, columns)
+    run = RunPrediction(columns[:, 0], columns[:, 1:-3] @ rival.directions, columns[:, -3:])
+    return run, float(np.nan_to_num(motion.stop_time, nan=np.inf))
 
 
-def rivals_of(result: xr.Dataset | xr.DataTree) -> list[Rival]:
+def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival], Rival]:
     """The models that a result leaves: one of an identification, of a discovery those of its last set.
+
+    Before them the identification that stands for it, behind them the model whose errors are stated: of a
+    search that of its coefficients and shapes together.
 
     Raises
     ------
     UsageError
         Nothing was identified.
     """
-    if isinstance(result, xr.DataTree) and kind_of(result) == "discover" and added_effects(result):
-        return _of_discovery(result)
     main = main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
         raise UsageError("plan wants a result that identified a model.")
-    return [stated_rival(main)]
+    stated = _stated(main)
+    if not (isinstance(result, xr.DataTree) and kind_of(result) == "discover" and added_effects(result)):
+        return main, [stated], stated
+    rivals = _of_discovery(result)
+    return main, rivals, next((rival for rival in rivals if rival.name in main.force), stated)
 
 
-def stated_rival(result: xr.Dataset) -> Rival:
+def _stated(result: xr.Dataset) -> Rival:
     """The model of an identification, with the covariance that it states but for the error of the model."""
     model = model_of(result)
     symbols = [s for s in result.force.values.tolist() if s in model.coefficients]
@@ -133,88 +139,81 @@ def stated_rival(result: xr.Dataset) -> Rival:
     part = np.append(of_noise[np.isin(result.force.values, symbols)], 1.0)
     count, shapes = len(symbols), len(model.shapes)
     directions = np.zeros((count + shapes + 1, count + 1))
-    at = [*range(count), count + shapes]
-    directions[at] = covariance_root(covariance * np.outer(part, part))
-    return Rival(STATED, model, directions, 1.0)
+    directions[[*range(count), count + shapes]] = covariance_root(covariance * np.outer(part, part))
+    return Rival("the model", model, directions, 1.0)
 
 
 def _of_discovery(tree: xr.DataTree) -> list[Rival]:
     """The models with each candidate of the last credible set in the place of the last effect."""
-    step = tree["steps"].to_dataset().isel(step=-1)
-    offered, after = candidates_of(tree), tree["after"].to_dataset()
+    step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
+    offered, misnamed, options = (
+        candidates_of(tree),
+        misnamed_effects(tree),
+        json.loads(tree.attrs["options"]),
+    )
     rest = [force for force in library_of(after) if force.symbol != step.symbol.item()]
     records = [tree[group].to_dataset() for group in record_groups(tree)]
     likely, rivals = credible_set(step), list[Rival]()
     for symbol in [symbol for symbol in likely if symbol in offered.symbols]:
         library = ForceLibrary("rival", (*rest, offered[symbol]))
+        # The evidence of an effect falls where its coefficient is not the one that physics knows.
+        known = {
+            force.symbol: force.coefficient
+            for force in library
+            if force.symbol in offered.symbols and force.coefficient and force.symbol not in misnamed
+        }
+        method = Direct(
+            options["reference_frequency"],
+            shapes=_shapes(step, after, library),
+            random_force=random_force_of(after).density or "off",
+            constraints={**options["constraints"], **known},
+        )
         with suppress(SysidTribError):
-            fitted = _fitted(tree, library, records)
-            rivals.append(Rival(symbol, model_of(fitted), _by_records(fitted, records), likely[symbol]))
+            rivals.append(_by_records(symbol, method.identify(records, library), records, likely[symbol]))
     total = sum(rival.probability for rival in rivals)
     return [replace(rival, probability=rival.probability / total) for rival in rivals]
 
 
-def _fitted(tree: xr.DataTree, library: ForceLibrary, records: Sequence[xr.Dataset]) -> xr.Dataset:
-    """The identification of a rival by the records, as the search asks for it."""
-    step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
-    offered, misnamed = candidates_of(tree), misnamed_effects(tree)
-    options = json.loads(tree.attrs["options"])
-    # The evidence of an effect falls where its coefficient is not the one that physics knows.
-    known = {
-        force.symbol: force.coefficient
-        for force in library
-        if force.symbol in offered.symbols and force.coefficient and force.symbol not in misnamed
-    }
+def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[str, float]:
+    """Shape parameters of a rival as the search had them, those of its candidate from the last step."""
     # A result that an older version saved has no shapes of candidates.
     shapes = library.shape_values() | shape_values_of(after, library)
     for name in shapes.keys() & set(step.get("competing_shape_parameter", xr.DataArray([])).values.tolist()):
         value = step.competing_shape.sel(competing_shape_parameter=name).item()
         shapes[name] = value if np.isfinite(value) else shapes[name]
-    method = Direct(
-        options["reference_frequency"],
-        shapes=shapes,
-        random_force=random_force_of(after).density or "off",
-        constraints={**options["constraints"], **known},
-    )
-    return method.identify(records, library)
+    return shapes
 
 
-def _by_records(result: xr.Dataset, records: Sequence[xr.Dataset]) -> Array:
-    """Directions of what records leave of the parameters of a model: by the inverse of their information.
+def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], probability: float) -> Rival:
+    """A rival, with the inverse of what records inform of its parameters as their covariance.
 
     A shape has a Gaussian prior whose density is that of even ones over its range, as in the evidence.
     """
-    model = model_of(result)
+    model, library = model_of(result), library_of(result)
     shapes = [(name.partition("."), value) for name, value in model.shapes.items()]
-    library = library_of(result)
     unit = np.array([slope_of_unit(library[force].shape[name], value) for (force, _, name), value in shapes])
     held = result.standard_error.sel(force=list(model.coefficients)).values == 0.0
-    count = len(held) + len(unit) + 1
-    information = np.zeros((count, count))
-    at = np.arange(len(held), count - 1)
-    information[at, at] = 2.0 * np.pi / unit**2
-    for run, record in enumerate(records):
-        angle, rate = (float(np.ravel(result[f"start_{name}"])[run]) for name in ("angle", "rate"))
-        time, noise = record.time.values, noise_of_run(result, run)
-        _, columns, free, _ = _columns(model, time, (angle, rate))
-        push = random_force_of(result, run).per_tau(model.reference_frequency)
-        columns = whitened(model, time, (angle, rate), push / noise**2, np.hstack([columns, free]))
-        columns, free = columns[:, :-3], columns[:, -3:]
-        columns = columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0]
-        information += columns.T @ columns / noise**2
     fitted = result.reference_frequency_standard_error.item() > 0.0
     is_free = np.flatnonzero([*~held, *np.full(len(unit), True), fitted])
-    information = information[np.ix_(is_free, is_free)]
+    count, at = len(held) + len(unit) + 1, np.arange(len(held), len(held) + len(unit))
+    directions = np.eye(count)[:, is_free]
+    prior = np.zeros(count)
+    prior[at] = 2.0 * np.pi / unit**2
+    information, rival = np.diag(prior[is_free]), Rival(name, model, directions, probability)
+    for run, record in enumerate(records):
+        start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
+        noise = noise_of_run(result, run)
+        ratio = random_force_of(result, run).per_tau(model.reference_frequency) / noise**2
+        own = predicted(rival, record.time.values, start, noise, (model, ratio))[0].own()
+        information += own.T @ own
     size = np.sqrt(np.diag(information))
     covariance = np.linalg.pinv(information / np.outer(size, size), rcond=1e-12, hermitian=True)
-    directions = np.zeros((count, len(is_free)))
-    directions[is_free] = covariance_root(covariance / np.outer(size, size))
-    return directions
+    return replace(rival, directions=directions @ covariance_root(covariance / np.outer(size, size)))
 
 
 def covariance_after(run: RunPrediction) -> Array:
     """Covariance of the directions after a run, its start and zero unknown; before it that is one."""
-    own = run.known - run.free @ np.linalg.lstsq(run.free, run.known, rcond=None)[0]
+    own = run.own()
     return np.asarray(np.linalg.inv(np.eye(own.shape[1]) + own.T @ own))
 
 
