@@ -1,6 +1,6 @@
 """A model: forces with coefficients at a reference frequency, and its motion as a switching system."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -108,8 +108,8 @@ def check_shapes(names: Iterable[str], library: ForceLibrary) -> None:
 class Motion:
     """The equations of motion under some forces, for any coefficients, shapes and frequency.
 
-    The states `y` are x, v, the states of forces, then what is given over time; the parameters `p` the
-    coefficients, the shapes, 1/w and the memory.
+    The states `y` are x, v and the states of forces; the parameters `p` the coefficients, the shapes, 1/w and
+    the memory.
 
     Parameters
     ----------
@@ -140,21 +140,14 @@ class Motion:
         return tuple(f"{f.symbol}.{k}" for f in self.forces for k in f.memory)
 
     @cached_property
-    def switches(self) -> dict[str, tuple[int, Formula]]:
+    def switches(self) -> dict[str, tuple[Force, Formula]]:
         """Switching surfaces and a force whose names each holds; v comes first where a reversal matters."""
-        switches: dict[str, tuple[int, Formula]] = {}
-        for i, force in enumerate(self.forces):
+        switches: dict[str, tuple[Force, Formula]] = {}
+        for force in self.forces:
             for surface in force.surfaces:
-                switches.setdefault(self.key(i, surface), (i, surface))
-        v = switches.pop("v", (0, RATE))
-        reverses = any("v" in surface.names for f in self.forces for surface in f.surfaces)
-        return {"v": v, **switches} if reverses or self.memory else switches
-
-    def key(self, i: int, surface: Formula) -> str:
-        """Name of a force's surface: forces share those of x, v and t, and keep those of their own states."""
-        force = self.forces[i]
-        common = {"x", "v", "t", *(channel.name for channel in force.channels)}
-        return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"
+                switches.setdefault(surface_key(force, surface), (force, surface))
+        reverses = self.memory or any("v" in surface.names for f in self.forces for surface in f.surfaces)
+        return {"v": (self.forces[0], RATE)} | switches if reverses else switches
 
     @cached_property
     def memory_at(self) -> slice:
@@ -162,63 +155,40 @@ class Motion:
         first = len(self.forces) + len(self.shapes) + 1
         return slice(first, first + len(self.memory))
 
-    def parameters(self, model: Model) -> Vector:
-        """`p` of a model, memory still zero."""
-        coefficients = [model.coefficients.get(f.symbol, 0.0) for f in self.forces]
-        shapes = [value for f in self.forces for value in f.shape_values(model.shapes).values()]
-        return np.array([*coefficients, *shapes, 1.0 / model.reference_frequency, *[0.0] * len(self.memory)])
-
-    def names(self, i: int, y: Sequence[Any], p: Sequence[Any], tau: Any) -> dict[str, Any]:
-        """Values of all that the formulas of a force hold."""
-        names = {"x": y[0], "v": y[1]}
-        if self.forces[i].holds_time:
-            names["t"] = tau * p[self.memory_at.start - 1]
-        names |= {name: y[j] for name, j in self._in_y[i].items()}
-        return names | {name: p[j] for name, j in self._in_p[i].items()}
-
     def start(self, model: Model, x: float, v: float) -> tuple[Vector, Vector]:
         """`y` with the states, and `p` with the memory, that the forces of a model start with."""
-        y, p = np.zeros(len(self.variables)), self.parameters(model)
-        y[:2] = x, v
-        for i, force in enumerate(self.forces):
-            for name, value in force.start_values(self._at_start(i, p, x, v)).items():
-                if name in force.state:
-                    y[self._in_y[i][name]] = value
-                else:
-                    p[self._in_p[i][name]] = value
-        return y, p
+        begun: dict[str, float] = {}
+        for force in self.forces:
+            if not force.memoryless:
+                values = force.start_values(_at_start(force, model, x, v))
+                begun |= {f"{force.symbol}.{k}": value for k, value in values.items()}
+        coefficients = [model.coefficients.get(f.symbol, 0.0) for f in self.forces]
+        shapes = [value for f in self.forces for value in f.shape_values(model.shapes).values()]
+        memory = [begun[name] for name in self.memory]
+        p = np.array([*coefficients, *shapes, 1.0 / model.reference_frequency, *memory])
+        return np.array([x, v, *(begun[name] for name in self.variables[2:])], dtype=float), p
 
     def start_derivatives(self, model: Model, at: tuple[float, float], dy: Vector, dp: Vector) -> None:
         """Add what states and memory start with to the derivatives of `y` and `p`, (entry, parameter)."""
-        p = self.parameters(model)
-        for i, force in enumerate(self.forces):
-            names = self._at_start(i, p, *at)
-            origins = {"x": dy[0], "v": dy[1], **{k: dp[self._in_p[i][k]] for k in force.shape}}
+        fixed = dp[len(self.forces) :]
+        of = dict(zip((*self.shapes, "1/w", *self.memory), fixed, strict=True))
+        of |= dict(zip(self.variables, dy, strict=True))
+        for force in self.forces:
+            names = _at_start(force, model, *at)
             for name, formula in force.start.items():
-                target = dy[self._in_y[i][name]] if name in force.state else dp[self._in_p[i][name]]
-                for origin in sorted(formula.names & origins.keys()):
-                    target += float(formula.derivative(names, origin)) * origins[origin]
+                for origin in sorted(formula.names & {"x", "v", *force.shape}):
+                    source = of[f"{force.symbol}.{origin}" if origin in force.shape else origin]
+                    of[f"{force.symbol}.{name}"] += float(formula.derivative(names, origin)) * source
 
-    def _at_start(self, i: int, p: Vector, x: float, v: float) -> dict[str, float]:
-        return {"x": x, "v": v, "t": 0.0, **{k: p[j] for k, j in self._in_p[i].items()}}
 
-    @cached_property
-    def _in_y(self) -> tuple[dict[str, int], ...]:
-        first = len(self.variables)
-        return tuple(
-            {k: self.variables.index(f"{f.symbol}.{k}") for k in f.state}
-            | {channel.name: first + self.channels.index(channel) for channel in f.channels}
-            for f in self.forces
-        )
+def surface_key(force: Force, surface: Formula) -> str:
+    """Name of a force's surface: forces share those of x, v and t, and keep those of their own states."""
+    common = {"x", "v", "t", *(channel.name for channel in force.channels)}
+    return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"
 
-    @cached_property
-    def _in_p(self) -> tuple[dict[str, int], ...]:
-        shapes, memory = len(self.forces), self.memory_at.start
-        return tuple(
-            {k: shapes + self.shapes.index(f"{f.symbol}.{k}") for k in f.shape}
-            | {k: memory + self.memory.index(f"{f.symbol}.{k}") for k in f.memory}
-            for f in self.forces
-        )
+
+def _at_start(force: Force, model: Model, x: float, v: float) -> dict[str, float]:
+    return {"x": x, "v": v, "t": 0.0, **force.shape_values(model.shapes)}
 
 
 @lru_cache(maxsize=512)
@@ -237,37 +207,38 @@ def program_of(
     rows = Listing(states + 1 + channels, 1 + fixed)
     slots = [Slot(rows, i) for i in range(rows.inputs)]
     tau, given, (pace, *p) = slots[states], slots[states + 1 : -1 - fixed], slots[-1 - fixed :]
-    y = [*slots[:states], *given[int(forced) :]]
+    own = (*motion.variables, *motion.shapes, "1/w", *motion.memory)
+    named = dict(zip(own, [*slots[:states], *p[len(forces) :]], strict=True))
+    inputs = zip((channel.name for channel in motion.channels), given[int(forced) :], strict=True)
+    common = {"x": named["x"], "v": named["v"], "t": tau * named["1/w"], **dict(inputs)}
     signs: dict[str, Slot] = {}
     surfaces: list[int] = []
 
-    def value(i: int, formula: Formula) -> Any:
+    def names(force: Force) -> dict[str, Any]:
+        """All that the formulas of a force hold."""
+        its = (*force.state, *force.shape, *force.memory)
+        return common | {k: named[f"{force.symbol}.{k}"] for k in its}
+
+    def value(force: Force, formula: Formula) -> Any:
         """Value of a formula of a force on the branch of the signs."""
         # Inner surfaces come first: their signs are known where an outer one is reached.
-        own = {s.text: signs.get(motion.key(i, s), 0.0) for s in forces[i].surfaces}
-        return formula.evaluate(motion.names(i, y, p, tau), FUNCTIONS, own)
+        known = {s.text: signs.get(surface_key(force, s), 0.0) for s in force.surfaces}
+        return formula.evaluate(names(force), FUNCTIONS, known)
 
-    for key, (i, surface) in motion.switches.items():
-        at_zero = rows.slot(value(i, surface))
+    for key, switch in motion.switches.items():
+        at_zero = rows.slot(value(*switch))
         surfaces.append(at_zero)
         signs[key] = Slot(rows, rows.add(SIGN, at_zero))
-    acceleration = -y[0]
-    for i, force in enumerate(forces):
-        acceleration = acceleration - p[i] * value(i, force.formula)
+    x, v = slots[:2]
+    acceleration = -x
+    for coefficient, force in zip(p, forces, strict=False):
+        acceleration = acceleration - coefficient * value(force, force.formula)
     if forced:
         acceleration = acceleration + given[0]
-    rates = [
-        y[1],
-        acceleration,
-        *(value(i, f) for i, force in enumerate(forces) for f in force.state.values()),
-    ]
+    rates = [v, acceleration, *(value(force, f) for force in forces for f in force.state.values())]
     ends = [rows.slot(pace * rate if paced else rate) for rate in rates]
     main = len(rows.rows)
     live = live_functions(rows)
-    replaced = [
-        rows.slot(formula.evaluate(motion.names(i, y, p, tau), live))
-        for i, force in enumerate(forces)
-        for formula in force.memory.values()
-    ]
+    replaced = [rows.slot(f.evaluate(names(force), live)) for force in forces for f in force.memory.values()]
     outputs = ends, surfaces, [sign.index for sign in signs.values()], replaced
     return motion, rows.tidied(main, (states, channels), outputs)
