@@ -11,6 +11,7 @@ from command_line import run
 from sysid_trib import load_library
 from sysid_trib.commands.app import app, examples_of
 from sysid_trib.commands.terminal import print_table
+from sysid_trib.plots.declared import figures_of
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results import files as result_files
@@ -103,10 +104,11 @@ def test_result_file(twin, tree):
     assert tree["record"].ds.simulated_angle.sizes["model"] == 2
 
 
-def test_figure(twin):
+def test_figure(twin, tree):
     written = sorted(path.name for path in (twin[0] / "new" / "figures").iterdir())
-    figures = ("overview",)
-    assert written == [f"{name}.{kind}" for name in figures for kind in ("pdf", "png")]
+    names = {name for figure in figures_of("cross_check") for name, *_ in figure.drawings(tree)}
+    assert written == [f"{name}.{kind}" for name in sorted(names) for kind in ("pdf", "png")]
+    assert "overview" in names
     assert (twin[0] / "new/figures/overview.png").read_bytes().startswith(b"\x89PNG")
 
 

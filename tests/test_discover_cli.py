@@ -11,6 +11,7 @@ from helpers import FIVE, W, library_of_formulas, sentences_of
 from sysid_trib import Model, load
 from sysid_trib.commands.options import SearchOptions
 from sysid_trib.commands.terminal import command_after
+from sysid_trib.plots.declared import figures_of
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.printing.next_step import next_step
@@ -144,9 +145,8 @@ def test_figures_are_written(folder, tmp_path):
     ending = small(folder, folder / "cubic.csv", "--plot", tmp_path / "new" / "figures")
     assert (ending.status, ending.err) == (0, "")
     names = {path.name for path in (tmp_path / "new" / "figures").iterdir()}
-    assert names == {
-        f"{name}.{ending}" for name in ("overview", "story", "ranking") for ending in ("pdf", "png")
-    }
+    figures = [figure.draw.__name__ for figure in figures_of("discover")]
+    assert names == {f"{name}.{ending}" for name in figures for ending in ("pdf", "png")}
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,6 @@ from sysid_trib.printing import Block, Layer
 if TYPE_CHECKING:
     import xarray as xr
 
-# By the name of its file, what draws a figure: the name of a function of `plots`, and its arguments.
-Drawings = Mapping[str, tuple[Any, ...]]
 # mm.
 INCH = 25.4
 # Options that name what a command reads.
@@ -87,9 +85,10 @@ def deliver(
     into: Shown,
     tell: Tell,
     says: tuple[Callable[[], Sequence[Block]], Callable[[], dict[str, Any]]],
-    figures: Drawings,
-    tree: "xr.DataTree | None" = None,
+    tree: "xr.DataTree",
     texts: Mapping[Path | None, Callable[[], str]] | None = None,
+    *,
+    kind: str = "",
 ) -> Callable[[], None]:
     """Save and draw a result.
 
@@ -101,12 +100,12 @@ def deliver(
         Called with what begins.
     says : pair of callable
         What is printed, in layers, and as JSON.
-    figures : mapping
-        See `Drawings`.
-    tree : DataTree, optional
+    tree : DataTree
         What a file of netCDF holds, with the command that made it.
     texts : mapping of Path to callable, optional
         What stands in files of text; None as a place is no file.
+    kind : str
+        Figures of which kind are drawn, where that of the result does not say it.
 
     Returns
     -------
@@ -118,17 +117,16 @@ def deliver(
     tell("files")
     written = {place: text_of for place, text_of in (texts or {}).items() if place is not None}
     places = [getattr(into, "output", None), *written, into.plot]
-    if tree is not None:
-        tree.attrs["command"] = command_line()
-        if places[0] is not None:
-            save(tree, places[0])
+    tree.attrs["command"] = command_line()
+    if places[0] is not None:
+        save(tree, places[0])
     for place, text_of in written.items():
         write_file(place, text_of().encode())
     if into.plot is not None:
-        _draw(figures, into.plot, into.width / INCH, tell)
+        _draw(tree, kind, into.plot, into.width / INCH, tell)
     tell("what is to be said")
     whole = isinstance(into, Destination)
-    following = tree.attrs.get("next", "") if tree is not None and whole else ""
+    following = tree.attrs.get("next", "") if whole else ""
     if into.as_json:
         return partial(print_json, says[1]() | ({"next": following} if whole else {}))
     layer = Layer.DEFAULT
@@ -144,23 +142,16 @@ def print_json(data: Mapping[str, Any]) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def _draw(figures: Drawings, folder: Path, width: float, tell: Tell) -> None:
-    """Write figures of a width in inches."""
+def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell) -> None:
+    """Write the figures of a result, of a width in inches."""
     tell("figures")
-    from sysid_trib import plots
-    from sysid_trib.results.files import write_figure
+    from sysid_trib.plots.declared import figures_of
+    from sysid_trib.results.files import kind_of, write_figure
 
-    for at, (name, (draw, *of)) in enumerate(figures.items()):
-        tell(f"figure {name}", at / len(figures))
-        write_figure(getattr(plots, draw)(*of, width=width), folder / name)
-
-
-def figures_of_runs(tree: "xr.DataTree", name: str) -> dict[str, tuple[Any, ...]]:
-    """A figure of each run of a result, as `Drawings`."""
-    from sysid_trib.results.variables import group_names, record_groups
-
-    names = group_names(name, len(record_groups(tree)))
-    return {label: (name, tree, run) for run, label in enumerate(names)}
+    drawings = [one for figure in figures_of(kind or kind_of(tree)) for one in figure.drawings(tree)]
+    for at, (name, _, draw) in enumerate(drawings):
+        tell(f"figure {name}", at / len(drawings))
+        write_figure(draw(width=width), folder / name)
 
 
 def texts_of(into: Destination, tree: "xr.DataTree") -> dict[Path | None, Callable[[], str]]:

@@ -10,7 +10,7 @@ import xarray as xr
 
 from sysid_trib.commands.asked import asked_model
 from sysid_trib.commands.checks import parse_value_with_error
-from sysid_trib.commands.destination import Drawings, deliver, figures_of_runs, texts_of
+from sysid_trib.commands.destination import deliver, texts_of
 from sysid_trib.commands.options import DecayOptions, Destination, ModelOptions
 from sysid_trib.commands.own_options import IdentifyOptions
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
@@ -23,7 +23,6 @@ from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
-from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation import findings, profiles, refits
 from sysid_trib.validation.compare import compare as compared
 from sysid_trib.validation.driven import is_driven, predict
@@ -86,7 +85,7 @@ def identify(
         texts[asked.methods] = partial(exported.methods_text, tree)
         texts[asked.methods.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
-    return deliver(into, tell, says, _figures(tree), tree, texts)
+    return deliver(into, tell, says, tree, texts)
 
 
 def _measured(asked: IdentifyOptions) -> dict[str, tuple[float, float]]:
@@ -118,29 +117,14 @@ def _add_sureness(
 def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
     """What is printed of an identification, of free decays or with inputs."""
     sentences = record_sentences(tree, sources)
-    if kind_of(tree) == "driven":
-        said = [*driven.driven_blocks(tree, sentences), *sureness.sureness_blocks(tree)]
-    else:
-        said = identification.identification_blocks(tree, sentences)
+    of_kind = driven.driven_blocks if kind_of(tree) == "driven" else identification.identification_blocks
+    said = of_kind(tree, sentences)
     return [*said, Block(driven.prediction_sentences(predicted), ALWAYS)]
 
 
 def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
     whole = driven.driven_json(tree) if kind_of(tree) == "driven" else json_results.identification_json(tree)
     return whole | driven.prediction_json(predicted) | sureness.sureness_json(tree)
-
-
-def _figures(tree: xr.DataTree) -> Drawings:
-    """The figures of each run, and of those groups that the result has."""
-    count = len(record_groups(tree))
-    followed, bands = (group_names(name, count) for name in ("innovations", "prediction_bands"))
-    groups_of = {"profile": ("profile", "contour"), "sensitivity": ("sensitivity",)}
-    groups_of |= dict(zip(followed, zip(followed, bands, strict=True), strict=True))
-    figures = figures_of_runs(tree, "overview")
-    for name, groups in groups_of.items():
-        if data := [tree[group].to_dataset() for group in groups if group in tree.children]:
-            figures[name] = (name.partition("_")[0], *data)
-    return figures
 
 
 def compare(tell: Tell, given: DecayOptions, model: ModelOptions, into: Destination) -> Callable[[], None]:
@@ -159,8 +143,7 @@ def compare(tell: Tell, given: DecayOptions, model: ModelOptions, into: Destinat
     keep_next(tree, given, model)
     blocks = partial(comparison_blocks, tree, record_sentences(tree, sources))
     says = blocks, partial(json_results.comparison_json, tree)
-    figures = figures_of_runs(tree, "overview") | {"comparison": ("comparison", tree)}
-    return deliver(into, tell, says, figures, tree, texts_of(into, tree))
+    return deliver(into, tell, says, tree, texts_of(into, tree))
 
 
 # Stands between the records of the two samples.
@@ -184,7 +167,7 @@ def difference(tell: Tell, given: DecayOptions, model: ModelOptions, into: Desti
     tree = held_against(first, second, asked.library, method, constraints=table, tell=tell)
     blocks = partial(sureness.difference_blocks, tree, [*of_first, *of_second])
     says = blocks, partial(sureness.difference_json, tree)
-    return deliver(into, tell, says, {"difference": ("difference", tree)}, tree, texts_of(into, tree))
+    return deliver(into, tell, says, tree, texts_of(into, tree))
 
 
 def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:

@@ -9,7 +9,7 @@ import xarray as xr
 
 from sysid_trib.commands.asked import asked_model, asked_search, model_of_file
 from sysid_trib.commands.checks import assigned, parse_window
-from sysid_trib.commands.destination import deliver, figures_of_runs, texts_of
+from sysid_trib.commands.destination import deliver, texts_of
 from sysid_trib.commands.options import (
     DEFAULT_LIBRARY,
     EXAMPLE_FORCES,
@@ -59,10 +59,8 @@ def discover(
         keep_next(tree, given, model, asked)
     stretches = tree.attrs["stretches"]
     sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
-    figures = figures_of_runs(tree, "overview") | figures_of_runs(tree, "story")
-    figures["ranking"] = ("ranking", tree)
     says = partial(discovery_blocks, tree, sentences), partial(discovery_json, tree)
-    return deliver(into, tell, says, figures, tree, texts_of(into, tree))
+    return deliver(into, tell, says, tree, texts_of(into, tree))
 
 
 def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dataset], list[xr.Dataset], str]:
@@ -107,7 +105,7 @@ def plan(
     main = model_of_file(given.records[0] if given.records else Path("the example"), tree)
     data = best_run(tree, **limits, sampling_rate=asked.rate, repeats=asked.repeats, wanted=wanted, tell=tell)
     says = partial(next_step.plan_blocks, data, main), partial(next_step.plan_json, data)
-    return deliver(shown, tell, says, {"plan": ("plan", data)})
+    return deliver(shown, tell, says, xr.DataTree(data), kind="plan")
 
 
 def response(tell: Tell, sweep: SweepOptions, files: Files, result: Path) -> Callable[[], None]:
@@ -122,7 +120,7 @@ def response(tell: Tell, sweep: SweepOptions, files: Files, result: Path) -> Cal
     data = forced_response(answer, sweep.drive, w, driven_by=sweep.driven_by, base=sweep.base)
     says = partial(driven.response_blocks, data), partial(driven.response_json, data)
     texts = {files.csv: partial(driven.response_csv, data)}
-    return deliver(files, tell, says, {"response": ("response", data)}, xr.DataTree(data), texts)
+    return deliver(files, tell, says, xr.DataTree(data), texts, kind="response")
 
 
 MAX_SAMPLES, MAX_PERIODS = 20_000_000, 1_000_000

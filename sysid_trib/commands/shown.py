@@ -31,9 +31,8 @@ def backbone(tell: Tell, given: DecayOptions, files: Files) -> Callable[[], None
     tell("frequency and damping against amplitude")
     curves = {name: curves_of(decay) for name, decay in zip(names, decays, strict=True)}
     says = partial(looked.backbone_blocks, curves, sources), partial(looked.backbone_json, curves)
-    figures = {name: ("backbone", data) for name, data in curves.items()}
     texts = {files.csv: partial(looked.backbone_csv, curves)}
-    return deliver(files, tell, says, figures, xr.DataTree.from_dict(curves), texts)
+    return deliver(files, tell, says, xr.DataTree.from_dict(curves), texts, kind="backbone")
 
 
 def look(tell: Tell, given: DecayOptions, shown: Shown) -> Callable[[], None]:
@@ -50,7 +49,7 @@ def look(tell: Tell, given: DecayOptions, shown: Shown) -> Callable[[], None]:
     asked = looked.pointed_options(tree, given.system is not None)
     command = command_after(NextStep("identify", "the forces of this decay", asked), (given,))
     says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
-    return deliver(shown, tell, says, {"look": ("look", tree)})
+    return deliver(shown, tell, says, tree, kind="look")
 
 
 def _refuse(sentences: list[str], error: DecayError) -> None:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.plots import style
+from sysid_trib.plots.declared import shows
 from sysid_trib.plots.looked import CURVE_LABELS, curves_of, draw_curve, driven_overview
 from sysid_trib.plots.motion_panels import MotionData, draw_in_time, held_out_sentence, motion_data
 from sysid_trib.plots.named_effects import COLOUR_PERCENT, DOT_BEYOND, draw_cells
@@ -40,22 +41,39 @@ COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
+FITTED = "its start and the sensor's zero fitted"
+WEIGHED = (
+    "Share of each force of the decay and of the frequency shift against amplitude (to first order). Each "
+    "coefficient over its value with its 95 % interval: one that reaches zero may be zero."
+)
 EFFECTIVE_TITLE = "The model does not explain the record."
 
 
+@shows(
+    *("cross_check", "driven", "compare", "discover"),
+    block="At a glance",
+    captions={
+        "discover": f"The record and the motion of the final model, {FITTED}. {WEIGHED}",
+        "driven": f"The inputs, the record with the motion of the answer's model, {FITTED}, and what the "
+        "model of each method leaves of the record.",
+    },
+)
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """A result at a glance, one figure for `cross_check`, `compare` and `discover`.
+    """A result at a glance: the record and its models, what these leave, and the forces.
 
-    Frequency and damping ratio against amplitude, the record's with their 95 % bands and the models', where
-    there is a backbone. Record and models; the residual of each; each force's share of the decay and of the
-    frequency shift against amplitude; coefficients with 95 % intervals; and the force that is still missing,
-    over angle and rate, with its uncertainty. Of a discovery `story` shows the residuals and what is missing.
-    Of driven records the inputs, the record with the motion of the answer, and the residuals of the models.
+    Where there is a backbone, frequency and damping ratio against amplitude, of the record without any model,
+    with 95 % bands (dots are single periods), and of the models. The record and the motion of each model, its
+    start and the sensor's zero fitted, and below it the residual of each; the band is twice the noise to
+    either side. Share of each force of the decay and of the frequency shift against amplitude (to first
+    order). Each coefficient over its value with its 95 % interval: one that reaches zero may be zero. Last,
+    the force that the model lacks, by the record's own motion (spline), in cells of angle and rate: what
+    stands out there no force of the model explains.
 
     Parameters
     ----------
     tree : xr.DataTree
-        Result of `cross_check`, `compare` or `discover`.
+        Result of `cross_check`, `compare` or `discover`, of which `story` shows residuals and what is
+        missing; of driven records the inputs, the motion of the answer and residuals are shown.
     run : int
         Which of several runs, from 0.
     width : float, inch

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
+from sysid_trib.plots.declared import shows
 from sysid_trib.results.schema import library_of
 from sysid_trib.validation.comparison_table import column_power
 
@@ -72,10 +73,14 @@ def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
 PANEL_HEIGHT, METHOD_HEIGHT = 0.7, 0.14
 
 
+@shows("compare", block="Coefficients by method")
 def comparison(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
-    """Coefficient of each force and asymptotic frequency by method, and the RMS in time and out of it.
+    """Each quantity by method with its standard error; the band is that of the method that predicts best.
 
-    A method that does not apply has no row.
+    An arrow stands for a value beyond the edge. Open marks: variants of the method above. Green: trajectory,
+    blue: direct, orange: averaging, dark: decrements and others. A method that does not apply has no row.
+    Last, the RMS of record minus simulated model over the noise, of the part identified from (open) and of
+    what was held out (full); 1 is the noise alone.
 
     Parameters
     ----------

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
+from sysid_trib.plots.declared import shows
 from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
 from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, LEGEND, MODEL_LINES, ORANGE
 from sysid_trib.records.inputs import inputs_of
@@ -24,6 +25,7 @@ END_WIDTH = 4.0
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
 
+@shows("backbone", groups=("backbone",))
 def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """Frequency and damping ratio against amplitude, with 95 % bands; dots are single periods.
 
@@ -106,6 +108,7 @@ HEIGHT = 2.1
 MOST_POINTS_DRAWN = 20_000
 
 
+@shows("look")
 def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """The record with its decays marked, amplitude over time, and the spectral density of each decay.
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
+from sysid_trib.plots.declared import shows
 from sysid_trib.plots.motion_panels import draw_in_time, held_out_sentence, motion_data
 from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
 from sysid_trib.printing.layout import quantity
@@ -37,10 +38,14 @@ MODEL_ROW, LINE = 0.28, 0.26
 CHARACTERS = 16
 
 
+@shows("discover", block="Where model and record disagree")
 def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """A discovery in one picture: record, gap and force map before and after, what each effect explains.
+    """The record and the motion of each model, its start and the sensor's zero fitted.
 
-    Force maps are of all runs; dots mark cells beyond three standard errors.
+    Below, the residuals of the models before and after, each to its own scale; the band is twice the noise to
+    either side. Mean force f that the model lacks over angle and rate, in θ″ + w²θ = -w²f, before and after,
+    of all runs; blank where samples are few. Dots mark cells beyond three standard errors of the noise. Last,
+    the RMS of the residual over the noise, of the start model and after each effect.
 
     Parameters
     ----------
@@ -193,10 +198,12 @@ RANKING_HEIGHT, CANDIDATE_HEIGHT = 0.75, 0.135
 FEWEST_CANDIDATES = 6
 
 
+@shows("discover", block="Models and candidates")
 def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """The ranking before each step at which an effect of the final model was chosen and at the end.
+    """Candidates by score, before each step at which an effect was chosen and, unless all were, at the end.
 
-    That at the end is left out if every candidate is in the model.
+    Orange diamond: the effect that is named; blue squares: effects that compete with it; open: others. The
+    dashed line is the threshold, corrected for the number of candidates.
 
     Parameters
     ----------

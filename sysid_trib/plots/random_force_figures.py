@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.stats import norm
 
 from sysid_trib.plots import style
+from sysid_trib.plots.declared import shows
 from sysid_trib.plots.motion_panels import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, FULL_WIDTH, GREY, INK, LEGEND, ORANGE
 from sysid_trib.results.variables import signal_units, small_units
@@ -29,10 +30,12 @@ SWEEP_LINES: dict[str, dict[str, Any]] = {
 SIMULATED: dict[str, Any] = style.OPEN_MARKS | {"color": INK, "marker": "o", "linestyle": "", "zorder": 4}
 
 
+@shows("cross_check", block="Random force", groups=("innovations", "prediction_bands"))
 def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: float = FULL_WIDTH) -> Figure:
-    """Innovations, their autocorrelation, the random force, and the record minus what was predicted of it.
+    """What is predicted wrongly one sample ahead, and its autocorrelation with the band of white noise.
 
-    The last from each origin on, in bands that grow. All bands are of 95 %.
+    Below, the smoothed random force over time, and the record minus what was predicted of it from some
+    instants on, in bands that grow. All bands are of 95 %.
 
     Parameters
     ----------
@@ -111,6 +114,7 @@ def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
     ax.legend([band], [f"{BAND_NAME} of white noise"], **LEGEND)
 
 
+@shows("response")
 def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Amplitude with its 95 % band, and phase, against frequency; marks are motions that were simulated.
 

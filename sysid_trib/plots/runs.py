@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from sysid_trib.plots import style
+from sysid_trib.plots.declared import shows
 from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE
 
 ACROSS = 2
@@ -86,6 +87,7 @@ def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
 PLAN_HEIGHT = 2.4
 
 
+@shows("plan")
 def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """What each run leaves against its release: entropy of the models, and errors; where two models part.
 

@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
+from sysid_trib.plots.declared import shows
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
 from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, TWO_COLUMNS
 from sysid_trib.printing.layout import value_with_error
@@ -26,8 +27,12 @@ CURVES_HEIGHT, ROW = 2.4, 0.28
 MOST_ERRORS = 8.0
 
 
+@shows("cross_check", "driven", block="Profiles", groups=("profile", "contour"))
 def profile(*data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
     """Deviance of each parameter against its value, and contours of two; dashed, by their standard errors.
+
+    The fit of the motion has the parameter held, and all others fitted anew. Orange: the 95 % point of
+    chi-square, and the ends of the interval. Contours are of 68 and 95 %.
 
     Parameters
     ----------
@@ -109,8 +114,11 @@ def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
     return 10.0**power, f"{style.in_latex(name)} ($10^{{{power}}}$)"
 
 
+@shows("cross_check", "driven", block="Sensitivity", groups=("sensitivity",))
 def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     """Each coefficient by every fit with its error; the band is the stated value with twice its error.
+
+    The same forces, fitted to other windows, starts and samples, with other noise and by other methods.
 
     Parameters
     ----------
@@ -141,8 +149,13 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
+@shows("difference", block="Coefficients")
 def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Damping and frequency of both samples against amplitude, and the difference of each coefficient.
+
+    The curves are of the records without a model, with 95 % bands (dots are single periods). Below, each
+    difference in its standard errors, with the interval of the level that all forces share: one that reaches
+    zero may be none. Dark: coefficients that differ.
 
     Parameters
     ----------

@@ -32,14 +32,12 @@ class Block:
     layers : Layer
         The layers that show it.
     title : str
-        The heading of its section, which `--explain` and the page have; the page has blocks without one at
-        its top.
+        The heading of its section, which `--explain` and the page have, there with the figures that are
+        declared of it (`plots.declared`); the page has blocks without one at its top.
     table : Table, optional
         Below the sentences.
     caption : str
         A line above the table.
-    figures : str
-        Name of the figures that a page shows with it.
     """
 
     sentences: Sequence[str] = ()
@@ -47,4 +45,3 @@ class Block:
     title: str = ""
     table: "Table | None" = None
     caption: str = ""
-    figures: str = ""

@@ -17,6 +17,7 @@ REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
 STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
+AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
 QUANTITY: dict[str, plain_data.Source] = {
     **plain_data.same("verdict", "between_run", "between_run_lower", "between_run_upper"),
@@ -40,7 +41,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
     if compared is not None:
         blocks.append(Block((), USUALLY, VARIES, _between_records(compared), SCATTER))
         blocks.append(Block([*_collinear_sentences(compared), *_outliers(compared)], title=VARIES))
-        blocks.append(Block(title="Coefficients against conditions", figures="against"))
+        blocks.append(Block(title=AGAINST))
     return [*blocks, Block(_refusals(store), title=WITHOUT_RESULT)]
 
 

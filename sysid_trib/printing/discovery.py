@@ -62,8 +62,8 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
         *([Block((), Layer.QUIET | Layer.DEFAULT, table=effects_table(tree))] if steps else []),
         Block([*remarks, *sentences], Layer.DEFAULT),
         Block(sentences, details),
-        Block(title="At a glance", figures="glance"),
-        Block(_start(tree), details, DIFFER, residual_table(tree, "discrepancy"), PARTS_CAPTION, "gap"),
+        Block(title="At a glance"),
+        Block(_start(tree), details, DIFFER, residual_table(tree, "discrepancy"), PARTS_CAPTION),
     ]
     if steps:
         held = EFFECTS_CAPTION.format(tree.attrs["held_out"])
@@ -71,7 +71,7 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
         blocks.append(Block(remarks, details, MISSING))
     blocks += [
         Block((), details, CANDIDATES, coefficients, "Coefficients"),
-        Block((), details, CANDIDATES, ranking_table(tree), RANKING, "scores"),
+        Block((), details, CANDIDATES, ranking_table(tree), RANKING),
     ]
     if tree.attrs["verdict"] == "unknown effect":
         remains = residual_sentences(tree, after := "discrepancy_after")

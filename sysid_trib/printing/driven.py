@@ -12,6 +12,7 @@ from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import by_label, coefficient_rows, text_table, value_with_error
 from sysid_trib.printing.plain_data import COEFFICIENT, Source, csv_of, mapped, per_label, same
+from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 
@@ -59,10 +60,12 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     return [
         Block([first, f"The answer is {answer}'s, {why}."], ALWAYS),
         Block(record),
-        Block([ERRORS], Layer.EXPLAIN, "Forces", table, figures="driven"),
+        Block(title="At a glance"),
+        Block([ERRORS], Layer.EXPLAIN, "Forces", table),
         Block(table=table, layers=Layer.QUIET | Layer.DEFAULT),
         Block([f"Equation: {equation_text(results[answer])}."]),
         Block(_in_its_unit(results[answer], tree)),
+        *sureness_blocks(tree),
     ]
 
 

@@ -51,7 +51,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
         Block([verdict.verdict_sentence(tree)], ALWAYS),
         Block([*sources, *_own_quantity(tree)]),
         Block([*verdict.line_sentences(tree), *effective], ALWAYS),
-        Block(title="At a glance", figures="glance"),
+        Block(title="At a glance"),
     ]
     if (main := findings.main_result(tree)) is not None:
         blocks += [
@@ -72,7 +72,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
         blocks.append(Block(verdict.runs_sentences(data), title=BETWEEN_RUNS))
     return [
         *blocks,
-        Block(stochastic, details, "Random force", figures="random_force"),
+        Block(stochastic, details, "Random force"),
         Block(consequences(tree), details, CONSEQUENCES),
     ]
 

@@ -33,8 +33,7 @@ def sureness_blocks(tree: xr.DataTree) -> list[Block]:
     if CONTOUR in tree.children:
         data = tree[CONTOUR].to_dataset()
         said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
-        figures = "" if PROFILE in tree.children else PROFILE
-        blocks.append(Block([said], ALWAYS, "Profiles", figures=figures))
+        blocks.append(Block([said], ALWAYS, "Profiles"))
     if SENSITIVITY in tree.children:
         blocks += _sensitivity_blocks(tree[SENSITIVITY].to_dataset())
     return blocks
@@ -57,7 +56,7 @@ def _profile_blocks(data: xr.Dataset, lacking: bool) -> list[Block]:
     said = [f"The standard error misleads for {', '.join(misled)}: quote the interval."] * bool(misled)
     caption = f"Intervals of {100.0 * data.attrs['confidence']:g} % by the profile likelihood"
     table = layout.text_table(rows, ("parameter",))
-    return [Block([NOISE_ALONE] if lacking else said, ALWAYS, "Profiles", table, caption, PROFILE)]
+    return [Block([NOISE_ALONE] if lacking else said, ALWAYS, "Profiles", table, caption)]
 
 
 def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
@@ -84,11 +83,7 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
         sentences.append(f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {', '.join(changed)}.")
     sentences += [f"Without a result: {', '.join(failed)}."] if failed else []
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
-    return [
-        Block(
-            sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption, SENSITIVITY
-        )
-    ]
+    return [Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)]
 
 
 SURE_JSON: dict[str, plain_data.Source] = {
@@ -118,7 +113,7 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
         Block([_first_sentence(tree)], ALWAYS),
         Block([_stiffness_sentence(data), *_warnings(tree)]),
         Block(record),
-        Block([said], title="Coefficients", table=_table(tree, True), figures="difference"),
+        Block([said], title="Coefficients", table=_table(tree, True)),
         Block(_details(tree), Layer.EXPLAIN, "Samples"),
         Block(layers=Layer.QUIET, table=_table(tree, False)),
     ]

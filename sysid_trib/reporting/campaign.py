@@ -13,7 +13,7 @@ from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.campaigns.variables import STATUS
 from sysid_trib.plots.runs import FAR
-from sysid_trib.printing.campaign import campaign_blocks, named_text
+from sysid_trib.printing.campaign import AGAINST, campaign_blocks, named_text
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting.contents import Part, sections_of
 from sysid_trib.reporting.page import rendered, write_page
@@ -51,12 +51,12 @@ def write_campaign(
     RecordError
         The page cannot be written.
     """
-    drawn: list[Part] = []
+    figures: dict[str, list[Part]] = {}
     if compared is not None and conditions is not None:
         rows = conditions.iloc[compared["at"].values]
-        drawn = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
+        figures[AGAINST] = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
     blocks = campaign_blocks(store, counts_of(store), compared)
-    summary, sections = sections_of(blocks, lambda _: drawn)
+    summary, sections = sections_of(blocks, figures)
     sections.append(_records(store, compared, conditions))
     facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
     facts += [("methods", ", ".join(store.method.values.tolist()))]

@@ -10,8 +10,10 @@ from figure_texts import faults
 import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.cycles.look import look
+from sysid_trib.plots.declared import figures_of
 from sysid_trib.plots.style import new_figure
 from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.results.files import kind_of
 from sysid_trib.validation.profiles import contour, profile
 from sysid_trib.validation.samples import held_against
 
@@ -34,17 +36,9 @@ def on_axes(draw):
 
 def of_a_result(tree):
     """The figures of a result, by their names."""
-    if "steps" in tree.children:
-        names = ("overview", "story", "ranking")
-    elif "best" in tree["comparison"].attrs:
-        names = ("overview", "comparison")
-    else:
-        names = ("overview", "backbone")
-    made = {name: partial(getattr(plots, name), tree) for name in names}
-    if "innovations" in tree.children:
-        groups = [name for name in ("innovations", "prediction_bands") if name in tree.children]
-        made["innovations"] = partial(plots.innovations, *(tree[name].to_dataset() for name in groups))
-    return made
+    kind = kind_of(tree)
+    made = {name: draw for figure in figures_of(kind) for name, _, draw in figure.drawings(tree)}
+    return made | ({"backbone": partial(plots.backbone, tree)} if kind == "cross_check" else {})
 
 
 def of_the_paper():
