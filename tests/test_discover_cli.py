@@ -17,8 +17,7 @@ from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.printing.next_step import next_step
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.findings import residual_of
-from sysid_trib.validation.verdict import record_noise
+from sysid_trib.validation.findings import record_noise, residual_of
 
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}

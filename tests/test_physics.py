@@ -14,8 +14,8 @@ from sysid_trib.physics.contact import SLIP_RATIO, contact_stiffness, slip_finge
 from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.si_units import inertia_with_mass, physical_units
-from sysid_trib.physics.sliding import sliding_coefficients
 from sysid_trib.simulation.simulate import simulate, trajectory
+from sysid_trib.validation.refits import sliding_coefficients
 
 INERTIA = 1.33e-6
 # Dry friction, so that the motion stops, and every pair of forces far from its limits.

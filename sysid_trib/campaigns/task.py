@@ -29,7 +29,7 @@ from sysid_trib.results.variables import signal_units
 from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.compare import compare, every_method
 from sysid_trib.validation.cross_check import identified_and_checked
-from sysid_trib.validation.verdict import breakdown
+from sysid_trib.validation.findings import failures
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
@@ -212,7 +212,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> variables.Row:
         if label not in tree.children or "covariance" not in tree[label]:
             continue
         # What a record's text withholds is not kept either.
-        if not (task.judged and breakdown(tree, label)):
+        if not (task.judged and label in failures(tree)):
             variables.filled(row, at, tree[label].to_dataset(), labels)
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]

@@ -36,6 +36,7 @@ from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import PAIR, PAIRS
 from sysid_trib.results.variables import described, group_names
+from sysid_trib.validation.residuals import with_noise_and_models
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
@@ -101,8 +102,8 @@ def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
     for at, run in enumerate(seen):
         ends = [motions[0][at], motions[-1][at]]
         simulated = np.stack([run.angle.values - motion.residual for motion in ends])
-        values = {"simulated_angle": simulated, "residual_noise": ends[-1].noise.standard_deviation}
-        both = run.assign_coords(model=["before", "after"])
+        values = {"residual_noise": ends[-1].noise.standard_deviation}
+        both = with_noise_and_models(run, ["before", "after"], simulated)
         records.append(both.assign(described(TABLES["records"], values)))
     return records
 

@@ -11,11 +11,11 @@ from sysid_trib.physics.si_units import (
     per_input as per_input,
     physical_units as physical_units,
 )
-from sysid_trib.physics.sliding import sliding_coefficients as sliding_coefficients
 from sysid_trib.results.references import (
     with_contactless_frequency as with_contactless_frequency,
     with_scale_error as with_scale_error,
 )
+from sysid_trib.validation.refits import sliding_coefficients as sliding_coefficients
 
 from ..results.schema import model_of as model_of
 from .energy import arrest_time as arrest_time, dissipated_energy as dissipated_energy

@@ -14,9 +14,7 @@ from sysid_trib.plots.style import LEGEND, MODEL_LINES, Style
 from sysid_trib.results.effects import tied_name
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
-from sysid_trib.validation.findings import LAST_THIRD, is_refitted
-from sysid_trib.validation.residuals import fitted_motion
-from sysid_trib.validation.verdict import breakdown, run_record_noise
+from sysid_trib.validation.findings import LAST_THIRD, failures, is_refitted
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 3000
@@ -77,25 +75,23 @@ def motion_data(tree: xr.DataTree, run: int) -> MotionData:
     Those of a cross-check, those before and after of a discovery, that which predicts best of a comparison.
     """
     data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
-    noise = run_record_noise(tree, run)
-    if kind == "compare":
-        best = tree["comparison"].attrs["best"]
-        motion = fitted_motion(data, tree[best].to_dataset(), run)
-        if motion is None:
-            return MotionData(data, noise, {}, {best: best})
-        angle = (("model", "time"), (motion.x + motion.offset)[None])
-        shown = data.assign_coords(model=[best]).assign(simulated_angle=angle)
-        return MotionData(shown, noise, {best: MODEL_LINES[1]}, {best: best})
     if kind == "discover":
         labels = {"before": "start model", "after": f"with {_few(_tied_names(tree))}"}
-        drawn = [np.isfinite(data.simulated_angle.sel(model=name).values).all() for name in labels]
     else:
         checked = tree["comparison"].attrs
-        labels = {name: name for name in (checked["first"], checked["second"])}
-        # A model that broke down must not set a scale.
-        drawn = [not breakdown(tree, name) for name in labels]
-    lines = {name: look for name, look, there in zip(labels, MODEL_LINES, drawn, strict=True) if there}
-    return MotionData(data, noise, lines, labels)
+        names = [checked["best"]] if kind == "compare" else [checked["first"], checked["second"]]
+        labels = dict(zip(names, names, strict=True))
+    # A model that broke down must not set a scale.
+    failed = failures(tree) if kind in ("cross_check", "driven") else {}
+    drawn = [
+        name not in failed
+        and name in data.get("model", ())
+        and np.isfinite(data.simulated_angle.sel(model=name).values).all()
+        for name in labels
+    ]
+    looks = MODEL_LINES[1:] if kind == "compare" else MODEL_LINES
+    lines = {name: look for name, look, there in zip(labels, looks, drawn, strict=False) if there}
+    return MotionData(data, float(data.noise), lines, labels)
 
 
 def _tied_names(tree: xr.DataTree) -> list[str]:

@@ -20,8 +20,7 @@ from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.effects import added_effects, credible_set, or_others, replacing_pairs, strongest
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
-from sysid_trib.validation.findings import residual_of
-from sysid_trib.validation.verdict import record_noise
+from sysid_trib.validation.findings import record_noise, residual_of
 
 # A cell of fewer samples has no mean; colours end where so many percent of the cells lie within; a dot marks
 # cells of more standard errors.

@@ -25,8 +25,7 @@ from sysid_trib.printing.layout import coefficient_rows, in_small_units, text_ta
 from sysid_trib.printing.verdict import step_heterogeneity_sentences
 from sysid_trib.results.effects import NAMED, candidates_of, credible_set, failed_competitors, replacing_pairs
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import given_results, residual_of
-from sysid_trib.validation.verdict import record_noise
+from sysid_trib.validation.findings import given_results, record_noise, residual_of
 
 Item = TypeVar("Item")
 # Competing effects that are named, the most probable; a file has all. And pairs of them.

@@ -20,8 +20,7 @@ from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.effects import PAIRS, added_effects, determines, error_widening, misnamed_effects
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import held_out_excess
-from sysid_trib.validation.verdict import record_noise
+from sysid_trib.validation.findings import held_out_excess, record_noise
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
 MOST_NAMED = 3

@@ -17,7 +17,6 @@ from sysid_trib.printing.equation import equation_latex, formula_latex, frequenc
 from sysid_trib.printing.plain_data import csv_of
 from sysid_trib.results import files, schema, variables
 from sysid_trib.validation import findings
-from sysid_trib.validation.verdict import record_noise
 
 # Columns of the LaTeX table, beside the methods: what stands in the column `method` of the other one.
 SI_COLUMN, DIFFERENCE_ROWS, RECORD_ROWS = "SI units", "first minus second", "record"
@@ -71,7 +70,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     kind = files.kind_of(tree)
     if kind == "difference":
         return {"verdict": str(tree.attrs["verdict"])} | details
-    details["noise"] = f"{record_noise(tree):.2g} {details['units']}"
+    details["noise"] = f"{findings.record_noise(tree):.2g} {details['units']}"
     if kind == "compare":
         best = str(tree["comparison"].attrs["best"])
         rows = tree["comparison"].to_dataset().sel({"method": best})
@@ -218,7 +217,10 @@ def methods_text(tree: xr.DataTree) -> str:
             f"They were cross-checked by {IN_WORDS.get(others[0], others[0])}: the largest difference is "
             f"{float(np.nanmax(np.abs(tree['comparison'].z.values))):.2g} of its error."
         )
-    noise, ratio = power_of_ten(f"{record_noise(tree):.2g}"), findings.residual_over_noise(tree, method)
+    noise, ratio = (
+        power_of_ten(f"{findings.record_noise(tree):.2g}"),
+        findings.residual_over_noise(tree, method),
+    )
     said.append(
         f"The motion of the model leaves {ratio:.3g} times the sensor's noise of ${noise}$ {unit} (RMS)."
         if np.isfinite(ratio)

@@ -16,7 +16,6 @@ from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation import findings
-from sysid_trib.validation.verdict import record_noise
 
 # Between the level at which methods disagree and this one they agree, but barely.
 BARELY = 0.05
@@ -105,7 +104,7 @@ def identification_table(tree: xr.DataTree) -> Table:
         z = checked.z.sel(quantity=label).item() if label in checked.quantity else np.nan
         row["difference / error"] = f"{z:+.1f}" if np.isfinite(z) else ""
     ratios = {name: f"{findings.residual_over_noise(tree, name):.3g} x noise" for name in results}
-    noise = f"noise: {record_noise(tree):.2g} {signal_units(tree)}"
+    noise = f"noise: {findings.record_noise(tree):.2g} {signal_units(tree)}"
     rows["residual"] = {"force": "residual (RMS)", "formula": noise, **ratios}
     stochastic = [bool(random_force_of(result)) for result in results.values()]
     further = {

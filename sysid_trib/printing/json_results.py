@@ -26,7 +26,7 @@ from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.results import effects
 from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation import findings
-from sysid_trib.validation.verdict import p_value_of_dependence, record_noise
+from sysid_trib.validation.verdict import p_value_of_dependence
 
 TEST = ("chi_square", "degrees_of_freedom", "p_value")
 FORCE = COEFFICIENT | same("error_of_noise", "error_of_model", "active", "refers_to", "unit")
@@ -103,8 +103,8 @@ DISCOVERY: dict[str, Source] = {
     "closing_effect": lambda tree: tree.attrs.get("closing_effect") or None,
     "not_improving": lambda tree: tree.attrs.get("not_improving") or None,
     "noise_p_value": lambda tree: number(float(tree.attrs.get("noise_p_value", "nan"))),
-    "noise": lambda tree: number(record_noise(tree)),
-    "residual_noise": lambda tree: number(record_noise(tree)),
+    "noise": lambda tree: number(findings.record_noise(tree)),
+    "residual_noise": lambda tree: number(findings.record_noise(tree)),
     "noise_with_its_colour": "holdout/residual_noise",
     "residual": lambda tree: number(findings.residual_of(tree, "after")),
     "model": ("after", MODEL_JSON),
@@ -150,7 +150,7 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         "answer": None if answer in failed else answer,
         "methods": methods,
         "cross_check": mapped(checked, CHECK)
-        | {"models": models, "noise": record_noise(tree)}
+        | {"models": models, "noise": findings.record_noise(tree)}
         | checked.attrs,
         "consequences": follows,
         "sufficient_forces": [

@@ -40,24 +40,23 @@ def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None,
     return table.copy()
 
 
-def _columns_of(table: pd.DataFrame) -> tuple[dict[str, Array], list[str]]:
+def _design(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     """Columns of the fit by the name of their term, and of which condition each is; the mean's is ''.
 
-    A condition that does not vary, or goes with others, is refused.
+    A column of numbers, or one of each group of texts but the first, over which its effect is. All are about
+    their means: the mean stays that of all runs.
     """
+    columns, condition_of = [pd.DataFrame({"mean": np.ones(len(table))})], [""]
     for name, column in table.items():
-        if len(set(column)) < 2:
-            raise UsageError(f"Condition '{name}' is the same in all runs; leave it out.")
-    _, collinear = without_collinear(table)
-    if collinear:
-        name, others = next(iter(collinear.items()))
-        raise UsageError(f"Condition '{name}' goes with {others} in these runs; leave one of them out.")
-    columns, condition_of = {"mean": np.ones(len(table))}, [""]
-    for name, column in table.items():
-        of_condition = _columns_of_condition(str(name), column)
-        columns |= of_condition
-        condition_of += [str(name)] * len(of_condition)
-    return columns, condition_of
+        if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
+            of_condition = column.astype(float).to_frame(str(name))
+        else:
+            groups = list(dict.fromkeys(column.astype(str)))[1:]
+            inside = {f"{name}={group}": (column.astype(str) == group).astype(float) for group in groups}
+            of_condition = pd.DataFrame(inside)
+        columns.append(of_condition - of_condition.mean())
+        condition_of += [str(name)] * of_condition.shape[1]
+    return pd.concat([part.reset_index(drop=True) for part in columns], axis=1), condition_of
 
 
 def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
@@ -88,26 +87,9 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
 
 def _goes_with(table: pd.DataFrame, name: str, others: Sequence[str]) -> bool:
     """True if a condition is a mean and effects of others, in more runs than decide all of them."""
-    columns = [np.ones(len(table))]
-    for condition in (*others, name):
-        columns += _columns_of_condition(condition, table[condition]).values()
-    design = np.column_stack(columns)
+    design = _design(table[[*others, name]])[0].to_numpy()
     sized = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     return bool(np.linalg.matrix_rank(sized) < min(sized.shape))
-
-
-def _columns_of_condition(name: str, column: pd.Series) -> dict[str, Array]:
-    """One column of numbers, or one of each group of texts but the first."""
-    if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
-        numbers = column.to_numpy(dtype=float)
-        return {name: numbers - numbers.mean()}
-    groups = column.astype(str)
-    columns = {}
-    for group in list(dict.fromkeys(groups))[1:]:
-        inside = (groups == group).to_numpy(dtype=float)
-        # As of numbers: the mean stays that of all runs, the effect is over the first group.
-        columns[f"{name}={group}"] = inside - inside.mean()
-    return columns
 
 
 def _listed(table: pd.DataFrame) -> str:
@@ -182,11 +164,16 @@ def between_runs(
         if laboratories not in table:
             raise UsageError(f"The conditions have no column '{laboratories}'; they have {_listed(table)}.")
         laboratory = table.pop(laboratories).astype(str).to_numpy()
-    columns, condition_of = _columns_of(table)
+    for name, column in table.items():
+        if len(set(column)) < 2:
+            raise UsageError(f"Condition '{name}' is the same in all runs; leave it out.")
+    for name, others in without_collinear(table)[1].items():
+        raise UsageError(f"Condition '{name}' goes with {others} in these runs; leave one of them out.")
+    design = _design(table)
     names = estimates.quantity.values.tolist()
     level = VARIES_LEVEL / len(names)
     runs = [estimates.sel(quantity=name) for name in names]
-    of_quantities = [_quantity(of_run, columns, condition_of, laboratory, level) for of_run in runs]
+    of_quantities = [_quantity(of_run, design, laboratory, level) for of_run in runs]
     dims = ("run", "quantity")
     values = estimates.value.transpose(*dims).values, estimates.standard_error.transpose(*dims).values
     both = with_error("value", dims, values, "value of this run by itself", UNIT)
@@ -209,12 +196,12 @@ def _estimates(results: Sequence[xr.Dataset]) -> xr.Dataset:
         listed_units = ", ".join(sorted(units[mixed[0]]))
         raise UsageError(f"The runs have {mixed[0]} in different units: {listed_units}.")
     frequency = float(np.mean([r.reference_frequency.item() for r in results]))
-    values, covariances = zip(*(at_reference(r, kept, frequency, np.nan) for r in results), strict=True)
-    errors = [np.sqrt(np.diag(covariance)) for covariance in covariances]
+    values, covariances = at_reference(results, kept, frequency)
+    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     sources = [", ".join(result.attrs["record_source"]) for result in results]
     dims = ("run", "quantity")
     return xr.Dataset(
-        {"value": (dims, np.array(values)), "standard_error": (dims, np.array(errors))},
+        {"value": (dims, values), "standard_error": (dims, errors)},
         {
             "quantity": [*kept, ASYMPTOTIC_FREQUENCY],
             "unit": ("quantity", [*(units[symbol].pop() for symbol in kept), "rad/s"]),
@@ -225,17 +212,13 @@ def _estimates(results: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def _quantity(
-    of_runs: xr.Dataset,
-    columns: Mapping[str, Array],
-    condition_of: Sequence[str],
-    laboratory: Array | None,
-    level: float,
+    of_runs: xr.Dataset, columns: tuple[pd.DataFrame, list[str]], laboratory: Array | None, level: float
 ) -> xr.Dataset:
-    """All that is said of one quantity."""
+    """All that is said of one quantity; `columns` : of `_design`."""
     values, errors = of_runs.value.values.astype(float), of_runs.standard_error.values.astype(float)
     known = np.isfinite(values) & np.isfinite(errors) & (errors > 0.0)
-    terms, conditions = list(columns), list(dict.fromkeys(condition_of[1:]))
-    design = np.column_stack(list(columns.values()))
+    (table, condition_of), design = columns, columns[0].to_numpy()
+    terms, conditions = list(table), list(dict.fromkeys(condition_of[1:]))
     effects, shrunken = np.full((2, len(terms)), np.nan), np.full((2, len(values)), np.nan)
     p_values, interval, scatter = np.full(len(conditions), np.nan), np.full(3, np.nan), [np.nan, np.nan]
     off = np.full(len(values), np.nan)
@@ -254,7 +237,8 @@ def _quantity(
             p_values[at] = weighted.p_value(np.flatnonzero(np.array(condition_of) == name))
         shrunken[:, known] = unit * np.stack(fit.shrunken())
         acting = [name for name, p in zip(conditions, p_values, strict=True) if p < level]
-        verdict = _verdict(acting, p_value < level)
+        varies = [f"varies with {' and '.join(acting)}"] if acting else []
+        verdict = ", ".join([*varies, *["scatters"] * bool(p_value < level)]) or COMMON
     made: Variables = {
         **with_error("effect", "term", (effects[0], effects[1]), "effect on the quantity", UNIT),
         **with_error("shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", UNIT),
@@ -268,11 +252,6 @@ def _quantity(
     if laboratory is not None:
         made |= _of_laboratories(values[known], laboratory[known])
     return xr.Dataset(made, {"term": terms, "condition": conditions})
-
-
-def _verdict(acting: Sequence[str], scatters: bool) -> str:
-    varies = [f"varies with {' and '.join(acting)}"] if acting else []
-    return ", ".join([*varies, *(["scatters"] if scatters else [])]) or COMMON
 
 
 def _of_laboratories(values: Array, laboratory: Array) -> Variables:

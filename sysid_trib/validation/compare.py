@@ -27,7 +27,8 @@ from sysid_trib.validation.comparison_table import Trial, method_table
 from sysid_trib.validation.cross_check import ties
 from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.holdout import in_all_runs, split, up_to_held_out
-from sysid_trib.validation.verdict import DIVERGES, no_nearer_than_rest
+from sysid_trib.validation.residuals import DIVERGES, with_noise_and_models
+from sysid_trib.validation.verdict import no_nearer_than_rest
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -147,10 +148,8 @@ def _compared(
     runs = as_runs(decay, driven=True)
     parts = [(run, *split(run), envelope(run)) for run in runs]
     groups = dict(zip(group_names("envelope", len(runs)), [part[3] for part in parts], strict=True))
-    for name, (run, _, rest, _) in zip(group_names("record", len(runs)), parts, strict=True):
-        start = float(rest.time.values[0])
-        groups[name] = run.assign(holdout_start=variable((), start, "start of the part held out", "s"))
-    if taken := sorted(set(groups) & set(named)):
+    of_records = group_names("record", len(runs))
+    if taken := sorted({*groups, *of_records} & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
     driven = is_driven(runs)
     if driven:
@@ -177,9 +176,16 @@ def _compared(
     blocks = [max(1, round(2.0 * half / step)) for half, step in zip(halves, steps, strict=True)]
     table = method_table(trials, [sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
+    best = table.attrs["best"]
+    of_best = trials[best][2].get("residual") or [None] * len(runs)
+    for name, (run, _, rest, _), motion in zip(of_records, parts, of_best, strict=True):
+        start = variable((), float(rest.time.values[0]), "start of the part held out", "s")
+        shown = [] if motion is None else [run.angle.values - motion.residual.values]
+        simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
+        groups[name] = with_noise_and_models(run, [best][: len(shown)], simulated).assign(holdout_start=start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
-        of_runs = trials[table.attrs["best"]][2].get("residual", [])
+        of_runs = trials[best][2].get("residual", [])
         p_value = len(of_runs) * min((white_p_value(run.residual.values) for run in of_runs), default=0.0)
         table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
     table.attrs |= _not_separable(runs, list(results.values()), library)
@@ -226,7 +232,7 @@ def _try_method(
 
 
 def _failure(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Why a model that neglects nothing says nothing of the records (see `breakdown`)."""
+    """Why a model that neglects nothing says nothing of the records (see `no_nearer_than_rest`)."""
     if not motions:
         return DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):

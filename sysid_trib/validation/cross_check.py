@@ -20,11 +20,11 @@ from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import chi_square_test, group_names, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion
+from sysid_trib.validation.agreement import MIXED_UNITS, verdict_of
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.holdout import compared_part, fitted_motions
 from sysid_trib.validation.lack_of_fit import lack_of_fit
-from sysid_trib.validation.refits import MIXED_UNITS, verdict_of
-from sysid_trib.validation.residuals import residuals, with_motions
+from sysid_trib.validation.residuals import failures, residuals, with_motions
 from sysid_trib.validation.simulated_pairs import nothing_known, scatter
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
@@ -200,6 +200,7 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     compared.attrs["answer"] = answer = names[better_of(first, second)]
     of_runs = zip(runs, zip(*motions, strict=True), strict=True)
     records = [with_motions(run, names, of_run) for run, of_run in of_runs]
+    compared = compared.assign(failures(records))
     over_motion = _residual_over_motion(records)
     text = "RMS of record minus motion over the record's"
     compared["residual_over_motion"] = variable("model", over_motion, text)

@@ -26,7 +26,7 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, 
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.answer import with_noise
-from sysid_trib.validation.residuals import fitted_motion, with_motions
+from sysid_trib.validation.residuals import failures, fitted_motion, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
@@ -158,9 +158,10 @@ def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
         "driven": "yes",
         "verdict_on_record": "explained" if best.residual_p_value >= WHITE_LEVEL else verdict,
     }
-    groups = dict(zip(names, results, strict=True)) | {"comparison": compared}
-    of_runs = zip(group_names("record", len(runs)), runs, zip(*motions, strict=True), strict=True)
-    groups |= {group: with_motions(run, names, of_run) for group, run, of_run in of_runs}
+    of_runs = zip(runs, zip(*motions, strict=True), strict=True)
+    records = [with_motions(run, names, of_run) for run, of_run in of_runs]
+    groups = dict(zip(names, results, strict=True)) | {"comparison": compared.assign(failures(records))}
+    groups |= dict(zip(group_names("record", len(runs)), records, strict=True))
     return xr.DataTree.from_dict(groups)
 
 

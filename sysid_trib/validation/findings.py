@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.files import identifications_of, kind_of
@@ -13,7 +14,6 @@ from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation.comparison_table import applied_methods
 from sysid_trib.validation.cross_check import LARGE
 from sysid_trib.validation.model_error import error_parts
-from sysid_trib.validation.verdict import breakdown, record_noise
 
 # What `discover` holds out where nothing else is asked for.
 LAST_THIRD = "the last third"
@@ -39,6 +39,11 @@ def residual_of(tree: xr.DataTree, model: str) -> float:
         return float(tree["comparison"].residual_rms.sel(model=model).item())
     residuals = [(tree[g].angle - tree[g].simulated_angle.sel(model=model)).values for g in groups]
     return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+
+
+def record_noise(tree: xr.DataTree) -> float:
+    """The sensor's noise of the records in a result, rad: RMS over the runs."""
+    return root_mean_square([tree[group].noise.item() for group in record_groups(tree)])
 
 
 def residual_over_noise(tree: xr.DataTree, model: str) -> float:
@@ -86,9 +91,8 @@ def second_of(tree: xr.DataTree) -> xr.Dataset:
 
 def failures(tree: xr.DataTree) -> dict[str, str]:
     """The methods of a cross-check whose models broke down, and why."""
-    checked = tree["comparison"].attrs
-    reasons = {name: breakdown(tree, name) for name in (checked["first"], checked["second"])}
-    return {name: reason for name, reason in reasons.items() if reason}
+    reasons = tree["comparison"].failure
+    return {name: why for name, why in zip(reasons.model.values, reasons.values.tolist(), strict=True) if why}
 
 
 def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:

@@ -17,10 +17,10 @@ from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.validation.agreement import run_agreement
 from sysid_trib.validation.answer import check_method, identifications
 from sysid_trib.validation.cross_check import SIMULATED_RECORDS, identified_and_checked
 from sysid_trib.validation.driven import identified_driven, is_driven
-from sysid_trib.validation.refits import run_agreement
 from sysid_trib.validation.simulated_pairs import fewest_records
 
 

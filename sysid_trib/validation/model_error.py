@@ -9,16 +9,16 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import counted_from
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.least_squares import sensitivities
-from sysid_trib.records.decay import RECORD_PARTS, one_or_all, root_mean_square
+from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, noise_of_run, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.validation.holdout import carried_on
+from sysid_trib.validation.refits import between, refit
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import widening
 
@@ -64,32 +64,36 @@ def with_error_of_model(
     the part and of the whole squared and subtracted (Hausman 1978); what they move beyond that is the error
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
-    whole, stated = _values(result), np.nan_to_num(_errors(result))
-    changes, errors, missed = [], [], []
+    (whole, own), changes, errors, missed = _numbers(result), [], [], []
     for limits in RECORD_PARTS.values():
         part = part_fit(method, runs, library, limits, result)
         missed += [rms for run in runs for rms in _held_out(part, run, library, limits)]
         if part is not None:
-            changes.append(_values(part) - whole)
-            errors.append(np.nan_to_num(_errors(part)))
-    missed += _of_other_runs(method, runs, library, result)
+            values, stated = _numbers(part)
+            changes.append(values - whole)
+            errors.append(np.nan_to_num(stated))
+    for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
+        if taken and others:
+            part = _same_forces(refit(method, taken, library)[0], result)
+            begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
+            missed += [_missed(run, begun) for run in others]
     held_out = float("nan")
     if changes:
-        of_model = covariance_by_parts(changes, errors, stated)
+        of_model = covariance_by_parts(changes, errors, np.nan_to_num(own))
         if missed and np.all(np.isfinite(missed)):
             held_out = float(np.exp(np.mean(np.log(missed))))
     else:
         excess = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
-        of_model = np.diag((excess * stated) ** 2)
-    noise, model, count = _errors(result), np.sqrt(np.diag(of_model)), result.sizes["force"]
+        of_model = np.diag((excess * np.nan_to_num(own)) ** 2)
+    model, count = np.sqrt(np.diag(of_model)), result.sizes["force"]
     total = _with_errors(
         result,
         result["covariance"] + of_model[:count, :count],
         result.frequency_covariance + of_model[:count, -1],
-        np.hypot(noise, model),
+        np.hypot(own, model),
     )
     return total.assign(
-        error_of_noise=variable("force", noise[:count], "standard error by the noise", PER_FORCE_UNIT),
+        error_of_noise=variable("force", own[:count], "standard error by the noise", PER_FORCE_UNIT),
         error_of_model=variable("force", model[:count], "standard error by the model", PER_FORCE_UNIT),
         held_out_rms=variable((), held_out, "residual of parts that were held out", "rad"),
     )
@@ -132,27 +136,14 @@ def part_fit(
 ) -> xr.Dataset | None:
     """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
     parts = [run.isel(time=between(run, limits)) for run in runs]
-    later = float(parts[0].time.values[0] - runs[0].time.values[0])
-    return _identified(method, parts, counted_from(library, later), result)
+    return _same_forces(refit(method, parts, library, runs)[0], result)
 
 
-def _identified(
-    method: Method, parts: RunList, library: ForceLibrary, result: xr.Dataset
-) -> xr.Dataset | None:
-    """The identification of some runs; None where it cannot be, or has other forces than the result."""
-    try:
-        part = method.identify(one_or_all(parts), library)
-    except (SysidTribError, np.linalg.LinAlgError):
+def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | None:
+    """The identification of a part where it has finite coefficients of the same forces as the result."""
+    if part is None or part.force.values.tolist() != result.force.values.tolist():
         return None
-    same = part.force.values.tolist() == result.force.values.tolist()
-    return part if same and np.all(np.isfinite(_values(part))) else None
-
-
-def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
-    """Samples between two parts of the time of a run."""
-    time = run.time.values.astype(float)
-    ends = time[0] + np.array(limits) * (time[-1] - time[0])
-    return slice(int(np.searchsorted(time, ends[0])), int(np.searchsorted(time, ends[1], side="right")))
+    return part if np.all(np.isfinite(_numbers(part)[0])) else None
 
 
 def _held_out(
@@ -168,17 +159,6 @@ def _held_out(
         yield _missed(rest, None if part is None else carried_on(part, library, before))
 
 
-def _of_other_runs(
-    method: Method, runs: RunList, library: ForceLibrary, result: xr.Dataset
-) -> Iterator[float]:
-    """RMS (rad) of what the model of every other run leaves of each of the rest; nothing of a single run."""
-    for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
-        if taken and others:
-            part = _identified(method, taken, library, result)
-            begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
-            yield from (_missed(run, begun) for run in others)
-
-
 def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     """RMS (rad) of what a model leaves, start and zero fitted; nan without a motion."""
     # What is too stiff predicts nothing, and is not waited for.
@@ -188,21 +168,20 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     return root_mean_square(rest.angle.values - motion.offset - motion.x)
 
 
-def _values(result: xr.Dataset) -> Array:
-    """Coefficients, reference frequency and asymptotic frequency."""
-    return np.array([*result.coefficient.values, *(result[name].item() for name in FREQUENCIES)])
-
-
-def _errors(result: xr.Dataset) -> Array:
-    """Standard errors of `_values`; nan where a frequency has none."""
-    of_frequencies = (result[f"{name}_standard_error"].item() for name in FREQUENCIES)
-    return np.array([*result.standard_error.values, *of_frequencies])
+def _numbers(result: xr.Dataset) -> tuple[Array, Array]:
+    """Coefficients, reference frequency and asymptotic frequency, with errors; nan where one has none."""
+    frequencies = [result[name].item() for name in FREQUENCIES]
+    errors = [result[f"{name}_standard_error"].item() for name in FREQUENCIES]
+    return (
+        np.array([*result.coefficient.values, *frequencies]),
+        np.array([*result.standard_error.values, *errors]),
+    )
 
 
 def _with_errors(
     result: xr.Dataset, covariance: xr.DataArray, frequency_covariance: xr.DataArray, errors: Array
 ) -> xr.Dataset:
-    """A result with other errors of the same meaning, those of `_values`."""
+    """A result with other errors of the same meaning, those of `_numbers`."""
     changed = {
         "covariance": covariance,
         "frequency_covariance": frequency_covariance,
@@ -227,7 +206,7 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
     -----
     Least squares, to first order, of motions of the model that the sensor rounds with its zero anywhere.
     """
-    stated, squares = _errors(result), []
+    stated, squares = _numbers(result)[1], []
     for at, run in enumerate(runs):
         noise = noise_of_run(result, at)
         step = coarse_step(run, noise)
@@ -250,8 +229,8 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
 def _squares_by_rounding(
     result: xr.Dataset, run: xr.Dataset, motion: FittedMotion, noises: Iterable[Array]
 ) -> Array:
-    """Mean squares by which noises move `_values` in least squares of a motion; 0 where it moves none."""
-    model, free = model_of(result), _errors(result)[:-1] > 0.0
+    """Mean squares by which noises move `_numbers` in least squares of a motion; 0 where it moves none."""
+    model, free = model_of(result), _numbers(result)[1][:-1] > 0.0
     squares = np.zeros(len(free) + 1)
     try:
         columns = sensitivities(model, run.time.values, np.array([motion.angle, motion.rate]), True)

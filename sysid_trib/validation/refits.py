@@ -1,202 +1,72 @@
-"""Forces fitted anew: to each run by itself, and to a record in every other defensible way."""
+"""Forces fitted anew: to windows of a record, and in every other defensible way, at one reference."""
 
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import xarray as xr
-from scipy.optimize import minimize_scalar
+from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SysidTribError, Tell, silent
+from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForceOption, random_force_of
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
 from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs, one_or_all
-from sysid_trib.results.references import (
-    ASYMPTOTIC_FREQUENCY,
-    comparable,
-    comparison_covariance,
-    comparison_values,
-    in_model,
-    stated_covariance,
-)
+from sysid_trib.records.equilibrium import with_half_periods
+from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, chi_square_test, variable, with_error
-from sysid_trib.validation.model_error import between
+from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
 
-# Significance level below which runs, or methods, are said to disagree.
-HOMOGENEITY_LEVEL = 0.01
-MIXED_UNITS = "1; rad/s for the frequency"
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
 # One fit: what it is, the method, and the runs.
 Refit = tuple[str, Method, list[xr.Dataset]]
+# Periods of a sliding window, at least.
+SHORTEST = 3.0
+
+
+def refit(
+    method: Method, parts: Sequence[xr.Dataset], library: ForceLibrary, runs: Sequence[xr.Dataset] = ()
+) -> tuple[xr.Dataset | None, str]:
+    """The identification of parts of runs, or why there is none.
+
+    `t` of the formulas counts from the first sample of the `runs`, or where there are none of the parts.
+    """
+    later = float(parts[0].time.values[0] - runs[0].time.values[0]) if runs else 0.0
+    try:
+        return method.identify(one_or_all(parts), counted_from(library, later)), ""
+    except (SysidTribError, np.linalg.LinAlgError) as error:
+        return None, str(error)
+
+
+def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
+    """Samples between two parts of the time of a run."""
+    time = run.time.values.astype(float)
+    ends = time[0] + np.array(limits) * (time[-1] - time[0])
+    return slice(int(np.searchsorted(time, ends[0])), int(np.searchsorted(time, ends[1], side="right")))
 
 
 def at_reference(
-    result: xr.Dataset, symbols: Sequence[str], reference: float, missing: float
+    results: Sequence[xr.Dataset | None], symbols: Sequence[str], reference: float, missing: float = np.nan
 ) -> tuple[Array, Array]:
-    """Coefficients of the result's own model at a reference frequency (rad/s), last the asymptotic frequency.
+    """Coefficients of the results' own models at a reference frequency (rad/s), last the asymptotic one.
 
-    With their covariance; `missing` where it has no such force.
+    (result, quantity), with their covariances; `missing` where one has no such force.
     """
-    kept = [symbol for symbol in symbols if symbol in result.force and in_model(result, symbol)]
-    at, count = [*map(symbols.index, kept), len(symbols)], len(symbols) + 1
-    values, covariance = np.full(count, missing), np.full((count, count), missing)
-    values[at] = comparison_values(result, kept, reference)
-    covariance[np.ix_(at, at)] = comparison_covariance(result, kept, reference)
-    return values, covariance
-
-
-@in_units_of_the_motion
-def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Dataset:
-    """Test whether the runs of one experiment have the same forces.
-
-    Parameters
-    ----------
-    decays : sequence of Dataset
-        The runs.
-    together : Dataset
-        The identification of all of them, whose method is run on each alone.
-
-    Returns
-    -------
-    Dataset. Over `run` and `quantity` (each force, and the asymptotic frequency where it was fitted) the
-    `value` from that run alone at the common reference frequency, with its `standard_error`; over `quantity`
-    `chi_square` of the values about their weighted mean, `degrees_of_freedom`, `p_value`; and the same of all
-    quantities with their covariances (`total_...`). nan for a run that alone cannot decide: `reason(run)`.
-    attrs: `verdict` agree, disagree or unknown. With a random force in the common identification also what
-    `density_agreement` says of its size in each run, and the attr `density_verdict`.
-
-    Notes
-    -----
-    A random force is estimated in each run alone, so that its errors stand for that run.
-
-    Cochran's Q. Large where a force changes from run to run (wear), or is of another form than the model's:
-    then it changes with amplitude.
-    """
-    method, library = method_of(together), library_of(together, whole=True)
-    kept, frequency = comparable(together), together.reference_frequency.item()
-    free = together.reference_frequency_standard_error.item() > 0.0
-    names = [*kept, ASYMPTOTIC_FREQUENCY] if free else kept
-    values = np.full((len(decays), len(names)), np.nan)
-    covariances = np.full((len(decays), len(names), len(names)), np.nan)
-    results, reasons = list[xr.Dataset | None](), [""] * len(decays)
-    for at, decay in enumerate(decays):
-        try:
-            result = method.identify(decay, library)
-        except SysidTribError as error:
-            reasons[at] = str(error)
-            results.append(None)
-            continue
-        results.append(result)
-        of_run, covariance = at_reference(result, kept, frequency, np.nan)
-        # A free motion has a frequency so precise that a coefficient's error does not know it.
-        if not random_force_of(together):
-            covariance = stated_covariance(result, kept)
-        values[at], covariances[at] = of_run[: len(names)], covariance[: len(names), : len(names)]
-    usable = np.isfinite(values).all(axis=1)
-    v, c, text = values[usable], covariances[usable], "chi-square about the weighted mean"
-    one_by_one = [_homogeneity(v[:, [j]], c[:, [j]][:, :, [j]]) for j in range(len(names))]
-    statistics, counts = np.array(one_by_one).T
-    total = chi_square_test((), *_homogeneity(v, c), text)
-    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    dims, unit = ("run", "quantity"), MIXED_UNITS
-    variables: Variables = {
-        "value": variable(dims, values, "value from this run alone", unit),
-        "standard_error": variable(dims, errors, "standard error of the value from this run alone", unit),
-        "reason": variable("run", reasons, "why this run alone decides nothing"),
-        **chi_square_test("quantity", statistics, counts, text),
-        **{f"total_{name}": values_of_test for name, values_of_test in total.items()},
-    }
-    attrs = {"verdict": verdict_of(float(total["p_value"][1]))}
-    if random_force_of(together):
-        variables |= density_agreement(results, together)
-        attrs["density_verdict"] = verdict_of(float(variables["density_p_value"][1]))
-    return xr.Dataset(variables, {"quantity": names}, attrs)
-
-
-def verdict_of(p_value: float) -> str:
-    """`disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
-    return "unknown" if np.isnan(p_value) else "agree" if p_value >= HOMOGENEITY_LEVEL else "disagree"
-
-
-def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
-    """Chi-square of (run, quantity) about their weighted mean, and degrees of freedom."""
-    if len(values) < 2:
-        return np.nan, 0.0
-    return weighted_mean(values, covariances)[2], float((len(values) - 1) * values.shape[1])
-
-
-def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, float]:
-    """Mean of runs with correlated errors, its covariance, and chi-square about it.
-
-    Parameters
-    ----------
-    values : (run, quantity) array of float
-    covariances : (run, quantity, quantity) array of float
-    """
-    # Coefficients differ by orders of magnitude: in units of their errors the matrices are well conditioned.
-    unit = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
-    unit[unit == 0.0] = 1.0
-    values, scale = values / unit, np.outer(unit, unit)
-    weights = np.linalg.pinv(covariances / scale, hermitian=True)
-    inverse = np.linalg.pinv(weights.sum(axis=0), hermitian=True)
-    mean = inverse @ np.einsum("rij,rj->i", weights, values)
-    deviation = values - mean
-    statistic = float(np.einsum("ri,rij,rj->", deviation, weights, deviation))
-    return unit * mean, scale * inverse, statistic
-
-
-def density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> Variables:
-    """Test whether the densities of the random force are the same in all runs.
-
-    Parameters
-    ----------
-    results : sequence of Dataset or None
-        Of each run by itself; None of a run that alone decides nothing.
-    together : Dataset
-        The identification of all of them.
-
-    Returns
-    -------
-    dict of variables
-        Over `run` the `random_force_density` with its error ((rad/s^2)^2/Hz); `density_chi_square`,
-        `density_degrees_of_freedom` and `density_p_value`, nan where fewer than two runs tell a density.
-
-    Notes
-    -----
-    A ratio of variances is tested by its logarithm: a density has the relative error e, its logarithm the
-    standard error e. Where the most likely density is zero the deviance rises from there by one within the
-    standard error u, as S/u; that of the common identification is taken, as such a run says no more. The
-    statistic is the least sum of the runs' deviances at one common density.
-    """
-    densities, errors = np.full((2, len(results)), np.nan)
-    for at, result in enumerate(results):
+    count = len(symbols) + 1
+    values = np.full((len(results), count), missing)
+    covariances = np.full((len(results), count, count), missing)
+    for row, result in enumerate(results):
         if result is not None:
-            force = random_force_of(result)
-            densities[at] = force.density
-            errors[at] = (force if force else random_force_of(together, at)).standard_error
-    known = np.isfinite(densities) & np.isfinite(errors) & (errors > 0.0)
-    zero, some = known & (densities == 0.0), known & (densities > 0.0)
-    statistic, count = np.nan, max(0, int(known.sum()) - 1)
-    if count and some.any():
-        logs, relative = np.log(densities[some]), errors[some] / densities[some]
-
-        def deviance(log_density: float) -> float:
-            of_some = np.sum(((log_density - logs) / relative) ** 2)
-            return float(of_some + np.sum(np.exp(log_density) / errors[zero]))
-
-        statistic = minimize_scalar(deviance, bracket=(logs.min() - 1.0, logs.max())).fun
-    text = "density of the random force by this run alone"
-    tested = chi_square_test((), statistic, count, "deviance of one density for all runs")
-    return {
-        **with_error("random_force_density", "run", (densities, errors), text, DENSITY_UNITS),
-        **{f"density_{name}": values for name, values in tested.items()},
-    }
+            kept = [symbol for symbol in symbols if symbol in result.force and in_model(result, symbol)]
+            at = [*map(symbols.index, kept), len(symbols)]
+            values[row, at] = comparison_values(result, kept, reference)
+            covariances[row][np.ix_(at, at)] = comparison_covariance(result, kept, reference)
+    return values, covariances
 
 
 @in_units_of_the_motion
@@ -229,19 +99,14 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     """
     runs, library = as_runs(decay, driven=True), library_of(result)
     symbols = [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
-    reference = result.reference_frequency.item()
-    fits = list(_fits(method_of(result), runs, reference))
-    reasons = [""] * len(fits)
-    values, errors = np.full((2, len(fits), len(symbols)), np.nan)
-    for at, (label, method, parts) in enumerate(fits):
-        tell(label, at / len(fits))
-        later = float(parts[0].time.values[0] - runs[0].time.values[0])
-        try:
-            refit = method.identify(one_or_all(parts), counted_from(library, later))
-            of_fit, covariance = at_reference(refit, symbols, reference, np.nan)
-            values[at], errors[at] = of_fit[:-1], np.sqrt(np.diag(covariance))[:-1]
-        except (SysidTribError, np.linalg.LinAlgError) as error:
-            reasons[at] = str(error)
+    reference, fits, made = result.reference_frequency.item(), list[Refit](), []
+    for fit in _fits(method_of(result), runs, reference):
+        tell(fit[0])
+        fits.append(fit)
+        made.append(refit(*fit[1:], library, runs))
+    results, reasons = zip(*made, strict=True)
+    values, covariances = at_reference(results, symbols, reference)
+    values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
     estimate, unit, dims = result.coefficient.values, PER_FORCE_UNIT, ("fit", "force")
     everything = np.vstack([estimate, values])
@@ -251,7 +116,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
         "coefficient": variable(dims, values, "coefficient of the fit", unit),
         "standard_error": variable(dims, errors, "standard error of the fit", unit),
         "change": variable(dims, change, "change over the error of the fit", "1"),
-        "reason": variable("fit", reasons, "why a fit failed"),
+        "reason": variable("fit", list(reasons), "why a fit failed"),
         "kind": variable("fit", list(kinds), "what was changed"),
         "estimate": variable("force", estimate, "coefficient of the result", unit),
         "stated_error": variable("force", result.standard_error.values, "standard error of the result", unit),
@@ -285,3 +150,134 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
         if kind is not type(method):
             other = constrained(kind(**options), constraints)
             yield f"method: {type(other).__name__.lower()}", other, whole
+
+
+def sliding_coefficients(
+    decay: xr.Dataset,
+    library: ForceLibrary,
+    method: Method,
+    *,
+    window_periods: float = 10.0,
+    overlap: float = 0.5,
+) -> xr.Dataset:
+    """Identify a decay in sliding windows, and test whether its coefficients are constant.
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)` in rad, as `free_decay` returns it.
+    library : ForceLibrary
+        The forces, as for `identify`.
+    method : method
+        As for `identify`. With the method's `reference_frequency` the frequency is held in every window, and
+        a change of the linear stiffness shows in the force of formula `x`; without it the frequency is fitted
+        in every window and shows it itself.
+    window_periods : float
+        Length of a window in periods, at least 3.
+    overlap : float
+        Part of a window that the next has too, 0 to less than 1.
+
+    Returns
+    -------
+    Dataset
+        Over `window` (coordinates `window_time`, its centre in s, and `amplitude`, mean in rad) and `force`:
+        `coefficient`, `standard_error`, all referred to the one `common_frequency` (rad/s) although each
+        window's method has its own; `reference_frequency(window)` (rad/s) with its error; `decided(window)`
+        and the `reason(window)` why the method could not decide, its numbers being nan; `apart(window)`, the
+        windows of the tests. Tests of each force over these: `chi_square`, `degrees_of_freedom`, `p_value`
+        of a constant coefficient, `trend` (per s) with its error, `trend_p_value`.
+
+    Raises
+    ------
+    UsageError
+        Not one decay, or a window or overlap that makes no sense.
+    DecayError
+        The decay is shorter than two windows, or no window can be decided.
+
+    Notes
+    -----
+    Windows that overlap share their noise: only windows that do not enter the tests. In a decay, time and
+    amplitude go together: a coefficient that drifts may also be a force that depends on amplitude in another
+    way. `t` in a formula counts from each window's first sample.
+    """
+    if not isinstance(decay, xr.Dataset) or "angle" not in decay:
+        raise UsageError("Windows slide over one decay, a Dataset with angle(time): free_decay(record).")
+    if not (np.isfinite(window_periods) and window_periods >= SHORTEST and 0.0 <= overlap < 1.0):
+        raise UsageError(
+            f"window_periods={window_periods} must be at least {SHORTEST:g}, overlap={overlap} from 0 to "
+            "less than 1."
+        )
+    time, _, halves = with_half_periods(decay)
+    length = 2.0 * window_periods * float(np.median(halves.duration))
+    starts = time[0] + np.arange(0.0, time[-1] - time[0] - length + 1e-9, length * (1.0 - overlap))
+    if starts.size < 2 or starts[-1] - starts[0] < 0.999 * length:
+        raise DecayError(
+            f"Two windows of {window_periods:g} periods ({length:.3g} s) do not fit into "
+            f"{time[-1] - time[0]:.3g} s; take shorter ones."
+        )
+    windows = [decay.sel(time=slice(start - 1e-9, start + length + 1e-9)) for start in starts]
+    results, reasons = zip(*(refit(method, [window], library) for window in windows), strict=True)
+    decided = [result for result in results if result is not None]
+    if not decided:
+        raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
+    apart, end = np.zeros(starts.size, dtype=bool), -np.inf
+    for i, start in enumerate(starts):
+        # From the first window on those that share no sample.
+        if start >= end - 1e-6 * length:
+            apart[i], end = True, start + length
+    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
+    inside = [(middle >= start) & (middle < start + length) for start in starts]
+    amplitude = [np.abs(halves.peak[i]).mean() if i.any() else np.nan for i in inside]
+    w, w_errors = np.array(
+        [
+            [np.nan if result is None else result[name].item() for result in results]
+            for name in ("reference_frequency", "reference_frequency_standard_error")
+        ]
+    )
+    known = np.isfinite(w)
+    # By their precision.
+    weights = w_errors[known] ** -2.0 if np.all(w_errors[known] > 0.0) else None
+    common, symbols = float(np.average(w[known], weights=weights)), decided[0].force.values.tolist()
+    values, covariances = at_reference(results, symbols, common)
+    errors, dims = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)), ("window", "force")
+    data: Variables = {
+        "coefficient": variable(dims, values[:, :-1], "coefficient", PER_FORCE_UNIT),
+        "standard_error": variable(dims, errors[:, :-1], "standard error of the coefficient", PER_FORCE_UNIT),
+        "common_frequency": variable((), common, "frequency they all refer to", "rad/s"),
+        **with_error("reference_frequency", "window", (w, w_errors), "frequency of the window", "rad/s"),
+        "decided": variable("window", known, "whether it could be decided"),
+        "reason": text_variable("window", reasons, "why the window could not be decided"),
+        "apart": variable("window", apart, "whether it enters the tests"),
+    }
+    coords = {
+        "force": symbols,
+        "unit": ("force", decided[0]["unit"].values),
+        "window": np.arange(starts.size),
+        "window_time": variable("window", starts + 0.5 * length, "centre of the window", "s"),
+        "amplitude": variable("window", amplitude, "mean amplitude in the window", "rad"),
+    }
+    table = xr.Dataset(data, coords, decided[0].attrs)
+    return table.assign(_constancy(table))
+
+
+def _constancy(table: xr.Dataset) -> Variables:
+    """Tests of a constant coefficient over the windows that share no sample: chi-square, slope in time."""
+    usable = table.apart.values & table.decided.values
+    c, error = table.coefficient.values[usable], table.standard_error.values[usable]
+    count, t = int(usable.sum()), table.window_time.values[usable, None]
+    with np.errstate(all="ignore"):
+        weight = 1.0 / error**2
+        mean, centre = ((weight * part).sum(axis=0) / weight.sum(axis=0) for part in (c, t))
+        square, moment = ((weight * part**2).sum(axis=0) for part in (c - mean, t - centre))
+        trend, trend_error = (weight * (t - centre) * c).sum(axis=0) / moment, 1.0 / np.sqrt(moment)
+        p_value, trend_p = chi2.sf(square, count - 1), 2.0 * norm.sf(np.abs(trend / trend_error))
+    if count < 2:
+        p_value, trend_p = np.full((2, len(square)), np.nan)
+    return {
+        "mean_coefficient": variable("force", mean, "weighted mean of the coefficient", PER_FORCE_UNIT),
+        "chi_square": variable("force", square, "chi-square of a constant coefficient", "1"),
+        "p_value": variable("force", p_value, "p-value of a constant coefficient", "1"),
+        **with_error("trend", "force", (trend, trend_error), "slope of the coefficient in time", "per s"),
+        "trend_p_value": variable("force", trend_p, "p-value of no slope", "1"),
+        "degrees_of_freedom": variable((), max(count - 1, 0), "degrees of freedom of each chi-square", "1"),
+    }

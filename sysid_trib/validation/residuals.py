@@ -14,9 +14,9 @@ from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.sensor import coarse_step, rounded_noise, slow_part
-from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.records.smoothing import sensor_noise, swing_frequency
 from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import noise_of_run, variable
+from sysid_trib.results.variables import Variables, noise_of_run, text_variable, variable
 from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     MEASURED_TIME,
@@ -32,6 +32,7 @@ from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
+DIVERGES = "its motion diverges"
 # Of each model: name of the variable, what it is, and its unit.
 RESIDUALS = {
     "residual_rms": ("RMS of record minus model", "rad"),
@@ -73,12 +74,41 @@ def fitted_motion(
 def with_motions(
     decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None]
 ) -> xr.Dataset:
-    """The record with the angle of each model, nan of one that diverges."""
-    record = decay.assign_coords(model=list(names))
+    """The record with the angle of each model, nan of one that diverges, and its noise."""
     no_motion = np.full(decay.sizes["time"], np.nan)
     simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
-    angle = variable(("model", "time"), simulated, "angle of the model", "rad")
-    return record.assign(simulated_angle=angle)
+    return with_noise_and_models(decay, names, simulated)
+
+
+def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
+    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
+
+    It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
+    record, whose motion no spline follows, no more than a model leaves.
+    """
+    noise = sensor_noise(decay)
+    if inputs_of(decay):
+        left = np.std(decay.angle.values - simulated, axis=1)
+        noise = float(np.nanmin(left, initial=noise))
+    return decay.assign_coords(model=list(names)).assign(
+        simulated_angle=variable(("model", "time"), simulated, "angle of the model", "rad"),
+        noise=variable((), noise, "standard deviation of the sensor's noise", "rad"),
+    )
+
+
+def failures(records: Sequence[xr.Dataset]) -> Variables:
+    """Why there is no motion of a model, in a few words; empty where there is one, even a far one."""
+    reasons = []
+    for model in records[0].model.values:
+        simulated = [np.abs(record.simulated_angle.sel(model=model)).max(skipna=False) for record in records]
+        # Of the largest angle of the record; a motion that grows beyond is none of it.
+        pairs = zip(simulated, records, strict=True)
+        failed = [
+            at for at, (largest, run) in enumerate(pairs) if not largest <= 3.0 * np.abs(run.angle).max()
+        ]
+        of_run = f" in run {failed[0] + 1}" if failed and len(records) > 1 else ""
+        reasons.append(f"{DIVERGES}{of_run}" if failed else "")
+    return {"failure": text_variable("model", reasons, "why there is no motion of the model")}
 
 
 def residuals(

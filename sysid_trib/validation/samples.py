@@ -27,11 +27,12 @@ from sysid_trib.results.variables import (
     variable,
     with_error,
 )
+from sysid_trib.validation.agreement import HOMOGENEITY_LEVEL, weighted_mean
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, error_parts, part_fit
 from sysid_trib.validation.random_effects import RandomEffects
-from sysid_trib.validation.refits import HOMOGENEITY_LEVEL, at_reference, weighted_mean
+from sysid_trib.validation.refits import at_reference
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
@@ -180,7 +181,7 @@ def _run(
     result: xr.Dataset, symbols: Sequence[str], reference: float, held: Sequence[str] = ()
 ) -> tuple[Array, Array, Array]:
     """Values of a run, their covariance by the noise, and that by the model; zero without a force."""
-    values, covariance = at_reference(result, symbols, reference, 0.0)
+    (values,), (covariance,) = at_reference([result], symbols, reference, 0.0)
     part = np.ones(len(symbols) + 1)
     for place in map(symbols.index, held):
         values[place] = result.coefficient.sel(force=symbols[place]).item()

@@ -13,53 +13,14 @@ from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.bands import SETTLING_PERIODS, bands_of
 from sysid_trib.motion_fit.innovations import innovations_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
-from sysid_trib.records.decay import root_mean_square
-from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import determines
-from sysid_trib.results.variables import group_names, noise_of_run, record_groups, text_variable
+from sysid_trib.results.variables import group_names, noise_of_run, text_variable
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
+from sysid_trib.validation.residuals import DIVERGES
 
 PARTS_OF_RECORD = ("first", "second", "last")
-DIVERGES = "its motion diverges"
 NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
-
-
-def record_noise(tree: xr.DataTree) -> float:
-    """The sensor's noise of the records in a result, rad: RMS over the runs of `sensor_noise`.
-
-    The one noise against which tables, sentences and figures show residuals: it is the record's, whatever the
-    model.
-    """
-    return root_mean_square([run_record_noise(tree, run) for run in range(len(record_groups(tree)))])
-
-
-def run_record_noise(tree: xr.DataTree, run: int) -> float:
-    """Noise of one run; of a driven one, whose motion no spline follows, no more than a model leaves."""
-    record = tree[record_groups(tree)[run]].to_dataset()
-    noise = sensor_noise(record)
-    if not inputs_of(record) or "simulated_angle" not in record:
-        return noise
-    return float(np.fmin(noise, (record.angle - record.simulated_angle).std("time").min()))
-
-
-def breakdown(tree: xr.DataTree, model: str) -> str:
-    """Why there is no motion of a model, in a few words; empty where there is one, even far from the record.
-
-    Parameters
-    ----------
-    tree : DataTree
-        With `simulated_angle(model, time)` in its records.
-    model : str
-        Which of the models.
-    """
-    groups = record_groups(tree)
-    for at, group in enumerate(groups):
-        simulated = np.abs(tree[group].simulated_angle.sel(model=model).values)
-        # Of the largest angle of the record; a motion that grows beyond is none of it.
-        if not np.max(simulated) <= 3.0 * np.max(np.abs(tree[group].angle.values)):
-            return f"{DIVERGES}{f' in run {at + 1}' if len(groups) > 1 else ''}"
-    return ""
 
 
 def no_nearer_than_rest(angle: Array, residual: Array) -> str:
