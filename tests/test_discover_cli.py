@@ -9,7 +9,7 @@ from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, sentences_of
 
 from sysid_trib import Model, load
-from sysid_trib.commands.options import SearchOptions
+from sysid_trib.commands.options import Given, options_of
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.plots.declared import figures_of
 from sysid_trib.printing.discovery import discovery_blocks
@@ -111,9 +111,8 @@ def test_what_is_not_predicted_is_said_and_fitted_next(twin):
     tree["holdout"].rms[-1] = 3.4 * record_noise(tree)
     assert "But it leaves 3.4 times the noise of what was held out (the last third)." in story(tree)
     step = next_step(tree)
-    assert (
-        command_after(step, [SearchOptions(max_effects=2)]) == "sysid-trib discover --max-effects 2 --refit"
-    )
+    given = Given(options_of("search"), max_effects=2)
+    assert command_after(step, given) == "sysid-trib discover --max-effects 2 --refit"
     tree.attrs["options"] = json.dumps({"refit": True})
     assert "But" not in story(tree)
     assert next_step(tree).command == "identify"

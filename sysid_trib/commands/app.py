@@ -2,19 +2,16 @@
 
 import inspect
 from collections.abc import Callable
-from copy import copy
-from dataclasses import Field, fields
 from importlib import import_module
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
-from sysid_trib.commands import options, own_options, terminal
+from sysid_trib.commands import terminal
 from sysid_trib.commands.destination import check_values
-from sysid_trib.commands.options import OUTPUT, WHERE_TO_WRITE, WRITTEN_BY, default_of, option
+from sysid_trib.commands.options import Given, options_of
 
 
 class GroupedCommand(TyperCommand):
@@ -63,56 +60,42 @@ def _options(
 
 
 Declared = Callable[[], None]
+FILES = ("shown", "files")
+DESTINATION = (*FILES, "destination")
 
 
-def command(home: str, *groups: Any, **single: tuple[Any, Field[Any]]) -> Callable[[Declared], None]:
+def command(home: str, *groups: str) -> Callable[[Declared], None]:
     """Make a command of a name, a docstring and options.
 
     Parameters
     ----------
     home : str
         Module of this folder, imported when the command runs, whose function of the same name works: it
-        takes what says how far it is, the groups of options, and single ones by name, and gives what prints.
-    *groups : dataclass
-        Groups of options.
-    **single : (type, field)
-        Options without a group.
+        takes what says how far it is and what was given, and gives what prints.
+    *groups : str
+        Groups of options, by their names in `options.toml`.
     """
-    for name, (kind, part) in single.items():
-        part.name, part.type = name, kind
-    parts = [(part, "") for _, part in single.values()]
-    parts += [(part, group.title) for group in groups for part in fields(group)]
+    options = options_of(*groups)
 
     def register(declared: Declared) -> None:
         def run(**values: Any) -> None:
-            given = [group(**{part.name: values[part.name] for part in fields(group)}) for group in groups]
+            given = Given(options, **values)
             with terminal.working(values.get(terminal.RECORDS, ())) as tell:
-                check_values([part for part, _ in parts], values)
+                check_values(given)
                 work = getattr(import_module(f"sysid_trib.commands.{home}"), declared.__name__)
-                say = work(tell, *given, **{name: values[name] for name in single})
+                say = work(tell, given)
             say()
 
+        parameters = [option.parameter for option in options.values()]
         run.__name__, run.__doc__ = declared.__name__, declared.__doc__
-        run.__signature__ = inspect.Signature([_parameter(*of) for of in parts])  # type: ignore[attr-defined]
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         purpose = (inspect.getdoc(declared) or "").partition("\n\n")[0]
         app.command(declared.__name__, cls=GroupedCommand, help=purpose)(run)
 
     return register
 
 
-def _parameter(part: Field[Any], title: str) -> inspect.Parameter:
-    """An option as the argument of a function, under the title of its group in the help."""
-    given = copy(part.metadata["typer"])
-    given.rich_help_panel = part.metadata["title"] or title
-    made: dict[str, Any] = {"default": default_of(part), "annotation": Annotated[part.type, given]}
-    return inspect.Parameter(part.name, inspect.Parameter.KEYWORD_ONLY, **made)
-
-
-SAVED = "What identify, compare or discover wrote with -o."
-RESULT = Path, option("RESULT.nc", SAVED, ..., title="Result", positional=True)
-
-
-@command("shown", options.DecayOptions, options.Shown)
+@command("shown", "records", "shown")
 def look() -> None:
     """Say what is in a file and what to do next, without a fit.
 
@@ -123,7 +106,7 @@ def look() -> None:
     """
 
 
-@command("shown", options.DecayOptions, options.Files)
+@command("shown", "records", *FILES)
 def backbone() -> None:
     """Frequency and damping ratio against amplitude, with bands, without a model.
 
@@ -134,7 +117,7 @@ def backbone() -> None:
     """
 
 
-@command("fits", options.DecayOptions, options.ModelOptions, own_options.IdentifyOptions, options.Destination)
+@command("fits", "records", "model", "identify", *DESTINATION)
 def identify() -> None:
     """Identify the forces of a decay in two ways, and cross-check them.
 
@@ -145,7 +128,7 @@ def identify() -> None:
     """
 
 
-@command("predicted", options.DecayOptions, options.StartOptions, options.SearchOptions, options.Destination)
+@command("predicted", "records", "start", "search", *DESTINATION)
 def discover() -> None:
     """Find what a model lacks to explain a decay, name it, add it, and say how far the gap shrinks.
 
@@ -156,7 +139,7 @@ def discover() -> None:
     """
 
 
-@command("fits", options.DecayOptions, options.ModelOptions, options.Destination)
+@command("fits", "records", "model", *DESTINATION)
 def compare() -> None:
     """Identify the forces of a decay by every method, and test each on a part that it has not seen.
 
@@ -167,7 +150,7 @@ def compare() -> None:
     """
 
 
-@command("fits", options.DecayOptions, options.ModelOptions, options.Destination)
+@command("fits", "records", "model", *DESTINATION)
 def difference() -> None:
     """Hold two samples against each other, A... : B...: which coefficients differ, and by how much.
 
@@ -178,7 +161,7 @@ def difference() -> None:
     """
 
 
-@command("predicted", options.DecayOptions, options.ModelOptions, own_options.PlanOptions, options.Shown)
+@command("predicted", "records", "model", "plan", "shown")
 def plan() -> None:
     """Say which run to make next: RESULT.nc of identify or discover, or records.
 
@@ -189,7 +172,7 @@ def plan() -> None:
     """
 
 
-@command("predicted", own_options.SweepOptions, options.Files, result=RESULT)
+@command("predicted", "result", "sweep", *FILES)
 def response() -> None:
     """Steady response of an identified model to a harmonic drive, with bands and its unstable branch.
 
@@ -200,9 +183,7 @@ def response() -> None:
     """
 
 
-@command(
-    "campaign", options.DecayOptions, options.ModelOptions, options.SearchOptions, own_options.CampaignOptions
-)
+@command("campaign", "records", "model", "search", "campaign")
 def campaign() -> None:
     """Do one task with many records, on several processes, into a store that can be gone on with.
 
@@ -213,7 +194,7 @@ def campaign() -> None:
     """
 
 
-@command("predicted", own_options.SimulationOptions)
+@command("predicted", "simulation")
 def simulate() -> None:
     """Simulate the decay of a model; without --set, of the paper's PDMS/glass run.
 
@@ -224,10 +205,7 @@ def simulate() -> None:
     """
 
 
-PAGE = option("REPORT.html", WHERE_TO_WRITE, ..., flags=WRITTEN_BY, title=OUTPUT, ending=".html .htm")
-
-
-@command("shown", result=RESULT, output=(Path, PAGE))
+@command("shown", "result", "page")
 def report() -> None:
     """Show a saved result as one self-contained page, with figures and tables.
 
@@ -238,11 +216,7 @@ def report() -> None:
     """
 
 
-LANGUAGE = option("python|sympy|simulink", "Language.", "python", flags=("--as",), title=OUTPUT)
-CODE = option("FILE", WHERE_TO_WRITE, flags=WRITTEN_BY, title=OUTPUT)
-
-
-@command("shown", result=RESULT, language=(str, LANGUAGE), output=(Path | None, CODE))
+@command("shown", "result", "code")
 def export() -> None:
     """Write an identified equation as a Python function, for sympy, or as a function block of Simulink.
 
@@ -253,11 +227,7 @@ def export() -> None:
     """
 
 
-OFFERED = option("NAME|FILE", "Force library.", options.DEFAULT_LIBRARY, title="Library", positional=True)
-LATEX = option("FILE", "Where to write it for LaTeX.", title=OUTPUT, ending=".tex")
-
-
-@command("shown", library=(str, OFFERED), latex=(Path | None, LATEX))
+@command("shown", "offered")
 def forces() -> None:
     """Show the forces of a library: equations, kind, and signatures in envelope and frequency.
 

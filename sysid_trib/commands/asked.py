@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.checks import assigned, parse_value_with_error
-from sysid_trib.commands.options import MOST, ModelOptions, SearchOptions, StartOptions
+from sysid_trib.commands.options import MOST, Given
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -84,43 +84,34 @@ class AskedModel:
         return {label: with_random_force(method, self.random_force) for label, method in methods.items()}
 
 
-def asked_model(model: ModelOptions, system: str | None = None) -> AskedModel:
-    """What is to be identified, with what a system (name or file) always has."""
-    moving = load_system(system)
-    contactless, held = parse_value_with_error(model.omega0, "--omega0"), model.reference_frequency
+def asked_model(given: Given) -> AskedModel:
+    """What is to be identified, with what the system always has."""
+    moving = load_system(given.system)
+    contactless, held = parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
-    offered = offered_forces(model.library, moving.with_held(model.forces), bool(contactless or held))
-    shapes = held_shapes(model.set_, offered)
-    constraints = Constraints.from_texts(model.fix, model.bound, model.tie)
+    offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
+    shapes = held_shapes(given.set_, offered)
+    constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
     unconstrained = set(offered.symbols) - set(constraints.names)
     always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
     constraints.check(forces_to_identify(offered, held, sensors=True))
-    random_force = parse_random_force(model.random_force)
+    random_force = parse_random_force(given.random_force)
     return AskedModel(offered, shapes, constraints, contactless, held, random_force)
 
 
 def asked_search(
-    model: StartOptions | ModelOptions,
-    forces: str | None,
-    asked: SearchOptions,
-    system: str | None,
-    inputs: Collection[str] = (),
+    given: Given, inputs: Collection[str] = ()
 ) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
     """The start model, what it may lack, and how to search, as `discover` takes them.
 
     Parameters
     ----------
-    model : dataclass
-        Options of the start model.
-    forces : str, optional
-        Its forces; without them viscous friction and inputs.
-    asked : SearchOptions
-        How to search. Without candidates of its own the model may lack the library's other forces and the
-        usual effects.
-    system : str, optional
-        Name or file of the system: what it always has is held, what it cannot have is not offered.
+    given : Given
+        Without forces the start model has viscous friction and inputs. Without candidates of its own it may
+        lack the library's other forces and the usual effects. What the system always has is held, what it
+        cannot have is not offered.
     inputs : collection of str
         Names of what drives.
 
@@ -130,14 +121,14 @@ def asked_search(
         A level that is none, a time limit that leaves no time, or a candidate with the symbol of another
         force of the model: a name would then say nothing.
     """
-    held, moving = model.reference_frequency, load_system(system)
-    if not 0.0 < asked.level < 1.0:
-        raise UsageError(f"--level '{asked.level:g}' must lie between 0 and 1, such as 0.01.")
+    held, moving, forces = given.reference_frequency, load_system(given.system), given.forces
+    if not 0.0 < given.level < 1.0:
+        raise UsageError(f"--level '{given.level:g}' must lie between 0 and 1, such as 0.01.")
     if forces is None:
-        forces = ",".join(viscous_model(load_library(model.library), inputs).symbols)
-    start = offered_forces(model.library, moving.with_held(forces), held is not None)
-    offered = load_library(asked.candidates or model.library)
-    if asked.candidates is None:
+        forces = ",".join(viscous_model(load_library(given.library), inputs).symbols)
+    start = offered_forces(given.library, moving.with_held(forces), held is not None)
+    offered = load_library(given.candidates or given.library)
+    if given.candidates is None:
         offered = further_forces(offered, start, inputs)
     offered = offered.select(symbol for symbol in offered.symbols if symbol not in moving.impossible)
     for force in offered:
@@ -149,10 +140,10 @@ def asked_search(
     options = {
         "reference_frequency": held,
         "constraints": dict(moving.held),
-        "max_effects": asked.max_effects,
-        "refit": asked.refit,
-        "level": asked.level,
-        "time_limit": asked.time_limit or float("inf"),
+        "max_effects": given.max_effects,
+        "refit": given.refit,
+        "level": given.level,
+        "time_limit": given.time_limit or float("inf"),
     }
     return start, offered, options
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
 from functools import partial
 from glob import glob, has_magic
 from pathlib import Path
@@ -15,10 +14,9 @@ from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.campaigns.study import load_study
-from sysid_trib.commands import options
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.destination import check_output, print_json
-from sysid_trib.commands.own_options import CampaignOptions
+from sysid_trib.commands.options import GROUPS, Given
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import command_line, print_blocks
 from sysid_trib.errors import RecordError, Tell, UsageError
@@ -26,35 +24,29 @@ from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 from sysid_trib.validation.between_runs import between_runs, without_collinear
 
 
-def campaign(
-    tell: Tell,
-    given: options.DecayOptions,
-    model: options.ModelOptions,
-    search: options.SearchOptions,
-    asked: CampaignOptions,
-) -> Callable[[], None]:
+def campaign(tell: Tell, given: Given) -> Callable[[], None]:
     """Do a task with each record, and write what varies between them on a page."""
     check_extra()
-    records = _records(given.records, asked.study, asked.conditions)
-    if asked.output is None:
+    records = _records(given.records, given.study, given.conditions)
+    if given.output is None:
         raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
-    if asked.output.suffix != ".zarr":
-        raise UsageError(f"{asked.output}: the ending must be .zarr.")
-    page = asked.output.with_suffix(".html")
-    reads = [*([] if asked.study else records), asked.study, asked.conditions]
-    reads += [model.library, search.candidates, given.system]
+    if given.output.suffix != ".zarr":
+        raise UsageError(f"{given.output}: the ending must be .zarr.")
+    page = given.output.with_suffix(".html")
+    reads = [*([] if given.study else records), given.study, given.conditions]
+    reads += [given.library, given.candidates, given.system]
     check_output(page, page.suffix, reads=[Path(name) for name in reads if name is not None])
-    table = _conditions(asked, new_store.CampaignRecords(records).names)
+    table = _conditions(given, new_store.CampaignRecords(records).names)
     store = filled(
         records,
-        _task(given, model, search, asked),
-        output=asked.output,
-        workers=asked.workers if asked.scheduler is None else asked.scheduler,
-        memory=asked.memory,
+        _task(given),
+        output=given.output,
+        workers=given.workers if given.scheduler is None else given.scheduler,
+        memory=given.memory,
         tell=tell,
     )
     tell("what varies between the records")
-    compared = _compared(store, table, asked.laboratories)
+    compared = _compared(store, table, given.laboratories)
     tell("report")
     from sysid_trib.reporting.campaign import write_campaign
 
@@ -62,54 +54,48 @@ def campaign(
     result = store, counts_of(store), compared
 
     def say() -> None:
-        if asked.as_json:
+        if given.as_json:
             print_json(campaign_json(*result))
         else:
-            print_blocks(campaign_blocks(*result), written=(asked.output, page))
+            print_blocks(campaign_blocks(*result), written=(given.output, page))
         if not result[1]["done"]:
-            raise RecordError(f"{asked.output}: no record has a result; why each has none is in {page}.")
+            raise RecordError(f"{given.output}: no record has a result; why each has none is in {page}.")
 
     return say
 
 
-def decays_of(given: options.DecayOptions, model: options.ModelOptions, path: str) -> Sequence[xr.Dataset]:
+def decays_of(given: Given, path: str) -> Sequence[xr.Dataset]:
     """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
-    return read_decays(replace(given, records=[Path(path)]), model)[0]
+    return read_decays(given.but(records=[Path(path)]))[0]
 
 
-def _task(
-    given: options.DecayOptions,
-    model: options.ModelOptions,
-    search: options.SearchOptions,
-    asked: CampaignOptions,
-) -> task.Task:
+def _task(given: Given) -> task.Task:
     """The task that the options ask for; an option that it does not have is refused."""
-    name = asked.task
+    name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
     # How a file is read does not depend on which others there are.
-    read = partial(decays_of, replace(given, records=[]), model)
+    read = partial(decays_of, given.but(records=[]))
     if name == "discover":
-        known = [options.flag_of(part) for part in fields(options.StartOptions)]
-        _refuse(name, [flag for flag in options.changed_flags(model) if flag not in known])
-        if asked.methods is not None:
+        _refuse(name, given.changed(GROUPS["model"].keys() - GROUPS["start"].keys()))
+        if given.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
-        start, offered, how = asked_search(model, model.forces, search, given.system)
+        start, offered, how = asked_search(given)
         return task.Task("discover", start, candidates=offered, read=read, options=how)
-    _refuse(name, options.changed_flags(search))
-    of_model = asked_model(model, given.system)
+    _refuse(name, given.changed(GROUPS["search"]))
+    of_model = asked_model(given)
     methods = of_model.every_method
     # The two that `identify` holds against each other.
     wanted = ["averaging", "direct"] if name == "identify" else list(methods)
-    if asked.methods:
-        wanted = [label.strip() for label in asked.methods.split(",")]
+    if given.methods:
+        wanted = [label.strip() for label in given.methods.split(",")]
     if misspelt := [label for label in wanted if label not in methods]:
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
     return task.Task(
-        name,  # type: ignore[arg-type]
+        name,
         of_model.library,
         {label: methods[label] for label in wanted},
-        judged=name == "identify" and not asked.methods,
+        judged=name == "identify" and not given.methods,
         read=read,
         constraints=of_model.constraints.table,
         contactless=of_model.contactless,
@@ -141,15 +127,15 @@ def _records(patterns: list[Path], study: Path | None, conditions: Path | None) 
     return [file for file in dict.fromkeys(files) if conditions is None or Path(file) != conditions]
 
 
-def _conditions(asked: CampaignOptions, names: list[str]) -> Any:
+def _conditions(given: Given, names: list[str]) -> Any:
     """The table of conditions, if there is one."""
-    if asked.conditions is None:
-        if asked.laboratories is not None:
+    if given.conditions is None:
+        if given.laboratories is not None:
             raise UsageError("--laboratories is a column of --conditions: give both.")
         return None
-    table = read_conditions(asked.conditions, names)
-    if asked.laboratories is not None and asked.laboratories not in table:
-        raise UsageError(f"--laboratories '{asked.laboratories}': the conditions have {', '.join(table)}.")
+    table = read_conditions(given.conditions, names)
+    if given.laboratories is not None and given.laboratories not in table:
+        raise UsageError(f"--laboratories '{given.laboratories}': the conditions have {', '.join(table)}.")
     return table
 
 

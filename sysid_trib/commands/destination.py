@@ -2,14 +2,13 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import Field
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid_trib.commands.checks import check_between
-from sysid_trib.commands.options import Destination, Shown, flag_of
+from sysid_trib.commands.options import Given
 from sysid_trib.commands.terminal import command_line, print_blocks
 from sysid_trib.errors import RecordError, Tell, UsageError, printable
 from sysid_trib.printing import Block, Layer
@@ -23,15 +22,8 @@ INCH = 25.4
 READ = ("result", "test", "library", "candidates", "system")
 
 
-def check_values(parts: Iterable[Field[Any]], values: Mapping[str, Any]) -> None:
+def check_values(given: Given) -> None:
     """Refuse, before the work is done, a number out of its range, and places that cannot be written.
-
-    Parameters
-    ----------
-    parts : iterable of Field
-        Options of a command.
-    values : mapping
-        What they were given.
 
     Raises
     ------
@@ -40,14 +32,15 @@ def check_values(parts: Iterable[Field[Any]], values: Mapping[str, Any]) -> None
     RecordError
         A place that cannot be written, or the result would replace what is read.
     """
+    values = vars(given)
     if values.get("explain") and values.get("quiet"):
         raise UsageError("--explain prints more and --quiet prints less: choose one.")
     reads = [*values.get("records", ()), *(Path(values[name]) for name in READ if values.get(name))]
-    for part in parts:
-        if part.metadata["within"]:
-            check_between(values[part.name], flag_of(part), *part.metadata["within"])
-        if part.metadata["ending"]:
-            check_output(values[part.name], part.metadata["ending"], reads=reads, flag=flag_of(part))
+    for name, option in given.options.items():
+        if option.within:
+            check_between(values[name], option.flag, *option.within)
+        if option.ending:
+            check_output(values[name], option.ending, reads=reads, flag=option.flag)
     if values.get("methods") and "plot" in values:
         check_output(values["methods"].with_suffix(".bib"), ".bib", reads=reads, flag="--methods")
     check_folder(values.get("plot"))
@@ -82,7 +75,7 @@ def check_folder(folder: Path | None) -> None:
 
 
 def deliver(
-    into: Shown,
+    given: Given,
     tell: Tell,
     says: tuple[Callable[[], Sequence[Block]], Callable[[], dict[str, Any]]],
     tree: "xr.DataTree",
@@ -94,7 +87,7 @@ def deliver(
 
     Parameters
     ----------
-    into : Shown
+    given : Given
         Where it goes.
     tell : Tell
         Called with what begins.
@@ -116,22 +109,22 @@ def deliver(
 
     tell("files")
     written = {place: text_of for place, text_of in (texts or {}).items() if place is not None}
-    places = [getattr(into, "output", None), *written, into.plot]
+    places = [vars(given).get("output"), *written, given.plot]
     tree.attrs["command"] = command_line()
     if places[0] is not None:
         save(tree, places[0])
     for place, text_of in written.items():
         write_file(place, text_of().encode())
-    if into.plot is not None:
-        _draw(tree, kind, into.plot, into.width / INCH, tell)
+    if given.plot is not None:
+        _draw(tree, kind, given.plot, given.width / INCH, tell)
     tell("what is to be said")
-    whole = isinstance(into, Destination)
+    whole = "explain" in given.options
     following = tree.attrs.get("next", "") if whole else ""
-    if into.as_json:
+    if given.as_json:
         return partial(print_json, says[1]() | ({"next": following} if whole else {}))
     layer = Layer.DEFAULT
-    if isinstance(into, Destination):
-        layer = Layer.QUIET if into.quiet else Layer.EXPLAIN if into.explain else Layer.DEFAULT
+    if whole:
+        layer = Layer.QUIET if given.quiet else Layer.EXPLAIN if given.explain else Layer.DEFAULT
     ends = ["More: --explain."] if whole and layer is Layer.DEFAULT else []
     ends += [f"Next: {printable(following)}"] if following else []
     return partial(print_blocks, says[0](), layer, ends, places)
@@ -154,8 +147,8 @@ def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell
         write_figure(draw(width=width), folder / name)
 
 
-def texts_of(into: Destination, tree: "xr.DataTree") -> dict[Path | None, Callable[[], str]]:
+def texts_of(given: Given, tree: "xr.DataTree") -> dict[Path | None, Callable[[], str]]:
     """What stands in the files of text of a result, by their places."""
     from sysid_trib.printing.exported import csv_text, latex_text
 
-    return {into.csv: partial(csv_text, tree), into.latex: partial(latex_text, tree)}
+    return {given.csv: partial(csv_text, tree), given.latex: partial(latex_text, tree)}

@@ -1,7 +1,6 @@
 """What `sysid-trib identify`, `compare` and `difference` do: fits of given forces."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,7 @@ import xarray as xr
 from sysid_trib.commands.asked import asked_model
 from sysid_trib.commands.checks import parse_value_with_error
 from sysid_trib.commands.destination import deliver, texts_of
-from sysid_trib.commands.options import DecayOptions, Destination, ModelOptions
-from sysid_trib.commands.own_options import IdentifyOptions
+from sysid_trib.commands.options import Given
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
 from sysid_trib.errors import Tell, UsageError
@@ -35,27 +33,25 @@ def names_in(text: str | None) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
 
 
-def identify(
-    tell: Tell, given: DecayOptions, model: ModelOptions, asked: IdentifyOptions, into: Destination
-) -> Callable[[], None]:
+def identify(tell: Tell, given: Given) -> Callable[[], None]:
     """Identify the forces of records in two ways."""
-    measured, calibration = _measured(asked), calibration_of(given)
-    wanted = asked_model(model, given.system)
-    profiled = names_in(asked.profile)
+    measured, calibration = _measured(given), calibration_of(given)
+    wanted = asked_model(given)
+    profiled = names_in(given.profile)
     if len(pairs := [name for name in profiled if ":" in name]) > 1:
         raise UsageError(f"--profile draws contours of one pair, not of {' and '.join(pairs)}; ask for one.")
     tell("reading")
-    decays, sources = read_decays(given, model, driven=True)
+    decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
-    if driven and (measured or asked.methods):
+    if driven and (measured or given.methods):
         raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
-    if asked.warm_up is not None and not (asked.warm_up >= 0.0 and (driven or asked.test)):
+    if given.warm_up is not None and not (given.warm_up >= 0.0 and (driven or given.test)):
         raise UsageError(
             "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
         )
-    own, warm_up = tuple(names_in(model.own)), asked.warm_up or 0.0
+    own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
     usual = usual_methods(decays, wanted.library, wanted.reference_frequency, wanted.shapes, own, warm_up)
     tree = identified(
         decays,
@@ -66,12 +62,13 @@ def identify(
         tell=tell,
     )
     predicted = []
-    if asked.test is not None:
+    if given.test is not None:
         tell("prediction")
-        others, _ = read_decays(replace(given, records=[asked.test]), as_it_is=True, driven=True)
+        of_test = given.but(records=[given.test], omega0=None, reference_frequency=None)
+        others, _ = read_decays(of_test, as_it_is=True, driven=True)
         answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
-        predicted = [predict(answer, other, warm_up=asked.warm_up) for other in others]
-    _add_sureness(tree, decays, asked.sensitivity, profiled, tell)
+        predicted = [predict(answer, other, warm_up=given.warm_up) for other in others]
+    _add_sureness(tree, decays, given.sensitivity, profiled, tell)
     if calibration[1]:
         tree = with_scale_error(tree, calibration[1] / calibration[0])
     if measured and (result := findings.kept_results(tree).get(findings.answer_of(tree))) is not None:
@@ -79,23 +76,23 @@ def identify(
         converted = in_si_units(result, **measured).drop_dims("other_force")
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
     if not driven:
-        keep_next(tree, given, model)
-    texts = texts_of(into, tree)
-    if asked.methods is not None:
-        texts[asked.methods] = partial(exported.methods_text, tree)
-        texts[asked.methods.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
+        keep_next(tree, given)
+    texts = texts_of(given, tree)
+    if given.methods is not None:
+        texts[given.methods] = partial(exported.methods_text, tree)
+        texts[given.methods.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
-    return deliver(into, tell, says, tree, texts)
+    return deliver(given, tell, says, tree, texts)
 
 
-def _measured(asked: IdentifyOptions) -> dict[str, tuple[float, float]]:
+def _measured(given: Given) -> dict[str, tuple[float, float]]:
     """What gives SI units, with its errors; refused where it is too little for what it is for."""
     names = ("inertia", "mass", "load", "radius")
-    read = {name: parse_value_with_error(getattr(asked, name), f"--{name}") for name in names}
-    given = {name: pair for name, pair in read.items() if pair is not None}
-    if given:
-        check_measured(given.keys())
-    return given
+    read = {name: parse_value_with_error(getattr(given, name), f"--{name}") for name in names}
+    known = {name: pair for name, pair in read.items() if pair is not None}
+    if known:
+        check_measured(known.keys())
+    return known
 
 
 def _add_sureness(
@@ -127,11 +124,11 @@ def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
     return whole | driven.prediction_json(predicted) | sureness.sureness_json(tree)
 
 
-def compare(tell: Tell, given: DecayOptions, model: ModelOptions, into: Destination) -> Callable[[], None]:
+def compare(tell: Tell, given: Given) -> Callable[[], None]:
     """Identify the forces of records by every method."""
-    asked = asked_model(model, given.system)
+    asked = asked_model(given)
     tell("reading")
-    decays, sources = read_decays(given, model, driven=True)
+    decays, sources = read_decays(given, driven=True)
     tree = compared(
         decays,
         asked.library,
@@ -140,24 +137,22 @@ def compare(tell: Tell, given: DecayOptions, model: ModelOptions, into: Destinat
         constraints=asked.constraints.table,
         tell=tell,
     )
-    keep_next(tree, given, model)
+    keep_next(tree, given)
     blocks = partial(comparison_blocks, tree, record_sentences(tree, sources))
     says = blocks, partial(json_results.comparison_json, tree)
-    return deliver(into, tell, says, tree, texts_of(into, tree))
+    return deliver(given, tell, says, tree, texts_of(given, tree))
 
 
 # Stands between the records of the two samples.
 AND = Path(":")
 
 
-def difference(tell: Tell, given: DecayOptions, model: ModelOptions, into: Destination) -> Callable[[], None]:
+def difference(tell: Tell, given: Given) -> Callable[[], None]:
     """Hold two samples against each other."""
     sides = _sides(given.records)
-    asked = asked_model(model, given.system)
+    asked = asked_model(given)
     tell("reading")
-    (first, of_first), (second, of_second) = (
-        read_decays(replace(given, records=side), model) for side in sides
-    )
+    (first, of_first), (second, of_second) = (read_decays(given.but(records=side)) for side in sides)
     sums, others = ({run.attrs.get("record_checksum") for run in side} for side in (first, second))
     if sums & others - {None}:
         raise UsageError("A record is given in both samples; their differences would share its noise.")
@@ -167,7 +162,7 @@ def difference(tell: Tell, given: DecayOptions, model: ModelOptions, into: Desti
     tree = held_against(first, second, asked.library, method, constraints=table, tell=tell)
     blocks = partial(sureness.difference_blocks, tree, [*of_first, *of_second])
     says = blocks, partial(sureness.difference_json, tree)
-    return deliver(into, tell, says, tree, texts_of(into, tree))
+    return deliver(given, tell, says, tree, texts_of(given, tree))
 
 
 def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:

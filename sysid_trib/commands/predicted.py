@@ -10,19 +10,7 @@ import xarray as xr
 from sysid_trib.commands.asked import asked_model, asked_search, model_of_file
 from sysid_trib.commands.checks import assigned, parse_window
 from sysid_trib.commands.destination import deliver, texts_of
-from sysid_trib.commands.options import (
-    DEFAULT_LIBRARY,
-    EXAMPLE_FORCES,
-    MOST,
-    DecayOptions,
-    Destination,
-    Files,
-    ModelOptions,
-    SearchOptions,
-    Shown,
-    StartOptions,
-)
-from sysid_trib.commands.own_options import PlanOptions, SimulationOptions, SweepOptions
+from sysid_trib.commands.options import EXAMPLE_FORCES, MOST, Given
 from sysid_trib.commands.record_inputs import driving_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
 from sysid_trib.discovery.discover import discover as searched
@@ -42,25 +30,23 @@ from sysid_trib.validation.next_run import plan as best_run
 from sysid_trib.validation.steady_response import forced_response
 
 
-def discover(
-    tell: Tell, given: DecayOptions, model: StartOptions, asked: SearchOptions, into: Destination
-) -> Callable[[], None]:
+def discover(tell: Tell, given: Given) -> Callable[[], None]:
     """Search what a model lacks."""
-    forces = EXAMPLE_FORCES if model.forces is None and not given.records else model.forces
     driving = driving_of(given)
-    start, offered, options = asked_search(model, forces, asked, given.system, driving)
+    of_example = {} if given.records or given.forces else {"forces": EXAMPLE_FORCES}
+    start, offered, options = asked_search(given.but(**of_example), driving)
     tell("reading")
-    decays, sources = read_decays(given, model, driven=True)
-    seen, held, said = _held_out(decays, model.holdout)
+    decays, sources = read_decays(given, driven=True)
+    seen, held, said = _held_out(decays, given.holdout)
     tree = searched(seen, start, offered, holdout=held, tell=tell, **options)
     if said:
         tree.attrs["held_out"] = said
     if not driving:
-        keep_next(tree, given, model, asked)
+        keep_next(tree, given)
     stretches = tree.attrs["stretches"]
     sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
     says = partial(discovery_blocks, tree, sentences), partial(discovery_json, tree)
-    return deliver(into, tell, says, tree, texts_of(into, tree))
+    return deliver(given, tell, says, tree, texts_of(given, tree))
 
 
 def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dataset], list[xr.Dataset], str]:
@@ -86,57 +72,55 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
     return seen, held, said + (" of each run" if len(decays) > 1 else "")
 
 
-def plan(
-    tell: Tell, given: DecayOptions, model: ModelOptions, asked: PlanOptions, shown: Shown
-) -> Callable[[], None]:
+def plan(tell: Tell, given: Given) -> Callable[[], None]:
     """Say which run tells most, of a result or of records."""
     limits = {
-        "amplitude": parse_window(asked.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
-        "duration": parse_window(asked.duration, "--duration"),
+        "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
+        "duration": parse_window(given.duration, "--duration"),
     }
-    wanted = assigned(asked.want, "--want '{}' must be FORCE=ERROR, such as delta=0.0005.")
+    wanted = assigned(given.want, "--want '{}' must be FORCE=ERROR, such as delta=0.0005.")
     tell("reading")
     tree = load(given.records[0]) if [p.suffix for p in given.records] == [".nc"] else None
     # A record may be netCDF too.
     if tree is None or not kind_of(tree):
-        of_model = asked_model(model, given.system)
-        decays, _ = read_decays(given, model)
+        of_model = asked_model(given)
+        decays, _ = read_decays(given)
         tree = identify(decays, of_model.library, constraints=of_model.constraints.table, tell=tell)
     main = model_of_file(given.records[0] if given.records else Path("the example"), tree)
-    data = best_run(tree, **limits, sampling_rate=asked.rate, repeats=asked.repeats, wanted=wanted, tell=tell)
+    data = best_run(tree, **limits, sampling_rate=given.rate, repeats=given.repeats, wanted=wanted, tell=tell)
     says = partial(next_step.plan_blocks, data, main), partial(next_step.plan_json, data)
-    return deliver(shown, tell, says, xr.DataTree(data), kind="plan")
+    return deliver(given, tell, says, xr.DataTree(data), kind="plan")
 
 
-def response(tell: Tell, sweep: SweepOptions, files: Files, result: Path) -> Callable[[], None]:
+def response(tell: Tell, given: Given) -> Callable[[], None]:
     """Sweep the frequency of a drive."""
-    low, high = parse_window(sweep.frequencies, "--frequencies")
+    low, high = parse_window(given.frequencies, "--frequencies")
     if low is None or high is None or not 0.0 < low < high:
-        raise UsageError(f"--frequencies '{sweep.frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
+        raise UsageError(f"--frequencies '{given.frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
     tell("reading")
-    answer = model_of_file(result, load(result))
+    answer = model_of_file(given.result, load(given.result))
     tell("response")
-    w = answer.asymptotic_frequency.item() * np.linspace(low, high, sweep.points)
-    data = forced_response(answer, sweep.drive, w, driven_by=sweep.driven_by, base=sweep.base)
+    w = answer.asymptotic_frequency.item() * np.linspace(low, high, given.points)
+    data = forced_response(answer, given.drive, w, driven_by=given.driven_by, base=given.base)
     says = partial(driven.response_blocks, data), partial(driven.response_json, data)
-    texts = {files.csv: partial(driven.response_csv, data)}
-    return deliver(files, tell, says, xr.DataTree(data), texts, kind="response")
+    texts = {given.csv: partial(driven.response_csv, data)}
+    return deliver(given, tell, says, xr.DataTree(data), texts, kind="response")
 
 
 MAX_SAMPLES, MAX_PERIODS = 20_000_000, 1_000_000
 
 
-def simulate(tell: Tell, asked: SimulationOptions) -> Callable[[], None]:
+def simulate(tell: Tell, given: Given) -> Callable[[], None]:
     """Simulate a record and write it."""
-    named = [text.partition("=")[0].partition(".")[0].strip() for text in asked.set_]
-    offered = with_shipped(load_library(asked.library), named)
-    coefficients, shapes = _settings(asked.set_, offered, papers=asked.library == DEFAULT_LIBRARY)
+    named = [text.partition("=")[0].partition(".")[0].strip() for text in given.set_]
+    offered = with_shipped(load_library(given.library), named)
+    coefficients, shapes = _settings(given.set_, offered, papers=not given.changed(["library"]))
     tell("simulation")
-    record = _simulated(Model(offered, coefficients, asked.reference_frequency, shapes), asked)
-    write_record(record, asked.output)
+    record = _simulated(Model(offered, coefficients, given.reference_frequency, shapes), given)
+    write_record(record, given.output)
     stop = record.stop_time.item()
     ending = f"; it stops at {stop:.4g} s" if stop == stop else ""
-    return partial(print, f"{asked.output}: {record.sizes['time']} simulated samples{ending}.")
+    return partial(print, f"{given.output}: {record.sizes['time']} simulated samples{ending}.")
 
 
 def _settings(
@@ -155,7 +139,7 @@ def _settings(
     return coefficients or PAPER_COEFFICIENTS, shapes
 
 
-def _simulated(model: Model, motion: SimulationOptions) -> xr.Dataset:
+def _simulated(model: Model, motion: Given) -> xr.Dataset:
     """What `simulate` returns, with the noise in `angle`; numbers from which no record comes are refused."""
     duration, sampling_rate, noise = motion.duration, motion.sampling_rate, motion.noise
     samples = round(duration * sampling_rate)

@@ -1,15 +1,15 @@
 """The records of a command: files, or the embedded example, the decays in them, and what is no record."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.commands.checks import parse_number, parse_value_with_error, parse_window
-from sysid_trib.commands.options import DecayOptions, ModelOptions, StartOptions
+from sysid_trib.commands.options import Given
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.selection import load_system
 from sysid_trib.records.free_decay import free_decays
@@ -97,20 +97,15 @@ INSTEAD = {
 
 
 def read_decays(
-    given: DecayOptions,
-    model: ModelOptions | StartOptions | None = None,
-    *,
-    as_it_is: bool = False,
-    driven: bool = False,
+    given: Given, *, as_it_is: bool = False, driven: bool = False
 ) -> tuple[list[xr.Dataset], list[str]]:
     """Read free decays of the files, or of the embedded example.
 
     Parameters
     ----------
-    given : DecayOptions
-        The files, none for the embedded example, and how to read them.
-    model : ModelOptions or StartOptions, optional
-        Its frequencies are refused where they cannot be the records'.
+    given : Given
+        The files, none for the embedded example, and how to read them. Frequencies of a model are refused
+        where they cannot be the records'.
     as_it_is : bool
         As in `free_decays`; so it is too where the forces of the model are named.
     driven : bool
@@ -123,7 +118,7 @@ def read_decays(
     sentences : list of str
         What each of them is.
     """
-    named = model is not None and bool(model.forces)
+    named = bool(vars(given).get("forces"))
     sources = read_sources(given, driven=driven)
     decays: list[xr.Dataset] = []
     sentences: list[str] = []
@@ -140,12 +135,11 @@ def read_decays(
         sentences += [sentence] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
         raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
-    if model is not None:
-        _check_frequencies(decays, model)
+    _check_frequencies(decays, vars(given))
     return decays, sentences
 
 
-def read_sources(given: DecayOptions, *, driven: bool = False) -> list[RunsOfFile]:
+def read_sources(given: Given, *, driven: bool = False) -> list[RunsOfFile]:
     """The runs of each file as they are in it, uncut, and what they are."""
     if given.input_ is not None and not driven:
         raise UsageError(
@@ -156,7 +150,7 @@ def read_sources(given: DecayOptions, *, driven: bool = False) -> list[RunsOfFil
 
 
 def decays_within(
-    given: DecayOptions, source: RunsOfFile, *, as_it_is: bool = False
+    given: Given, source: RunsOfFile, *, as_it_is: bool = False
 ) -> tuple[list[xr.Dataset], str]:
     """The decays of a file, or the one that is asked for, and what they are."""
     record, runs, sentence = source
@@ -171,17 +165,17 @@ def decays_within(
     return chosen, sentence + (f" {count}{taken}." if len(those) > 1 else "")
 
 
-def calibration_of(given: DecayOptions) -> tuple[float, float]:
+def calibration_of(given: Given) -> tuple[float, float]:
     """By which the signal of the records is multiplied, and its standard error."""
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
-def driving_of(given: DecayOptions) -> dict[str, str | int]:
+def driving_of(given: Given) -> dict[str, str | int]:
     """Columns of inputs by their names."""
     return named_inputs(given.input_ and given.input_.split(","))
 
 
-def _read(given: DecayOptions, record: Path | None) -> RunsOfFile:
+def _read(given: Given, record: Path | None) -> RunsOfFile:
     """The runs of a file, or the embedded example, and what they are."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
@@ -213,7 +207,7 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
     return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
 
-def _decays(given: DecayOptions, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
+def _decays(given: Given, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
         return [driven_part(record, limits)]
@@ -226,10 +220,10 @@ def _decays(given: DecayOptions, record: xr.Dataset, *, as_it_is: bool = False) 
     return free_decays(record, window=limits, equilibrium=centre, **how)
 
 
-def _check_frequencies(decays: Sequence[xr.Dataset], model: ModelOptions | StartOptions) -> None:
+def _check_frequencies(decays: Sequence[xr.Dataset], given: Mapping[str, Any]) -> None:
     """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
-    contactless = parse_value_with_error(getattr(model, "omega0", None), OMEGA0)
-    asked = {REFERENCE: model.reference_frequency, OMEGA0: contactless[0] if contactless else None}
+    contactless = parse_value_with_error(given.get("omega0"), OMEGA0)
+    asked = {REFERENCE: given.get("reference_frequency"), OMEGA0: contactless[0] if contactless else None}
     for flag, frequency in asked.items():
         if frequency is None:
             continue

@@ -5,10 +5,9 @@ import shlex
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from sysid_trib.commands.options import default_of, flag_of
+from sysid_trib.commands.options import Given, options_of
 from sysid_trib.errors import DecayError, Tell, printable, readable, silent
 from sysid_trib.printing import Block, Layer
 
@@ -164,33 +163,28 @@ def command_line() -> str:
 
 
 RECORDS = "records"
+# What the next command asks of the same records and forces.
+TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
 
 
-def keep_next(tree: "xr.DataTree", *groups: Any) -> None:
+def keep_next(tree: "xr.DataTree", given: Given) -> None:
     """Keep the command that follows from a result as its attribute `next`.
 
     Parameters
     ----------
     tree : DataTree
         Result of a command.
-    groups : dataclasses
-        Groups of options that the command was given; the next command takes over those that it knows.
+    given : Given
+        What the command was given; the next command takes over the options that it knows.
     """
     from sysid_trib.printing.next_step import next_step
 
     step = next_step(tree)
-    tree.attrs["next"] = f"{command_after(step, groups)} # {step.reason}"
+    tree.attrs["next"] = f"{command_after(step, given)} # {step.reason}"
 
 
-def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
-    """The command of a next step, with the options that were given before.
-
-    Parameters
-    ----------
-    step : NextStep
-    groups : sequence of dataclasses
-        Groups of options, in their order.
-    """
+def command_after(step: "NextStep", given: Given) -> str:
+    """The command of a next step, with the options that were given before."""
     from sysid_trib.commands.app import app
 
     known = next(
@@ -199,18 +193,18 @@ def command_after(step: "NextStep", groups: Sequence[Any]) -> str:
         if info.callback and info.callback.__name__ == step.command
     )
     replaced = {name.replace("-", "_") for name in (*step.options, *step.without)}
-    given = {part.name: (part, getattr(group, part.name)) for group in groups for part in fields(group)}
-    library, candidates = (given.get(name, (None, None)) for name in ("library", "candidates"))
-    if "candidates" not in known and library[0] is not None and library[1] == default_of(library[0]):
+    options = given.options
+    changed = {name: vars(given)[name] for name in options if name in TAKEN_OVER}
+    if "candidates" not in known and "library" in changed and not given.changed(["library"]):
         # Forces that the package ships are known to every command, one's own candidates by their file.
-        given["library"] = (library[0], candidates[1] or library[1])
-    files = map(str, given.pop(RECORDS, (None, []))[1])
+        changed["library"] = changed.get("candidates") or changed["library"]
     # A dash at the beginning of a word would be an option.
+    files = map(str, changed.pop(RECORDS, []))
     words = [f"./{file}" if file.startswith("-") else file for file in files] + list(step.records)
-    for name, (part, value) in given.items():
-        if name in known and name.strip("_") not in replaced and value != default_of(part):
+    for name, value in changed.items():
+        if name in known and name.strip("_") not in replaced and value != options[name].default:
             for item in value if isinstance(value, list | tuple) else [value]:
                 # A switch is its flag alone.
-                words += [flag_of(part)] if isinstance(item, bool) else [flag_of(part), str(item)]
+                words += [options[name].flag] if isinstance(item, bool) else [options[name].flag, str(item)]
     words += [word for name, value in step.options.items() for word in (f"--{name}", value) if word]
     return readable(shlex.join(["sysid-trib", step.command, *words]))
