@@ -7,8 +7,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.checks import assigned, parse_value_with_error
-from sysid_trib.commands.options import MOST, Given
+from sysid_trib.commands.options import MOST, Given, assigned, parse_value_with_error
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary

@@ -8,9 +8,8 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.asked import asked_model
-from sysid_trib.commands.checks import parse_value_with_error
 from sysid_trib.commands.destination import deliver, texts_of
-from sysid_trib.commands.options import Given
+from sysid_trib.commands.options import Given, parse_value_with_error
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
 from sysid_trib.errors import Tell, UsageError

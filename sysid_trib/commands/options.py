@@ -1,20 +1,25 @@
-"""Options of all commands, of a table (`options.toml`), and what a command was given."""
+"""Commands and their options, of a table (`commands.toml`), what was given, and how values are written."""
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from inspect import Parameter
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from sysid_trib.errors import UsageError
 
 # What the embedded example starts from: a search then has two elastic forces to find.
 EXAMPLE_FORCES = "lambda,zeta,delta"
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 POSITIVE = (LEAST, MOST, "")
+PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 KINDS: dict[str, Any] = {"text": str, "number": float, "count": int, "switch": bool, "file": Path}
 KINDS |= {"files": list[Path], "texts": list[str]}
 # What stands for an option that is left out, where it is not None.
@@ -63,20 +68,17 @@ def _option(name: str, title: str, row: Mapping[str, Any]) -> Option:
     return Option(name, **whole)
 
 
-def _groups() -> dict[str, dict[str, Option]]:
-    """The options of the table by their names, in groups by theirs."""
-    table = tomllib.loads(Path(__file__).with_name("options.toml").read_text(encoding="utf-8"))
-    titles = {name: rows.pop("title") for name, rows in table.items()}
-    return {
-        group: {
-            name: _option(name, titles[group], table[row][name] if isinstance(row, str) else row)
-            for name, row in rows.items()
-        }
-        for group, rows in table.items()
+TABLE = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
+# Rows of the commands by their names, and options by their names in groups by theirs.
+COMMANDS: dict[str, Any] = TABLE.pop("commands")
+GROUPS: dict[str, dict[str, Option]] = {
+    group: {
+        name: _option(name, rows["title"], TABLE[row][name] if isinstance(row, str) else row)
+        for name, row in rows.items()
+        if name != "title"
     }
-
-
-GROUPS = _groups()
+    for group, rows in TABLE.items()
+}
 
 
 class Given:
@@ -102,3 +104,57 @@ class Given:
 def options_of(*groups: str) -> dict[str, Option]:
     """The options of groups by their names."""
     return {name: row for group in groups for name, row in GROUPS[group].items()}
+
+
+def check_between(value: float | None, option: str, low: float, high: float, units: str = "") -> None:
+    """Refuse a number outside of a range, or none, by the name of its option."""
+    if value is not None and not low <= value <= high:
+        raise UsageError(f"{option} '{value:g}' must be a number from {low:g} to {high:g}{units}.")
+
+
+def parse_window(
+    text: str, option: str, form: str = "START:STOP in seconds, such as 15:75, 25: or :60"
+) -> tuple[float | None, float | None]:
+    """`15:75`; either side may be empty. `form` says how it is written."""
+    sides = text.split(":")
+    if len(sides) != 2:
+        raise UsageError(f"{option} '{text}' must be {form}.")
+    low, high = (parse_number(side, option) if side.strip() else None for side in sides)
+    return low, high
+
+
+def parse_value_with_error(text: str | None, option: str) -> tuple[float, float] | None:
+    """`8.87`, `8.87±0.01` or `8.87+-0.01`."""
+    if text is None:
+        return None
+    parts = PLUS_MINUS.split(text.strip())
+    if len(parts) > 2:
+        raise UsageError(f"{option} '{text}' must be VALUE or VALUE±ERROR.")
+    value = parse_number(parts[0], option)
+    error = parse_number(parts[1], option) if len(parts) == 2 else 0.0
+    check_between(value, option, *POSITIVE)
+    if not 0.0 <= error <= value:
+        raise UsageError(f"{option} '{text}': the error must be positive and below the value.")
+    return value, error
+
+
+def assigned(texts: list[str], refusal: str) -> dict[str, float]:
+    """Values by name of `NAME=VALUE,...`; the refusal takes what is no such pair."""
+    values: dict[str, float] = {}
+    for setting in (part for text in texts for part in text.split(",")):
+        name, equals, value = (part.strip() for part in setting.partition("="))
+        if not equals or not name:
+            raise UsageError(refusal.format(setting))
+        values[name] = parse_number(value, f"--set {name}")
+    return values
+
+
+def parse_number(text: str, option: str) -> float:
+    """A finite number, or a sentence that names the option."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not isfinite(value):
+        raise UsageError(f"{option}: '{text.strip()}' is not a finite number.")
+    return value

@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.commands.asked import asked_model, asked_search, model_of_file
-from sysid_trib.commands.checks import assigned, parse_window
 from sysid_trib.commands.destination import deliver, texts_of
-from sysid_trib.commands.options import EXAMPLE_FORCES, MOST, Given
+from sysid_trib.commands.options import EXAMPLE_FORCES, MOST, Given, assigned, parse_window
 from sysid_trib.commands.record_inputs import driving_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
 from sysid_trib.discovery.discover import discover as searched
