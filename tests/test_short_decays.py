@@ -7,8 +7,8 @@ from helpers import decay
 from scipy.signal import lfilter
 
 import sysid_trib as st
+from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.campaigns.task import rows_of
-from sysid_trib.campaigns.variables import IDENTIFIED
 from sysid_trib.errors import DecayError
 from sysid_trib.records.free_decay import free_decay, free_decays
 

@@ -4,6 +4,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib.util import find_spec
 from itertools import islice
 from logging import CRITICAL
@@ -16,12 +17,11 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
-from sysid_trib.campaigns.chunks import sole_writer
-from sysid_trib.campaigns.new_store import CampaignRecords
+from sysid_trib.campaigns.lock import sole_writer
+from sysid_trib.campaigns.rows import Row
 from sysid_trib.campaigns.store import Store, as_dataset, lost_row
-from sysid_trib.campaigns.study import Study
+from sysid_trib.campaigns.study import CampaignRecords, record_at
 from sysid_trib.campaigns.task import Task, rows_of
-from sysid_trib.campaigns.variables import Row
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -40,7 +40,7 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def campaign(
-    records: Sequence[str | os.PathLike[str] | xr.Dataset] | Study,
+    records: CampaignRecords,
     task: Task,
     *,
     output: str | os.PathLike[str],
@@ -99,17 +99,20 @@ def campaign(
             'A script that starts processes wants if __name__ == "__main__": around its campaign; '
             "or take workers=0."
         )
-    whole = CampaignRecords(records)
+    if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
+        raise UsageError("A campaign wants a list of records, of one at least.")
     # A link to a store stays one when records come to it.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):
-        count = len(whole)
-        store = Store(path, task, whole, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
-        changed = store.changed(whole)
+        count = len(records)
+        store = Store(path, task, records, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
+        changed = store.changed(records)
         blocks = store.unfinished(changed)
         done, bad = count - sum(len(at) for at in blocks), store.without_result(changed)
         tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
-        for at, rows in _finished_blocks(task, blocks, whole.record, workers=workers, memory=memory):
+        for at, rows in _finished_blocks(
+            task, blocks, partial(record_at, records), workers=workers, memory=memory
+        ):
             store.write(at, rows)
             done += len(at)
             bad += sum(row["status"] > 1 for row in rows)

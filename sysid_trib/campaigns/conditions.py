@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.campaigns.task import PREDICTS_BEST
-from sysid_trib.campaigns.variables import IDENTIFIED
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import check_is_file
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY

@@ -4,21 +4,47 @@ A chunk holds one block of records. A block is written by one process, its statu
 renamed into its place when it is whole: at any moment the store can be read, and what is done is known.
 """
 
+import hashlib
+import json
 import os
-from collections.abc import Iterator, Sequence
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib._version import __version__
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.campaigns import chunks
-from sysid_trib.campaigns.new_store import FINGERPRINT, CampaignRecords, exchange, made_near, recover
-from sysid_trib.campaigns.task import Task, checksum_of, empty_row
-from sysid_trib.campaigns.variables import CHECKSUM, FAILED, LOST, REFUSED, STATUS, WAITING, Row
+from sysid_trib.campaigns import rows as on_disk
+from sysid_trib.campaigns.rows import (
+    CHECKSUM,
+    EDGES,
+    FAILED,
+    FILL,
+    LOST,
+    REFUSED,
+    STATUS,
+    TRUTH,
+    VARIABLES,
+    WAITING,
+    Row,
+)
+from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
+from sysid_trib.campaigns.task import Task, checksum_of, empty_row, shape_names
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.results.schema import force_labels
+
+# Of what a store holds; one of another format is of another version.
+STORE_FORMAT = 2
+FINGERPRINT = "task_fingerprint"
+# Of numbers, texts and small integers; no other kind is read, as it may run code.
+KINDS = "fUi"
+# Bytes of the names that all records share; more is no name of a force or a method.
+LARGEST_LABELS = 2**24
 
 
 class Store:
@@ -42,34 +68,30 @@ class Store:
     """
 
     def __init__(self, path: Path, task: Task, records: CampaignRecords, block: int) -> None:
-        self.path, self._names = path, records.names
+        self.path, self._names = path, names_of(records)
         with _readable(path):
-            recover(path)
+            _recover(path)
             if not path.exists():
-                os.replace(made_near(path, task, records, block), path)
+                _make(path, task, records, block)
             group, arrays = _opened(path)
-            same = group.attrs[FINGERPRINT] == records.fingerprint(task)
+            same = group.attrs[FINGERPRINT] == fingerprint(records, task)
             if same:
-                chunks.check_rows(path, arrays)
+                _check_rows(path, arrays)
             known = np.asarray(arrays["record"][:]).astype(str).tolist()
             if same and set(known) < set(self._names):
-                exchange(path, made_near(path, task, records, block, group))
+                _make(path, task, records, block, group)
                 known, arrays = self._names, _opened(path)[1]
-            same = same and known == self._names
-        if not same:
+        if not same or known != self._names:
             raise UsageError(
                 f"{path}: is the store of another campaign (other task, options or version, or records that "
                 "are not among these); choose another place with -o, or repeat the command that made it to "
                 "go on."
             )
         # Opened once: each time takes as long as to write a record.
-        self.arrays, self.rows, self.block = (
-            arrays,
-            chunks.row_arrays(arrays),
-            int(arrays["status"].chunks[0]),
-        )
-        self._labels = chunks.labels_checksum(arrays)
-        for partial in path.rglob(f"*{chunks.UNFINISHED}"):
+        self.arrays, self.rows = arrays, on_disk.row_arrays(arrays)
+        self.block = int(arrays["status"].chunks[0])
+        self._labels = on_disk.labels_checksum(arrays)
+        for partial in path.rglob(f"*{on_disk.UNFINISHED}"):
             partial.unlink(missing_ok=True)
 
     def unfinished(self, changed: Mask) -> list[Index]:
@@ -89,7 +111,7 @@ class Store:
             return changed
         known = np.asarray(self.arrays["record_checksum"][:]).astype(str)
         for at in np.flatnonzero(self.arrays["status"][:] != WAITING).tolist():
-            checksum = checksum_of(records.record(at))
+            checksum = checksum_of(record_at(records, at))
             # One that is no longer there, or that only the workers see, is what it was.
             changed[at] = bool(checksum) and checksum != known[at]
         return changed
@@ -111,7 +133,7 @@ class Store:
         places, names = at - first, self._names[first : first + self.block]
         try:
             columns = {
-                name: chunks.read_chunk(self.path / name, array, number)[: len(names)]
+                name: on_disk.read_chunk(self.path / name, array, number)[: len(names)]
                 for name, array in self.rows.items()
             }
             if columns["status"][places].any():
@@ -120,9 +142,9 @@ class Store:
                 self._write("status", number, columns["status"])
             for name in columns.keys() & rows[0].keys():
                 columns[name][places] = np.stack([np.asarray(row[name]) for row in rows])
-            known = chunks.read_chunk(self.path / CHECKSUM, self.arrays[CHECKSUM], number)[: len(names)]
+            known = on_disk.read_chunk(self.path / CHECKSUM, self.arrays[CHECKSUM], number)[: len(names)]
             rows_done = {name: column[places] for name, column in columns.items()}
-            known[places] = chunks.row_checksums(rows_done, [names[place] for place in places], self._labels)
+            known[places] = on_disk.row_checksums(rows_done, [names[place] for place in places], self._labels)
             columns[CHECKSUM] = known
             # Status last: a block counts when all of it is there.
             for name in sorted(columns, key=lambda name: name == "status"):
@@ -134,7 +156,7 @@ class Store:
             ) from None
 
     def _write(self, name: str, number: int, values: Array) -> None:
-        chunks.write_chunk(self.path / name, self.arrays[name], number, values)
+        on_disk.write_chunk(self.path / name, self.arrays[name], number, values)
 
 
 def counts_of(store: xr.Dataset) -> dict[str, int]:
@@ -167,7 +189,7 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     place = Path(path)
     with _readable(place):
-        chunks.check_rows(place, _opened(place)[1])
+        _check_rows(place, _opened(place)[1])
         return as_dataset(place)
 
 
@@ -183,18 +205,185 @@ def as_dataset(path: Path) -> xr.Dataset:
 
 
 def _opened(path: Path) -> tuple[Any, dict[str, Any]]:
-    """The group of a store, and its arrays."""
+    """The group of a store, and its arrays, if they are such as a campaign makes.
+
+    Raises
+    ------
+    ValueError, KeyError
+        They are not; other errors of zarr where one is damaged.
+    """
     import zarr
 
     group = zarr.open_group(path, mode="r")
     if FINGERPRINT not in group.attrs:
         raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
-    return group, chunks.arrays_of(path)
+    # One after the other: of several at once those that are not waited for complain at exit.
+    places = sorted(path.glob("*/.zarray"))
+    arrays = {place.parent.name: zarr.open_array(place.parent, mode="r") for place in places}
+    count, block = arrays["status"].shape[0], arrays["status"].chunks[0]
+    for name, array in arrays.items():
+        good = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
+        if on_disk.is_per_record(array):
+            good &= array.shape[0] == count and (name == "record" or array.chunks[0] == block)
+        elif array.nbytes > LARGEST_LABELS:
+            good = False
+        if not good:
+            raise ValueError(f"{name} is of another kind or length")
+    return group, arrays
+
+
+def _check_rows(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Refuse a store in which a record is not as it was written, with the first such record."""
+    every, block = on_disk.row_arrays(arrays), arrays["status"].chunks[0]
+    names, labels = arrays["record"][:].astype(str).tolist(), on_disk.labels_checksum(arrays)
+    for number, first in enumerate(range(0, len(names), block)):
+        of_block = names[first : first + block]
+        columns = {
+            name: on_disk.read_chunk(path / name, array, number)[: len(of_block)]
+            for name, array in every.items()
+        }
+        status = columns["status"]
+        if not status.any():
+            continue
+        known = on_disk.read_chunk(path / CHECKSUM, arrays[CHECKSUM], number)[: len(of_block)]
+        wrong = (status != WAITING) & (known != on_disk.row_checksums(columns, of_block, labels))
+        wrong |= (status < 0) | (status >= len(STATUS))
+        if wrong.any():
+            raise _damaged(path, f"record {of_block[np.argmax(wrong)]} is not as it was written")
+
+
+def _damaged(path: Path, reason: object) -> RecordError:
+    """What is said of a store that is damaged."""
+    return RecordError(
+        f"{path}: a part of the store is damaged ({reason}); remove the store, and repeat the command."
+    )
+
+
+def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any = None) -> None:
+    """Make a store near its place and put it there: empty, or with the rows of an old one that it replaces.
+
+    A kill between the two steps of that is mended by `_recover`.
+    """
+    import zarr
+
+    made, taken_away = _near(path, "partial"), _near(path, "replaced")
+    try:
+        group = zarr.open_group(made, mode="w", zarr_format=2)
+        _fill(group, task, records, block)
+        if old is not None:
+            _copy_rows(old, group, names_of(records), block)
+            os.rename(path, taken_away)
+    except OSError:
+        shutil.rmtree(made, ignore_errors=True)
+        raise
+    os.rename(made, path)
+    shutil.rmtree(taken_away, ignore_errors=True)
+
+
+def _recover(path: Path) -> None:
+    """Put a store back that was taken away and not replaced; remove what a kill has left next to it."""
+    shutil.rmtree(_near(path, "partial"), ignore_errors=True)
+    taken_away = _near(path, "replaced")
+    if taken_away.exists() and not path.exists():
+        os.rename(taken_away, path)
+    shutil.rmtree(taken_away, ignore_errors=True)
+
+
+def _near(path: Path, ending: str) -> Path:
+    """A place next to that of a store."""
+    return path.with_name(f".{path.name}.{ending}")
+
+
+def fingerprint(records: CampaignRecords, task: Task) -> str:
+    """What a store must have been begun with to be gone on with; further records may come to it."""
+    libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
+    methods = {label: repr(method) for label, method in task.methods.items()}
+    asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
+    options = sorted((name, repr(value)) for name, value in task.options.items())
+    study, in_memory = None, []
+    if isinstance(records, Study):
+        study = asdict(records) | {"records": None}
+    else:
+        # Files say themselves when they change.
+        held = [item for item in records if isinstance(item, xr.Dataset)]
+        in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
+    # What is called, without its address in memory.
+    inner = getattr(task.read, "func", task.read)
+    given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
+    read = f"{inner.__module__}.{inner.__qualname__} {given!r}"
+    content = [__version__, STORE_FORMAT, study, in_memory, libraries, asked, options, read]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
+    """Make the arrays of a store."""
+    forces = {force.symbol: force for lib in (task.library, task.candidates or ()) for force in lib}
+    labels = force_labels([forces[symbol] for symbol in task.symbols])
+    coordinates: dict[str, tuple[str, Sequence[Any]]] = {
+        "record": ("record", names_of(records)),
+        "method": ("method", task.labels),
+        "force": ("force", task.symbols),
+        "unit": ("force", labels["unit"][1]),
+        "speed_degree": ("force", labels["speed_degree"][1]),
+        "shape_parameter": ("shape_parameter", shape_names(task)),
+        "edge": ("edge", EDGES),
+    }
+    for name, (dim, texts) in coordinates.items():
+        values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
+        if len(values):
+            _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
+    row = empty_row(task)
+    if isinstance(records, Study):
+        row[TRUTH] = np.full(len(task.symbols), np.nan)
+    for name, empty in row.items():
+        if not empty.size:
+            continue
+        known, shape = VARIABLES[name], (len(records), *empty.shape)
+        array = _array(group, name, ("record", *known.dims), shape, empty.dtype, block)
+        flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
+        attrs = {"long_name": known.long_name} | ({"units": known.units} if known.units else {})
+        array.attrs.update(attrs | (flags if name == "status" else {}))
+    begun_with = {FINGERPRINT: fingerprint(records, task), "task": task.name}
+    group.attrs.update(begun_with | {"coordinates": "unit speed_degree"})
+
+
+def _array(
+    group: Any, name: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, block: int
+) -> Any:
+    chunks = (max(1, min(block, shape[0])), *(max(1, size) for size in shape[1:]))
+    array = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, fill_value=FILL[dtype.kind])
+    array.attrs["_ARRAY_DIMENSIONS"] = list(dims)
+    return array
+
+
+def _copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
+    """Fill the rows of a new store that an old one has, a block at a time.
+
+    Parameters
+    ----------
+    old, new : zarr.Group
+    names : sequence of str
+        Of the records of the new one, those of the old one among them.
+    block : int
+        Records in a chunk of the new one.
+    """
+    place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
+    known = np.array([place.get(name, -1) for name in names])
+    for name, array in old.arrays():
+        if not on_disk.is_per_record(array) or name == "record":
+            continue
+        for first in range(0, len(known), block):
+            at = known[first : first + block]
+            rows = np.flatnonzero(at >= 0)
+            if len(rows):
+                values = new[name][first : first + block]
+                values[rows] = array.oindex[at[rows]]
+                new[name][first : first + block] = values
 
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Say of a store that cannot be read that it is chunks.damaged, or none."""
+    """Say of a store that cannot be read that it is damaged, or none."""
     try:
         yield
     except (SysidTribError, MemoryError):
@@ -204,6 +393,6 @@ def _readable(path: Path) -> Iterator[None]:
             f"{path}: cannot be made, or is no store of a campaign ({error.strerror or error}); choose "
             "another with -o."
         ) from None
-    # What is chunks.damaged meets its reader with any exception at all.
+    # What is damaged meets its reader with any exception at all.
     except Exception as error:
-        raise chunks.damaged(path, error) from None
+        raise _damaged(path, error) from None

@@ -2,15 +2,15 @@
 
 import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.errors import DecayError, RecordError, did_you_mean
+from sysid_trib.errors import DecayError, RecordError, did_you_mean, readable
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.tables import check_is_file
@@ -123,6 +123,29 @@ class Study:
         record = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": time}, attrs)
         record.time.attrs["units"] = "s"
         return free_decay(record)
+
+
+# Files, decays in memory, or simulated records.
+CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | xr.Dataset] | Study
+
+
+def names_of(records: CampaignRecords) -> list[str]:
+    """The names that records have in a store."""
+    if isinstance(records, Study):
+        return [str(at) for at in range(len(records))]
+    named = (
+        item.attrs.get("source", f"record {at}") if isinstance(item, xr.Dataset) else item
+        for at, item in enumerate(records)
+    )
+    return [readable(str(name)) for name in named]
+
+
+def record_at(records: CampaignRecords, at: int) -> Any:
+    """A record as `rows_of` takes it."""
+    if isinstance(records, Study):
+        return records, int(at)
+    item = records[at]
+    return item if isinstance(item, xr.Dataset) else os.fspath(item)
 
 
 def _coloured(white: np.ndarray, correlation: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import xarray as xr
 
-from sysid_trib.campaigns import variables
+from sysid_trib.campaigns import rows as stored
 from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
@@ -142,12 +142,12 @@ class Task:
         return map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
 
 
-def empty_row(task: Task) -> variables.Row:
+def empty_row(task: Task) -> stored.Row:
     """A row of which nothing is known: nan, and empty texts."""
-    sizes = {"method": len(task.labels), "edge": len(variables.EDGES), "part": variables.OUTLINE_PARTS}
+    sizes = {"method": len(task.labels), "edge": len(stored.EDGES), "part": stored.OUTLINE_PARTS}
     sizes |= {"force": len(task.symbols), "shape_parameter": len(shape_names(task))}
-    without = {variables.TRUTH} | (set() if task.name == "discover" else variables.OF_SEARCH)
-    return {name: known.empty(sizes) for name, known in variables.VARIABLES.items() if name not in without}
+    without = {stored.TRUTH} | (set() if task.name == "discover" else stored.OF_SEARCH)
+    return {name: known.empty(sizes) for name, known in stored.VARIABLES.items() if name not in without}
 
 
 def shape_names(task: Task) -> list[str]:
@@ -156,7 +156,7 @@ def shape_names(task: Task) -> list[str]:
     return list(dict.fromkeys(name for lib in libraries if lib is not None for name in lib.shape_values()))
 
 
-def rows_of(task: Task, records: Sequence[Any]) -> list[variables.Row]:
+def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
     """The rows of some records, one after the other; a bad record has its reason in the place of numbers.
 
     Parameters
@@ -168,7 +168,7 @@ def rows_of(task: Task, records: Sequence[Any]) -> list[variables.Row]:
     return [_row_of(task, record) for record in records]
 
 
-def _row_of(task: Task, record: Any) -> variables.Row:
+def _row_of(task: Task, record: Any) -> stored.Row:
     start, row = perf_counter(), empty_row(task)
     try:
         row["record_checksum"] = checksum_of(record)
@@ -176,17 +176,17 @@ def _row_of(task: Task, record: Any) -> variables.Row:
             study, at = record
             # What a simulated record was drawn with.
             truth = study.coefficients_of(at)
-            row[variables.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.symbols])
+            row[stored.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.symbols])
             decays: Sequence[xr.Dataset] = [study.decay(at)]
         else:
             decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
-        row |= {"signal_units": signal_units(decays[0]), "outline": variables.outline_of(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": variables.IDENTIFIED}
+        row |= {"signal_units": signal_units(decays[0]), "outline": stored.outline_of(decays[0])}
+        row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
     except SysidTribError as error:
-        row |= {"status": variables.REFUSED, "message": str(error)}
+        row |= {"status": stored.REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record ends no campaign; what it was is kept with it.
-        row |= {"status": variables.FAILED, "message": f"{type(error).__name__}: {error}"}
+        row |= {"status": stored.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
 
@@ -202,9 +202,9 @@ def checksum_of(record: Any) -> str:
         return ""
 
 
-def _numbers(task: Task, tree: xr.DataTree) -> variables.Row:
+def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     """The numbers of a result in the places of the store."""
-    of_methods = (name for name, known in variables.VARIABLES.items() if "method" in known.dims)
+    of_methods = (name for name, known in stored.VARIABLES.items() if "method" in known.dims)
     empty = empty_row(task)
     row = {name: empty[name] for name in of_methods}
     labels = {"force": task.symbols, "shape_parameter": shape_names(task)}
@@ -213,7 +213,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> variables.Row:
             continue
         # What a record's text withholds is not kept either.
         if not (task.judged and label in failures(tree)):
-            variables.filled(row, at, tree[label].to_dataset(), labels)
+            stored.filled(row, at, tree[label].to_dataset(), labels)
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]
         row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
@@ -226,7 +226,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> variables.Row:
     return row
 
 
-def _named(tree: xr.DataTree, symbols: Sequence[str]) -> variables.Row:
+def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     """The effects that a discovery named, each with its p-value and what it cannot be separated from."""
     table = tree["steps"].to_dataset()
     steps = [table.isel(step=at) for at in range(table.attrs["count"])]
@@ -235,6 +235,6 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> variables.Row:
     tied = [tied_name(step, 10) for step in steps if alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
-        variables.TIED: "; ".join(tied),
-        variables.EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
+        stored.TIED: "; ".join(tied),
+        stored.EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
     }

@@ -9,11 +9,11 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.campaigns import new_store, task
+from sysid_trib.campaigns import task
 from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.store import counts_of
-from sysid_trib.campaigns.study import load_study
+from sysid_trib.campaigns.study import load_study, names_of
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.destination import check_output, print_json
 from sysid_trib.commands.options import GROUPS, Given
@@ -36,7 +36,7 @@ def campaign(tell: Tell, given: Given) -> Callable[[], None]:
     reads = [*([] if given.study else records), given.study, given.conditions]
     reads += [given.library, given.candidates, given.system]
     check_output(page, page.suffix, reads=[Path(name) for name in reads if name is not None])
-    table = _conditions(given, new_store.CampaignRecords(records).names)
+    table = _conditions(given, names_of(records))
     store = filled(
         records,
         _task(given),

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.campaigns.variables import EFFECT_P_VALUE, TIED
+from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
 from sysid_trib.printing import USUALLY, Block, layout, plain_data
 
 REFUSALS, NAMES_LISTED = 5, 6

@@ -10,8 +10,8 @@ import xarray as xr
 from sysid_trib import plots
 from sysid_trib._version import __version__
 from sysid_trib.campaigns.conditions import reported_method
+from sysid_trib.campaigns.rows import STATUS
 from sysid_trib.campaigns.store import counts_of
-from sysid_trib.campaigns.variables import STATUS
 from sysid_trib.plots.runs import FAR
 from sysid_trib.printing.campaign import AGAINST, campaign_blocks, named_text
 from sysid_trib.printing.layout import value_with_error

@@ -1,13 +1,22 @@
-"""What a store holds of each record: one table of variables, and an empty row of them."""
+"""What a store holds of each record, a row of variables; and rows as chunks of Zarr arrays on this machine.
 
+Zarr itself takes each chunk through threads of its own, which takes ten times as long as the file does.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeAlias
+from zlib import crc32
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
 
+# What a killed process leaves of a chunk ends so, as with zarr.
+UNFINISHED = ".partial"
 Row: TypeAlias = dict[str, Any]
 
 EDGES = ("lowest", "highest")
@@ -46,10 +55,11 @@ class StoredVariable:
 
     def empty(self, sizes: dict[str, int]) -> Array:
         """What it is of a record of which nothing is known."""
-        fill = {"f": np.nan, "U": "", "i": 0}[self.kind[0]]
-        return np.full([sizes[dim] for dim in self.dims], fill, dtype=self.kind)
+        return np.full([sizes[dim] for dim in self.dims], FILL[self.kind[0]], dtype=self.kind)
 
 
+# What is not known.
+FILL = {"f": np.nan, "U": "", "i": 0}
 OF_METHOD, OF_FORCE = ("method",), ("method", "force")
 VARIABLES = {
     "coefficient": StoredVariable("coefficient", FORCE_UNIT, OF_FORCE),
@@ -122,3 +132,110 @@ def outline_of(decay: xr.Dataset) -> Array:
     for at, of_all in enumerate((np.minimum, np.maximum)):
         edges[at, holds] = of_all.reduceat(angle, firsts[holds])
     return edges
+
+
+def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
+    """Write the chunk of a number along the first dimension; it is in its place when it is whole.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the array.
+    array : zarr.Array
+        Of format 2, without filters, its chunks parts of the first dimension alone.
+    number : int
+    values : (record, ...) array
+        Of the chunk; the last one of an array may hold less than others.
+
+    Raises
+    ------
+    OSError
+    """
+    whole = np.full(array.chunks, array.fill_value, dtype=array.dtype)
+    whole[: len(values)] = values
+    place = _place(folder, array, number)
+    if np.array_equal(whole, np.full_like(whole, array.fill_value), equal_nan=whole.dtype.kind == "f"):
+        # As zarr does: what is not there is the fill value.
+        place.unlink(missing_ok=True)
+        return
+    content: Any = np.ascontiguousarray(whole)
+    for compressor in array.compressors:
+        content = compressor.encode(content)
+    unfinished = place.with_name(f"{place.name}.{os.getpid()}{UNFINISHED}")
+    try:
+        unfinished.write_bytes(content)
+        unfinished.replace(place)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
+
+
+def read_chunk(folder: Path, array: Any, number: int) -> Array:
+    """The chunk of a number along the first dimension, as `write_chunk` takes it; whole at the end too.
+
+    Raises
+    ------
+    OSError, RuntimeError, ValueError
+        It is damaged.
+    """
+    whole = np.full(array.chunks, array.fill_value, dtype=array.dtype)
+    try:
+        content: Any = _place(folder, array, number).read_bytes()
+    except FileNotFoundError:
+        return whole
+    for compressor in reversed(array.compressors):
+        # Into as many bytes as it is of, and no more.
+        content = compressor.decode(content, out=np.empty(whole.nbytes, dtype="uint8"))
+    return np.frombuffer(content, dtype=array.dtype).reshape(array.chunks).copy()
+
+
+def _place(folder: Path, array: Any, number: int) -> Path:
+    return folder / ".".join(["0"] * array.ndim).replace("0", str(number), 1)
+
+
+def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """The arrays that hold the rows of the records, in the order of the checksum."""
+    coordinates = ("record", CHECKSUM)
+    return {
+        name: array
+        for name, array in sorted(arrays.items())
+        if is_per_record(array) and name not in coordinates
+    }
+
+
+def labels_checksum(arrays: Mapping[str, Any]) -> int:
+    """CRC-32 of what all records share: methods, forces and their units."""
+    checksum = 0
+    for name, array in sorted(arrays.items()):
+        if not is_per_record(array):
+            checksum = crc32(_bytes(array[:][None])[0], crc32(name.encode(), checksum))
+    return checksum
+
+
+def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: int) -> Array:
+    """CRC-32 of each record's name and row.
+
+    Parameters
+    ----------
+    columns : mapping of str to (record, ...) array
+        As `row_arrays` has them.
+    names : sequence of str
+        Of the records.
+    labels : int
+        See `labels_checksum`.
+    """
+    rows = np.hstack([_bytes(column) for column in columns.values()])
+    sums = [crc32(row, crc32(name.encode(), labels)) for name, row in zip(names, rows, strict=True)]
+    return np.array(sums, dtype="int64")
+
+
+def is_per_record(array: Any) -> bool:
+    """True if an array of a store has a row a record."""
+    return bool(array.attrs["_ARRAY_DIMENSIONS"][0] == "record")
+
+
+def _bytes(column: Array) -> Array:
+    """The bytes of each record; what is not a number has many, of which one is taken."""
+    if column.dtype.kind == "f":
+        column = np.where(np.isnan(column), np.nan, column)
+    return np.ascontiguousarray(column).reshape(len(column), -1).view(np.uint8)
