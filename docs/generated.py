@@ -30,7 +30,7 @@ from typer.testing import CliRunner
 
 import sysid_trib as st
 from sysid_trib.commands.app import app
-from sysid_trib.cycles.identifiability import exactly_dependent, without_signature
+from sysid_trib.cycles.signatures import exactly_dependent, without_signature
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
 from sysid_trib.printing.looked import loses_power, signature_text

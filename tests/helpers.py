@@ -30,13 +30,9 @@ SIX: dict[str, float] = {
 FIVE = {symbol: value for symbol, value in SIX.items() if symbol != "alpha"}
 # Forces of a decay that a classical method describes, with nothing neglected.
 OWN_MODELS = {
-    methods.LogarithmicDecrement: {"zeta": 0.0097},
-    methods.WindowedERA: {"zeta": 0.0097},
-    methods.LinearDecrement: {"lambda": 2e-3},
-    methods.QuadraticDecay: {"delta": 0.1},
-    methods.FeenyLiang: {"lambda": 1e-3, "zeta": 0.0097},
-    methods.EnergyDecay: {"lambda": 1e-3, "zeta": 0.0097},
-    methods.WuDecrement: {"lambda": 1e-3, "zeta": 0.0097, "delta": 0.037},
+    kind: {load_library().role(formula).symbol: value for formula, value in kind.scope.example.items()}
+    for kind in methods.METHODS
+    if getattr(kind.scope, "example", {})
 }
 NOISE = 1e-4
 # Odd forces that are not there.

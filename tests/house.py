@@ -86,6 +86,9 @@ def definitions():
                     yield (module, name), {name}, words_of(node)
             elif isinstance(node, ast.For | ast.If):
                 yield (module, "(when imported)"), set(), words_of(node)
+            elif isinstance(node, ast.ImportFrom) and module.endswith("/__init__.py"):
+                # What a package imports is public, as what its stub lists.
+                yield (module, "(public)"), set(), words_of(node)
 
 
 def unreachable(doors):

@@ -10,8 +10,7 @@ from numpy import pi
 from scipy.special import beta, dawsn, j1
 
 from sysid_trib import Model, load_library
-from sysid_trib.cycles.identifiability import exactly_dependent
-from sysid_trib.cycles.signatures import averages
+from sysid_trib.cycles.signatures import averages, exactly_dependent
 from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.notation import reference_powers
 from sysid_trib.methods import Averaging

@@ -11,13 +11,14 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import beta
 
 from sysid_trib import load_library
-from sysid_trib.cycles.identifiability import (
+from sysid_trib.cycles.signatures import (
+    averages,
     exactly_dependent,
     indistinguishable,
     inseparable,
+    signature,
     without_signature,
 )
-from sysid_trib.cycles.signatures import averages, signature
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import parse_library
 

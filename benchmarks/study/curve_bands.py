@@ -15,7 +15,7 @@ from helpers import decay
 
 import sysid_trib as st
 from benchmarks.study.common import gone_on, shown
-from sysid_trib.cycles.envelope_prediction import Averaged, predict_envelope
+from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 
 W, RELEASE, CLOCK, DRIVE = 9.91, 0.3, np.arange(0.0, 10.0, 0.01), 2e-3
 FIVE = {"lambda": -2.3e-5, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
@@ -37,7 +37,7 @@ def model_of(coefficients: dict[str, float]) -> st.Model:
 
 def truth_of(model: st.Model, bands: xr.Dataset) -> dict[str, np.ndarray]:
     """The true curves, but the motion, where the bands are."""
-    change, frequency = Averaged(model).rates(bands.amplitude.values)
+    change, frequency = averaged_rates(model)(bands.amplitude.values)
     return {
         "envelope": predict_envelope(model, bands.envelope_time.values, RELEASE).amplitude.values,
         "frequency": frequency,

@@ -1,5 +1,6 @@
 """What is asked of a method or of a search: its forces, shapes, constraints and frequencies."""
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.options import MOST, Given, assigned, parse_value_with_error
+from sysid_trib.commands.options import MOST, Given, assigned, parse_number, parse_value_with_error
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -24,6 +25,8 @@ from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.results.files import kind_of
 from sysid_trib.validation.compare import every_method
 from sysid_trib.validation.findings import main_result
+
+PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
@@ -91,13 +94,40 @@ def asked_model(given: Given) -> AskedModel:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
     shapes = held_shapes(given.set_, offered)
-    constraints = Constraints.from_texts(given.fix, given.bound, given.tie)
+    constraints = _constraints(given.fix, given.bound, given.tie)
     unconstrained = set(offered.symbols) - set(constraints.names)
     always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
     constraints.check(forces_to_identify(offered, held, sensors=True))
     random_force = parse_random_force(given.random_force)
     return AskedModel(offered, shapes, constraints, contactless, held, random_force)
+
+
+def _constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:
+    """Constraints as options write them: `lambda=0`; `zeta=0:1`, either side empty; `nu=-2.356*delta`."""
+    held = _pairs(fix, "--fix", "lambda=0")
+    fixed = {k: parse_number(v, f"--fix '{k}={v}'") for k, v in held.items()}
+    bounds = {}
+    for name, text in _pairs(bound, "--bound", "zeta=0:1").items():
+        ends, where = [end.strip() for end in text.split(":")], f"--bound '{name}={text}'"
+        if len(ends) != 2 or not any(ends):
+            raise UsageError(f"{where} must be LOW:HIGH, of which one side may be empty.")
+        low, high = (parse_number(end, where) if end else None for end in ends)
+        bounds[name] = low, high
+    return Constraints.merged(fixed, bounds, _pairs(tie, "--tie", '"nu=-2.356*delta"'))
+
+
+def _pairs(texts: list[str], option: str, example: str) -> dict[str, str]:
+    """Parameters and texts of an option's `NAME=VALUE`."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not value or not PARAMETER.fullmatch(name):
+            raise UsageError(f"{option} '{text}' must be of the form {example}.")
+        if name in pairs:
+            raise UsageError(f"{option} is given twice for {name}; choose one.")
+        pairs[name] = value
+    return pairs
 
 
 def asked_search(

@@ -1,187 +1,31 @@
 """Signatures of forces: averages <h sin phi> and <h cos phi> over a cycle x = a cos phi, v = -a sin phi.
 
 The first drives the envelope, the second the frequency (Le Bot et al. 2019, Appendix). Together they are the
-describing function of the force (Krylov-Bogoliubov averages). They are exact to rounding: a cycle is cut
-where a force without history changes branch and integrated between; one with history is followed
-(`steady_cycles`).
+describing function of the force (Krylov-Bogoliubov averages). Forces whose signatures depend on each other no
+averaging can separate, and those that depend on each other in any motion nothing can.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
-from scipy.optimize import elementwise
 
-from sysid_trib.arrays import Array, Index
-from sysid_trib.cycles.steady_cycles import cycles_at
-from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.force import Force, ShapeValues
-from sysid_trib.forces.formulas import Formula
+from sysid_trib.arrays import Array, dependent_columns
+from sysid_trib.cycles.one_cycle import CANCELLATION, ROUNDING_ERROR, cycle_averages
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.results.variables import variable
-
-QUARTER = 0.5 * np.pi
-# So much of an average may be rounding of its formula,
-ROUNDING_ERROR = 1e-6
-# plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
-CANCELLATION = 1e-14
-MAX_PIECES = 20_000
-
-
-def cycle_averages(
-    force: Force, a: Array, time: Array, shape_values: Mapping[str, float]
-) -> tuple[Array, Array]:
-    """Averages over the steady cycle at each amplitude.
-
-    Parameters
-    ----------
-    force : Force
-    a : (amplitude,) array of float, rad
-    time : (amplitude,) array of float, s
-        Held during a cycle.
-    shape_values : mapping of str to float
-        Value of each shape parameter by its name in the formula.
-
-    Returns
-    -------
-    sine, cosine : (amplitude,) array of float, rad
-        <h sin phi> and <h cos phi>.
-
-    Raises
-    ------
-    LibraryError
-        The force is not finite, too rough, or has no steady cycle.
-    """
-    if force.memoryless:
-        means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
-    else:
-        shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
-        means = np.zeros((len(a), 3))
-        for rows, cycles in cycles_at(force, a, time, shapes):
-            means[rows] = cycles.integrals / (2 * np.pi)
-        # The root mean square of h in the place of the mean of |h|.
-        means[:, 2] = np.sqrt(means[:, 2])
-    # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
-    # Part of the mean of |h| below which an average is rounding.
-    means[np.abs(means) < 1e-14 * means[:, 2:]] = 0.0
-    return means[:, 0], means[:, 1]
-
-
-@dataclass
-class _Cycles:
-    """Cycles of a force at some amplitudes.
-
-    Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
-    """
-
-    force: Force
-    a: Array
-    time: Array
-    shape_values: Mapping[str, float]
-
-    def names(self, row: Index, phi: Array) -> dict[str, Any]:
-        """Variables of the formulas at the angles `phi` of the rows (same shapes, or broadcast)."""
-        a, time = self.a[row % self.a.size], self.time[row % self.a.size]
-        cosine, sine = np.cos(phi), np.sin(phi)
-        # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
-        cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
-        return {"t": time, "x": a * cosine, "v": -a * sine, **self.shape_values}
-
-    def pieces(self) -> tuple[Index, Array, Array]:
-        """Rows, cut at the quarter point and where a switching surface is crossed: (row, low, high)."""
-        halves = np.repeat((0.0, np.pi), self.a.size)
-        # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
-        phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
-        every = np.arange(halves.size)
-        names = self.names(every[:, None], phi)
-        cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
-        for surface in self.force.surfaces:
-            sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
-            row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
-            if row.size:
-                cut_row.append(row)
-                cut_at.append(self.crossings(surface, row, phi[row, before], phi[row, before + 1]))
-        row, at = np.concatenate(cut_row), np.concatenate(cut_at)
-        order = np.lexsort((at, row))
-        row, at = row[order], at[order]
-        inside = (row[:-1] == row[1:]) & (at[:-1] < at[1:])
-        return row[:-1][inside], at[:-1][inside], at[1:][inside]
-
-    def crossings(self, surface: Formula, row: Index, low: Array, high: Array) -> Array:
-        """Where a surface is crossed in a row between two angles."""
-
-        def side(phi: Array, row: Array) -> Array:
-            return np.asarray(surface.evaluate(self.names(row.astype(int), phi)))
-
-        exact = {"xatol": 1e-15, "xrtol": 1e-15}
-        root = elementwise.find_root(side, (low, high), args=(row.astype(float),), tolerances=exact)
-        return np.asarray(root.x)
-
-    def integrals(self) -> Array:
-        """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
-
-        Pieces are halved until they are exact.
-        """
-        nodes, weights = _nodes()
-        row, low, high = self.pieces()
-        total = np.zeros((2 * self.a.size, 3))
-        before = np.full(len(total), np.inf)
-        for turn in range(60):
-            phi = low[:, None] + (high - low)[:, None] * nodes
-            h = self.force.formula.evaluate(self.names(row[:, None], phi))
-            h = np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None])
-            terms = np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
-            fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
-            self.check_finite(fine, row)
-            # The size is computed anew at every turn: the first may miss a narrow peak.
-            size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
-            error = np.abs(fine - coarse)[:, :2].max(axis=1)
-            # A piece is accepted when doubling its nodes changes it by less than this part of the mean of
-            # |h|.
-            done = error <= 3e-13 * size[row]
-            remaining = np.bincount(row[~done], error[~done], len(total))
-            # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
-            rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(self.a, 2)
-            rounding &= (remaining > 0.6 * before) & (turn > 2)
-            done, before = done | rounding[row], remaining
-            np.add.at(total, row[done], fine[done])
-            if done.all():
-                return total[: self.a.size] + total[self.a.size :]
-            if done.size > MAX_PIECES:
-                break
-            row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
-            middle = 0.5 * (low + high)
-            low[1::2], high[::2] = middle[1::2], middle[::2]
-        raise LibraryError(f"Force '{self.force.symbol}' is too rough to be averaged over a cycle.")
-
-    def check_finite(self, integrals: Array, row: Index) -> None:
-        """Refuse an integral that is not finite, with the smallest amplitude at which that is so."""
-        bad = ~np.isfinite(integrals).all(axis=1)
-        if bad.any():
-            worst = self.a[row[bad] % self.a.size].min()
-            raise LibraryError(
-                f"Force '{self.force.symbol}' is not finite on a cycle of amplitude {worst:.6g} rad."
-            )
-
-
-@lru_cache(maxsize=1)
-def _nodes() -> tuple[Array, Array]:
-    """Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
-
-    The nodes crowd at both ends, where |v|^p, a sharp Stribeck peak or a logarithm is singular
-    (Takahasi and Mori 1974).
-    """
-    step = 1.0 / 16.0
-    s = step * np.arange(-54, 55)
-    u = QUARTER * np.sinh(s)
-    return 1.0 / (1.0 + np.exp(-2.0 * u)), 0.5 * step * QUARTER * np.cosh(s) / np.cosh(u) ** 2
-
+from sysid_trib.simulation.internal_states import states_along
 
 # Amplitudes averaged at once, to bound the memory used.
 CHUNK = 128
+# Of series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
+CHEBYSHEV_NODES, SERIES_TOLERANCE = 16, 1e-11
+OctavePart: TypeAlias = tuple[float, float, Array]
 
 
 def signature(
@@ -255,6 +99,52 @@ def averages(
     return np.concatenate(sine), np.concatenate(cosine)
 
 
+def tabulated_averages(
+    force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
+) -> tuple[Array, Array]:
+    """`averages` at many amplitudes above zero (rad): by series, made once, of a force that is no power."""
+    if force.degree is not None or force.holds_time:
+        return averages(force, amplitude, shapes, time)
+    at, held = np.log2(amplitude), tuple(force.shape_values(shapes).items())
+    both = np.empty((2, len(at)))
+    for octave in np.unique(np.floor(at)):
+        for low, high, series in _octave(force, held, float(octave)):
+            inside = (at >= low) & (at < high)
+            if inside.any():
+                both[:, inside] = chebyshev.chebval(2.0 * (at[inside] - low) / (high - low) - 1.0, series)
+    return both[0], both[1]
+
+
+@lru_cache(maxsize=1024)
+def _octave(force: Force, held: tuple[tuple[str, float], ...], octave: float) -> list[OctavePart]:
+    """Parts of an octave of amplitudes, each with its series."""
+    shapes = {f"{force.symbol}.{name}": value for name, value in held}
+    return list(_panels(force, shapes, octave, octave + 1.0))
+
+
+def _panels(
+    force: Force, shapes: ShapeValues, low: float, high: float, before: float = np.inf
+) -> Iterator[OctavePart]:
+    """Chebyshev series in log2 a for a part of an octave, halved until the last coefficients do not count.
+
+    `before` is their size in the part that was halved: rounding does not get smaller.
+    """
+    nodes = chebyshev.chebpts1(CHEBYSHEV_NODES)
+    a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
+    values = np.stack(averages(force, a, shapes), axis=1)
+    series: Array = np.asarray(chebyshev.chebfit(nodes, values, CHEBYSHEV_NODES - 1), dtype=float)
+    # Compared with the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
+    size = max(np.abs(series).max(initial=1e-300), CANCELLATION / SERIES_TOLERANCE * 2.0**high)
+    last = np.abs(series[-3:]).max() / size
+    # Of an octave: a signature with a kink, as where a slip begins, is halved no further.
+    if last < SERIES_TOLERANCE or high - low < 0.01 or 0.5 * before < last < ROUNDING_ERROR:
+        yield low, high, series
+    else:
+        middle = 0.5 * (low + high)
+        yield from _panels(force, shapes, low, middle, last)
+        yield from _panels(force, shapes, middle, high, last)
+
+
 def dissipated_power(
     force: Force, amplitude: ArrayLike, shapes: ShapeValues | None = None, *, time: ArrayLike = 0.0
 ) -> Array:
@@ -268,3 +158,128 @@ def _unit_averages(force: Force) -> tuple[float, float]:
     """Averages at a = 1, from which those of a homogeneous force follow by scaling."""
     sine, cosine = cycle_averages(force, np.ones(1), np.zeros(1), {})
     return float(sine[0]), float(cosine[0])
+
+
+AMPLITUDES = 96
+COMPARED_POINTS = 2000
+# Instants at which forces holding t are compared (s): an amplitude may be met at any time.
+LATEST_TIME = 20.0
+
+
+def indistinguishable(
+    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
+) -> list[tuple[str, ...]]:
+    """Groups of forces whose signatures are linearly dependent: no averaging method can separate them.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+        The forces; sensors act on no envelope equation and are left out.
+    amplitude_low, amplitude_high : float, rad
+        The range of amplitudes in which they are compared.
+    shapes : mapping of str to float, optional
+        Shape parameters; defaults where left out.
+
+    Returns
+    -------
+    list of tuple of str
+        Groups of two or more symbols: first sets of forces with proportional signatures, then larger
+        combinations of which one is a sum of the others. Forces without any signature are in none
+        (`without_signature`).
+
+    Raises
+    ------
+    UsageError
+        Not 0 <= amplitude_low < amplitude_high.
+    """
+    forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
+    return [tuple(forces[i].symbol for i in group) for group in dependent_columns(table)]
+
+
+def without_signature(
+    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
+) -> tuple[str, ...]:
+    """Forces that averaging neglects, even ones for instance (see `indistinguishable`)."""
+    forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
+    return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
+
+
+def averages_decide(
+    library: ForceLibrary, amplitude: float, *, frequency_free: bool = True, shapes: ShapeValues | None = None
+) -> bool:
+    """True if averages over a cycle, of up to an amplitude (rad), tell forces and frequency apart."""
+    _, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
+    if frequency_free and library.role("x") is None:
+        # To averages a frequency that is fitted is one more force, of formula x.
+        of_x = np.concatenate([np.zeros(AMPLITUDES), np.linspace(0.02 * amplitude, amplitude, AMPLITUDES)])
+        table = np.column_stack([table, of_x])
+    return bool(table.any(axis=0).all()) and not dependent_columns(table)
+
+
+def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValues | None = None) -> bool:
+    """True if two forces do the same in motions of up to an amplitude (rad), or on average over a cycle."""
+    pair = ForceLibrary("", (first, second))
+    if any(force.kind == "sensor" for force in pair):
+        return False
+    silent = without_signature(pair, 0.02 * amplitude, amplitude, shapes=shapes)
+    return bool(exactly_dependent(pair, amplitude, shapes=shapes)) or not (
+        silent or averages_decide(pair, amplitude, shapes=shapes)
+    )
+
+
+def exactly_dependent(
+    library: ForceLibrary, amplitude: float, *, shapes: ShapeValues | None = None
+) -> list[tuple[str, ...]]:
+    """Groups of forces that no method can separate: linearly dependent in whatever motion there is.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+        The forces; sensors are left out.
+    amplitude : float, rad
+        Largest angle at which they are compared.
+    shapes : mapping of str to float, optional
+        Shape parameters; defaults where left out.
+
+    Returns
+    -------
+    list of tuple of str
+        Groups of symbols.
+
+    Notes
+    -----
+    Functions of x, v and t are compared at random points; if there are history-dependent forces, all are
+    compared along one irregular motion.
+    """
+    forces = [force for force in library if force.kind == "force"]
+    random = np.random.default_rng(20190417)
+    x, v = amplitude * random.uniform(-1.0, 1.0, (2, COMPARED_POINTS))
+    t = random.uniform(0.0, LATEST_TIME, COMPARED_POINTS)
+    if not all(force.memoryless for force in forces):
+        t = np.linspace(0.0, LATEST_TIME, COMPARED_POINTS)
+        tau = 5.0 * t
+        # Two frequencies without a common measure: the motion comes near every point, and by many paths.
+        x = 0.5 * amplitude * (np.cos(tau) + np.cos(np.sqrt(2.0) * tau + 1.0))
+        v = -0.5 * amplitude * (np.sin(tau) + np.sqrt(2.0) * np.sin(np.sqrt(2.0) * tau + 1.0))
+    columns = []
+    for force in forces:
+        hidden = {} if force.memoryless else states_along(force, tau, x, v, shapes, time=t)
+        columns.append(force.value(x, v, t, shapes=shapes, hidden=hidden))
+    groups = dependent_columns(np.column_stack(columns)) if columns else []
+    return [tuple(forces[i].symbol for i in group) for group in groups]
+
+
+def _signature_table(
+    library: ForceLibrary, low: float, high: float, shapes: ShapeValues | None
+) -> tuple[list[Force], Array]:
+    """Forces, and a matrix with their signatures (sine above cosine) as columns."""
+    if not 0.0 <= low < high < np.inf:
+        raise UsageError(
+            f"A range of amplitudes from {low:g} to {high:g} rad is empty; give 0 <= low < high."
+        )
+    amplitude = np.linspace(low, high, AMPLITUDES)
+    # An instant unrelated to the amplitude: t*v and v must not be tied because one record ties t to a.
+    time = LATEST_TIME * np.random.default_rng(20190417).uniform(size=AMPLITUDES)
+    forces = [force for force in library if force.kind == "force"]
+    columns = [np.concatenate(averages(force, amplitude, shapes, time)) for force in forces]
+    return forces, np.column_stack(columns) if columns else np.zeros((2 * AMPLITUDES, 0))

@@ -15,7 +15,7 @@ from sysid_trib.discovery.search import Search, may_gain, search, with_steps
 from sysid_trib.discovery.to_xarray import groups_of
 from sysid_trib.discovery.unseen import Prediction, SearchParts, improvements, predicted, search_parts
 from sysid_trib.errors import Tell, UsageError, silent
-from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable, without_old_arguments
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import forces_to_identify, further_forces, is_free_to_move, viscous_model
@@ -30,6 +30,7 @@ from sysid_trib.likelihood.start_model import (
     with_sensor_noises,
 )
 from sysid_trib.likelihood.trials import TrialEffect
+from sysid_trib.methods.scope import without_old_arguments
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.results.effects import misnamed_effects

@@ -1,5 +1,4 @@
-from sysid_trib.cycles.identifiability import indistinguishable as indistinguishable
-from sysid_trib.cycles.signatures import signature as signature
+from sysid_trib.cycles.signatures import indistinguishable as indistinguishable, signature as signature
 from sysid_trib.likelihood.pysindy_features import (
     ForceFeatures as ForceFeatures,
     WhitenedLeastSquares as WhitenedLeastSquares,

@@ -1,8 +1,8 @@
 """What a user asks of parameters: values held fixed, bounds, and ties of one parameter to others."""
 
-import warnings
-from collections.abc import Iterable, Mapping
-from dataclasses import InitVar, dataclass, field
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import TypeAlias
@@ -10,9 +10,9 @@ from typing import TypeAlias
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
-from sysid_trib.forces.ties import Tie, parse_number, parse_pairs, parse_range, parse_tie
+from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula, parse
 
 Bounds: TypeAlias = tuple[float | None, float | None]
 # A number holds a parameter, a pair bounds it, a formula ties it to others.
@@ -114,36 +114,6 @@ class Constraints:
         copied = {name: given for key, given in self.table.items() for name in names.get(key, [key])}
         return Constraints(copied)
 
-    @classmethod
-    def from_texts(
-        cls, fix: Iterable[str] = (), bound: Iterable[str] = (), tie: Iterable[str] = ()
-    ) -> "Constraints":
-        """Read constraints as they are written on the command line.
-
-        Parameters
-        ----------
-        fix : iterable of str
-            `lambda=0`.
-        bound : iterable of str
-            `zeta=0:`, `zeta=:1` or `zeta=0:1`.
-        tie : iterable of str
-            `nu=-2.356*delta`.
-
-        Returns
-        -------
-        Constraints
-
-        Raises
-        ------
-        UsageError
-            A text is not of this form, or names a parameter for the second time.
-        """
-        held = parse_pairs(fix, "--fix", "lambda=0")
-        fixed = {k: parse_number(v, f"--fix '{k}={v}'") for k, v in held.items()}
-        ranges = parse_pairs(bound, "--bound", "zeta=0:1")
-        bounds = {k: parse_range(v, f"--bound '{k}={v}'") for k, v in ranges.items()}
-        return cls.merged(fixed, bounds, parse_pairs(tie, "--tie", '"nu=-2.356*delta"'))
-
     @property
     def names(self) -> tuple[str, ...]:
         """Parameters that are constrained."""
@@ -182,7 +152,7 @@ class Constraints:
                 raise UsageError(f"No parameter '{name}' can be constrained; there are {', '.join(known)}.")
         self.formulas(library)
 
-    def formulas(self, library: ForceLibrary) -> dict[str, Tie]:
+    def formulas(self, library: ForceLibrary) -> "dict[str, Tie]":
         """The ties, each after those that its formula needs.
 
         Raises
@@ -249,50 +219,125 @@ class Constraints:
         return free, table[:, :-1], table[:, -1]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Constrained:
-    """What methods have in common whose parameters can be held, bounded or tied.
-
-    Parameters
-    ----------
-    constraints : mapping of str to float, (float, float) or str
-        See `Constraints`.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
-    """
-
-    constraints: ConstraintTable = field(default_factory=dict)
-    fix: InitVar[Mapping[str, float] | None] = None
-    bounds: InitVar[Mapping[str, Bounds] | None] = None
-    tie: InitVar[Mapping[str, str] | None] = None
-
-    def __post_init__(
-        self,
-        fix: Mapping[str, float] | None,
-        bounds: Mapping[str, Bounds] | None,
-        tie: Mapping[str, str] | None,
-    ) -> None:
-        old = without_old_arguments(type(self).__name__, fix, bounds, tie, stacklevel=5)
-        object.__setattr__(self, "constraints", {**self.constraints, **old})
-
-
-def without_old_arguments(
-    where: str,
-    fix: Mapping[str, float] | None,
-    bounds: Mapping[str, Bounds] | None = None,
-    tie: Mapping[str, str] | None = None,
-    *,
-    stacklevel: int,
-) -> ConstraintTable:
-    """The table of what was given as `fix`, `bounds` and `tie`, with a warning where any was."""
-    if fix is None and bounds is None and tie is None:
-        return {}
-    table = Constraints.merged(fix, bounds, tie).table
-    message = f"{where}: fix, bounds and tie are one argument now, constraints={dict(table)}."
-    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
-    return table
-
-
 def parameters_of(library: ForceLibrary) -> tuple[str, ...]:
     """Names of the coefficients of a library, then of its shape parameters."""
     return (*library.symbols, *library.shape_values())
+
+
+# A word, with the shape parameter behind a point: not the exponent of a number such as 1e-3.
+WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Tie:
+    """One parameter as a function of others.
+
+    Parameters
+    ----------
+    name : str
+        The parameter that is tied.
+    text : str
+        The formula as written.
+    formula : Formula
+        The formula over stand-ins of the parameters' names, which need not be words of Python.
+    names : tuple of str
+        The parameters it holds; the stand-in of the first is `p0`.
+    """
+
+    name: str
+    text: str
+    formula: Formula
+    names: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.name}={self.text}"
+
+    def value(self, values: Mapping[str, float]) -> float:
+        """Value at the given parameters; nan where it has none.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Value of each parameter that the formula holds.
+        """
+        with np.errstate(all="ignore"):
+            value = float(self.formula.evaluate(self._stand_ins(values)))
+        return value if np.isfinite(value) else np.nan
+
+    def derivatives(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Derivative by each parameter that the formula holds.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Value of each of these parameters.
+        """
+        given = self._stand_ins(values)
+        with np.errstate(all="ignore"):
+            slopes = [float(self.formula.derivative(given, stand_in)) for stand_in in given]
+        return dict(zip(self.names, slopes, strict=True))
+
+    def linear(self, known: Mapping[str, float] | None = None) -> tuple[float, dict[str, float]] | None:
+        """Constant and factor of each parameter, if the formula is linear; else None.
+
+        Parameters
+        ----------
+        known : mapping of str to float, optional
+            Values of parameters that count as constants.
+        """
+        variable = [name for name in self.names if name not in (known or {})]
+
+        def value(numbers: Array) -> float:
+            return self.value({**(known or {}), **dict(zip(variable, numbers.tolist(), strict=True))})
+
+        constant = value(np.zeros(len(variable)))
+        slopes = np.array([value(unit) - constant for unit in np.eye(len(variable))])
+        random = np.random.default_rng(20190417)
+        shape = (16, len(variable))
+        points = random.choice((-1.0, 1.0), shape) * random.uniform(1e-3, 30.0, shape)
+        # Known by what it does: a formula of any form may be linear.
+        same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
+        return (constant, dict(zip(variable, slopes.tolist(), strict=True))) if same.all() else None
+
+    def _stand_ins(self, values: Mapping[str, float]) -> dict[str, np.float64]:
+        return {f"p{i}": np.float64(values[name]) for i, name in enumerate(self.names)}
+
+
+def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
+    """Read a tie.
+
+    Parameters
+    ----------
+    name : str
+        The parameter that is tied.
+    text : str
+        Its formula.
+    known : sequence of str
+        Parameters that the formula may hold.
+
+    Raises
+    ------
+    UsageError
+        The formula holds another name, the tied parameter itself, or is not of the whitelist.
+    """
+    words = list(dict.fromkeys(WORD.findall(text)))
+    names = tuple(word for word in words if word in known)
+    strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
+    if strangers:
+        raise UsageError(
+            f"The tie '{name}={text}' holds '{strangers[0]}', which is no parameter; "
+            f"there are {', '.join(known)}."
+        )
+    if name in names:
+        raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")
+    stand_ins = {word: f"p{i}" for i, word in enumerate(names)}
+    replaced = WORD.sub(lambda word: stand_ins.get(word[0], word[0]), text)
+    shapes = frozenset(p for word, p in stand_ins.items() if "." in word)
+    try:
+        formula = parse(replaced, frozenset(stand_ins.values()), shapes, name)
+    except LibraryError:
+        raise UsageError(
+            f"The tie '{name}={text}' is not a formula of numbers, parameters, + - * / ** and the functions "
+            f"{' '.join((*SWITCHING, *SMOOTH))}."
+        ) from None
+    return Tie(name, text, formula, names)

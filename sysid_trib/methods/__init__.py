@@ -1,7 +1,6 @@
 """Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`.
 
-`METHODS` has those of `__all__` in its order. What a method assumes, observes and identifies is its
-attribute `scope`.
+What a method assumes, observes and identifies is its attribute `scope`.
 """
 
 import json
@@ -11,42 +10,28 @@ import xarray as xr
 
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.methods.averaging import Averaging
-from sysid_trib.methods.classical import FrequencyShift
-from sysid_trib.methods.decrements import (
-    EnergyDecay,
-    FeenyLiang,
-    LinearDecrement,
-    LogarithmicDecrement,
-    QuadraticDecay,
-    WuDecrement,
-    feeny_liang_decrement,
-)
-from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.scope import MethodScope
-from sysid_trib.methods.trajectory import Trajectory
-from sysid_trib.methods.windowed_era import WindowedERA, windowed_modes
+from sysid_trib.methods.classical import feeny_liang_decrement as feeny_liang_decrement
+from sysid_trib.methods.scope import MethodScope as MethodScope
+from sysid_trib.methods.windowed_era import windowed_modes as windowed_modes
 from sysid_trib.results.schema import NOT_KEPT
 
-# In the order of tables and figures.
-__all__ = [  # noqa: RUF022
-    "Trajectory",
-    "Direct",
-    "Averaging",
-    "FrequencyShift",
-    "WuDecrement",
-    "FeenyLiang",
-    "EnergyDecay",
-    "LogarithmicDecrement",
-    "LinearDecrement",
-    "QuadraticDecay",
-    "WindowedERA",
-    "MethodScope",
-    "feeny_liang_decrement",
-    "windowed_modes",
-]
-_PUBLIC = [globals()[name] for name in __all__]
-METHODS: tuple[type[Any], ...] = tuple(kind for kind in _PUBLIC if hasattr(kind, "scope"))
+# The methods, in the order of tables and figures.
+# isort: off
+from sysid_trib.methods.trajectory import Trajectory as Trajectory
+from sysid_trib.methods.direct import Direct as Direct
+from sysid_trib.methods.averaging import Averaging as Averaging
+from sysid_trib.methods.averaging import FrequencyShift as FrequencyShift
+from sysid_trib.methods.classical import WuDecrement as WuDecrement
+from sysid_trib.methods.classical import FeenyLiang as FeenyLiang
+from sysid_trib.methods.classical import EnergyDecay as EnergyDecay
+from sysid_trib.methods.classical import LogarithmicDecrement as LogarithmicDecrement
+from sysid_trib.methods.classical import LinearDecrement as LinearDecrement
+from sysid_trib.methods.classical import QuadraticDecay as QuadraticDecay
+from sysid_trib.methods.windowed_era import WindowedERA as WindowedERA
+# isort: on
+
+METHODS: tuple[type[Any], ...] = tuple(kind for kind in list(globals().values()) if hasattr(kind, "scope"))
+__all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_decrement", "windowed_modes"]
 
 
 def method_of(result: xr.Dataset) -> Any:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,6 +15,7 @@ from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import RowsByRatio, VarianceRatio
 from sysid_trib.methods.half_period_equations import (
     DENSITY,
+    ENVELOPE_ERRORS,
     Equations,
     EquationSolution,
     HalfPeriodEquations,
@@ -23,6 +25,8 @@ from sysid_trib.methods.half_period_equations import (
 from sysid_trib.records.half_sines import EnvelopeCurve, envelope
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
+
+Groups: TypeAlias = Mapping[str, EquationSolution]
 
 
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
@@ -41,47 +45,6 @@ def jacobian(function: Callable[[Array], Array], at: Array, errors: Array) -> Ar
 
 
 @dataclass(frozen=True)
-class AuxiliaryFit:
-    """Least squares of an auxiliary model on envelopes.
-
-    Attributes
-    ----------
-    groups : mapping of str to EquationSolution
-        Each with parameters of its own, of the same half periods.
-    values_of : callable
-        From all parameters, in the groups' order, to coefficients and, last, the frequency (rad/s).
-    """
-
-    groups: Mapping[str, EquationSolution]
-    values_of: Callable[[Array], Array]
-
-    @property
-    def parameters(self) -> Array:
-        """Parameters of all groups."""
-        return np.concatenate([group.parameters for group in self.groups.values()])
-
-    @property
-    def values(self) -> Array:
-        """Coefficients and, last, the frequency (rad/s)."""
-        return self.values_of(self.parameters)
-
-    def birge_ratio(self, *names: str) -> float:
-        """Root of the reduced chi-square of some groups."""
-        groups = [self.groups[name] for name in names]
-        return birge_ratio(sum(g.chi_square for g in groups), sum(g.degrees_of_freedom for g in groups))
-
-    def covariance(self, other: "AuxiliaryFit") -> Array:
-        """Covariance of the values, each group's errors raised by its Birge ratio in a fit."""
-        # Groups share the errors of half periods.
-        influence = np.concatenate(
-            [max(1.0, other.birge_ratio(name)) * group.influence for name, group in self.groups.items()]
-        )
-        slopes = jacobian(self.values_of, self.parameters, np.linalg.norm(influence, axis=1))
-        by_error = slopes @ influence
-        return np.asarray(by_error @ by_error.T)
-
-
-@dataclass(frozen=True)
 class AuxiliaryModel:
     """A simplified model of the envelope of a decay, quick to fit, and biased.
 
@@ -90,7 +53,7 @@ class AuxiliaryModel:
     equations : mapping of str to Equations
         Groups with parameters of their own, `envelope`, `frequency`.
     values_of : callable
-        See `AuxiliaryFit`.
+        From all parameters, in the groups' order, to coefficients and, last, the frequency (rad/s).
     library : ForceLibrary
         The forces of the coefficients, for motions of its own.
     shapes : Mapping of str to float
@@ -115,16 +78,30 @@ class AuxiliaryModel:
     names: tuple[str, ...] = ()
 
     def measure(self, decay: xr.Dataset) -> xr.Dataset:
-        """Envelope of a decay (see `envelope`), with `first_time` (s) in its attrs."""
-        return envelope(decay, self.curve).assign_attrs(first_time=float(decay.time.values[0]))
+        """Envelope of a decay (see `envelope`), with what gave it and `first_time` (s) in its attrs."""
+        attrs = {"first_time": float(decay.time.values[0]), "curve": self.curve}
+        return envelope(decay, self.curve).assign_attrs(attrs)
 
-    def fit(self, measured: Sequence[xr.Dataset]) -> AuxiliaryFit:
-        """Least squares on the envelopes of all runs."""
-        groups = {
+    def fit(self, measured: Sequence[xr.Dataset]) -> Groups:
+        """Least squares of each group on the envelopes of all runs."""
+        return {
             name: solve(of_group, measured, self.rule, self.names)
             for name, of_group in self.equations.items()
         }
-        return AuxiliaryFit(groups, self.values_of)
+
+    def values(self, groups: Groups) -> Array:
+        """Coefficients and, last, the frequency (rad/s)."""
+        return self.values_of(np.concatenate([group.parameters for group in groups.values()]))
+
+    def covariance(self, groups: Groups, ratios: Mapping[str, float]) -> Array:
+        """Covariance of the values, each group's errors raised by its Birge ratio."""
+        parameters = np.concatenate([group.parameters for group in groups.values()])
+        # Groups share the errors of half periods.
+        influence = np.concatenate(
+            [max(1.0, ratios[name]) * group.influence for name, group in groups.items()]
+        )
+        by_error = jacobian(self.values_of, parameters, np.linalg.norm(influence, axis=1)) @ influence
+        return np.asarray(by_error @ by_error.T)
 
     def model(self, values: Array) -> Model:
         """The model of coefficients and, last, the frequency (rad/s)."""
@@ -132,21 +109,26 @@ class AuxiliaryModel:
         return Model(self.library, coefficients, float(values[-1]), self.shapes)
 
 
-def with_random_force(measured: xr.Dataset, ratio: VarianceRatio, curve: EnvelopeCurve) -> xr.Dataset:
+def birge_ratios(groups: Groups) -> dict[str, float]:
+    """Root of the reduced chi-square of each group, and of all by an empty name."""
+    every = list(groups.values())
+    whole = birge_ratio(sum(g.chi_square for g in every), sum(g.degrees_of_freedom for g in every))
+    of_groups = {name: birge_ratio(g.chi_square, g.degrees_of_freedom) for name, g in groups.items()}
+    return {"": whole} | of_groups
+
+
+def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
     """An envelope whose errors are those of the sensor's noise and of a random force.
 
     Parameters
     ----------
     measured : Dataset
-        The envelope (see `envelope`).
+        The envelope (see `AuxiliaryModel.measure`).
     ratio : VarianceRatio
         As `random_force_ratio` gives it.
-    curve : {"half-sines", "analytic-signal"}
-        What gave the extrema.
     """
-    sensor = _at_noise(measured, float(np.sqrt(ratio.variance)))
     density = RandomForce.density_of(ratio.ratio * ratio.variance, swing_frequency(measured))
-    return sensor.assign({DENSITY: density}).assign_attrs(curve=curve)
+    return _at_noise(measured, float(np.sqrt(ratio.variance))).assign({DENSITY: density})
 
 
 def swing_frequency(measured: xr.Dataset) -> float:
@@ -157,16 +139,13 @@ def swing_frequency(measured: xr.Dataset) -> float:
 def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
     """The envelope with the errors of white noise of the sensor; the scatter of a random force is not its."""
     white = max(measured.white_noise.item(), float(np.finfo(float).tiny))
-    names = {"extremum": "scatter_of_extrema", "extremum_time": "scatter_of_times"}
-    errors = {f"{name}_standard_error": measured.attrs[scatter] for name, scatter in names.items()}
-    return measured.assign({name: measured[name] * (noise / white / by) for name, by in errors.items()})
+    scatters = [measured.attrs[name] for name in ("scatter_of_extrema", "scatter_of_times")]
+    pairs = zip(ENVELOPE_ERRORS, scatters, strict=True)
+    return measured.assign({name: measured[name] * (noise / white / scatter) for name, scatter in pairs})
 
 
 def random_force_ratio(
-    groups: Sequence[HalfPeriodEquations],
-    measured: xr.Dataset,
-    curve: EnvelopeCurve,
-    option: RandomForceOption,
+    groups: Sequence[HalfPeriodEquations], measured: xr.Dataset, option: RandomForceOption
 ) -> VarianceRatio:
     """Ratio of a random force to the sensor's noise in one run, by restricted likelihood of its equations.
 
@@ -176,8 +155,6 @@ def random_force_ratio(
         Each with parameters of its own, of the same half periods.
     measured : Dataset
         Their envelope.
-    curve : {"half-sines", "analytic-signal"}
-        What gave the extrema.
     option : "auto" or float, (rad/s^2)^2/Hz
         A number is the one-sided density, held.
 
@@ -186,7 +163,7 @@ def random_force_ratio(
     VarianceRatio
         Of the growth of the variance of v a unit of tau to the variance of the sensor's noise (rad^2).
     """
-    w, white = swing_frequency(measured), _at_noise(measured, 1.0).assign_attrs(curve=curve)
+    w, white = swing_frequency(measured), _at_noise(measured, 1.0)
     order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
     sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
     impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]

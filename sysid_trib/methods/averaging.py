@@ -2,25 +2,25 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages
+from sysid_trib.cycles.signatures import tabulated_averages
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.constraints import Constrained, Constraints
-from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
-from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import ForceLibrary, ShapeValues
+from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.selection import forces_to_identify, refuse_sensors
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.auxiliary import AuxiliaryModel
+from sysid_trib.methods.classical import energy_balance, one_record
 from sysid_trib.methods.half_period_equations import Equations
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
@@ -193,13 +193,8 @@ def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> Equations:
     def equations(extremum: Array, time: Array) -> tuple[Array, Array]:
         a, span = 0.5 * (extremum[2:] + extremum[:-2]), time[2:] - time[:-2]
         design = np.zeros((len(a), 2, len(library) + 1))
-        low, high = float(np.floor(np.log2(a.min()))), float(np.ceil(np.log2(a.max())))
         for j, force in enumerate(library):
-            if force.degree is not None or force.holds_time:
-                sine, cosine = averages(force, a, shapes, time[1:-1])
-            else:
-                held = tuple(force.shape_values(shapes).items())
-                sine, cosine = _table(force, held, low, high)(np.log2(a)).T
+            sine, cosine = tabulated_averages(force, a, shapes, time[1:-1])
             design[:, 0, j], design[:, 1, j] = sine, cosine / a
         design[:, 1, -1] = 1.0
         return design, np.stack([(extremum[2:] - extremum[:-2]) / span, 2.0 * np.pi / span], axis=1)
@@ -207,10 +202,123 @@ def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> Equations:
     return equations
 
 
-@lru_cache(maxsize=64)
-def _table(force: Force, held: tuple[tuple[str, float], ...], low: float, high: float) -> CubicSpline:
-    """Signature against log2 of the amplitude: a history-dependent force takes a millisecond an amplitude."""
-    # A cubic spline through these is exact to 1e-10 rad, at a kink (Jenkins) to 1e-5.
-    nodes = np.linspace(low, high, max(2, round(64 * (high - low))) + 1)
-    shapes = {f"{force.symbol}.{name}": value for name, value in held}
-    return CubicSpline(nodes, np.stack(averages(force, 2.0**nodes, shapes), axis=1))
+# Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
+FORMULAS = {f"damping_beside_{p}": formula for p, formula in enumerate(("sign(v)", "2*v", "v*abs(v)"))}
+DAMPING = parse_library(
+    {"force": [{"symbol": symbol, "formula": formula} for symbol, formula in FORMULAS.items()]},
+    "damping of frequency_shift",
+)
+VISCOUS = 1
+# (w_inf/w)^2 of a motion that hardly swings.
+SMALLEST = 1e-2
+
+
+@dataclass(frozen=True)
+class FrequencyShift:
+    """Conservative forces from w(a) = w_inf (1 + sum of c <h cos phi>/a).
+
+    Parameters
+    ----------
+    reference_frequency : float, rad/s
+        w without contact, held: coefficients refer to it, and the library's force of formula `x` is
+        identified. Without it they refer to the undamped w fitted.
+    correct : bool
+        Whether the bias of half-sines and averaging is removed by indirect inference.
+    shapes : Mapping of str to float
+        Values of shape parameters, which are held.
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
+        As that of `Averaging`.
+
+    Notes
+    -----
+    Solid, viscous and quadratic friction that follow the envelope are found beside, for the simulation and
+    for w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
+    """
+
+    scope: ClassVar = MethodScope(
+        label="frequency shift",
+        assumes="conservative forces alone shift the frequency, whatever damps the motion",
+        observes="frequency",
+        identifies="conservative forces",
+        several_runs=False,
+    )
+
+    reference_frequency: float | None = None
+    correct: bool = True
+    shapes: Mapping[str, float] = field(default_factory=dict)
+    random_force: RandomForceOption = "auto"
+
+    def __post_init__(self) -> None:
+        check_random_force(self.random_force)
+
+    @in_units_of_the_motion
+    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
+        """Identify the conservative forces of `library` from a decay with `angle(time)`.
+
+        Raises
+        ------
+        DecayError
+            The library has no conservative force but that of formula `x`, or they look the same; or a sensor
+            term.
+        UsageError
+            Several decays.
+        """
+        decay = one_record(self, decay)
+        refuse_sensors(library)
+        stiffness = library.role("x")
+        shifting = [
+            f for f in library if f.kind == "force" and f.character == "conservative" and not f.holds_time
+        ]
+        asked = library.select(force.symbol for force in shifting if force is not stiffness)
+        if not len(asked):
+            label = self.scope.sentence_label
+            raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
+        auxiliary = _damped_model(asked, self.shapes)
+        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
+        limit = estimate.mapped(_limit)
+        forces, reference, count = asked.forces, self.reference_frequency, len(asked)
+        if reference is not None and stiffness is not None:
+            forces = (stiffness, *forces)
+
+        def identified(values: Array) -> Array:
+            """Coefficients, with that of the force of formula `x` if it is identified, and frequency."""
+            coefficients, fitted = values[:count], values[-1]
+            if reference is None:
+                return np.append(coefficients, fitted)
+            ratio = (fitted / reference) ** 2
+            elastic = [] if stiffness is None else [ratio - 1.0]
+            return np.concatenate([elastic, coefficients * ratio, [reference]])
+
+        of_frequency = estimate.birge_ratios["frequency"]
+        birge_ratios = {"": of_frequency, "frequency": of_frequency}
+        shown = replace(estimate.mapped(identified), birge_ratios=birge_ratios)
+        result = as_identification(self, decay, replace(asked, forces=forces), shown, library)
+        known = {"": limit.values.item(), "_standard_error": float(np.sqrt(limit.covariance.item()))}
+        of_limit = {f"asymptotic_frequency{name}": value for name, value in known.items()}
+        return result.assign({name: result[name].copy(data=value) for name, value in of_limit.items()})
+
+
+def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> AuxiliaryModel:
+    """Shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
+    whole = ForceLibrary("conservative forces, damped", (*library.forces, *DAMPING.forces))
+    count, averaged = len(library), averaged_equations(library, shapes)
+
+    def shifts(extremum: Array, time: Array) -> tuple[Array, Array]:
+        """Frequency of every period against w_inf c of each force, and w_inf."""
+        design, target = averaged(extremum, time)
+        return design[:, 1], target[:, 1]
+
+    def values(parameters: Array) -> Array:
+        damping = parameters[count + 1 :]
+        # Undamped, the frequency would be higher than w_inf.
+        w = parameters[count] / np.sqrt(max(1.0 - damping[VISCOUS] ** 2, SMALLEST))
+        return np.concatenate([parameters[:count] * parameters[count] / w**2, damping, [w]])
+
+    equations = {"frequency": shifts, "envelope": energy_balance(DAMPING)}
+    return AuxiliaryModel(equations, values, whole, shapes, wandering=tuple(equations))
+
+
+def _limit(values: Array) -> Array:
+    """Frequency at vanishing amplitude, rad/s, of values of the damped model: (1,)."""
+    viscous = values[len(values) - 1 - len(DAMPING) + VISCOUS]
+    return np.array([values[-1] * np.sqrt(max(1.0 - viscous**2, SMALLEST))])

@@ -1,18 +1,18 @@
-"""What the classical methods share: equations between half periods; and the shift of the frequency."""
+"""The classical decrements, one relation between half periods each: Rayleigh (1877) to Wu et al. (2007)."""
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from inspect import cleandoc
 from typing import Any, ClassVar
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import refuse_sensors
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.auxiliary import AuxiliaryModel, same_half_periods
@@ -22,18 +22,20 @@ from sysid_trib.methods.scope import Method, MethodScope, scope_of
 from sysid_trib.records.inputs import refuse_inputs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
+SOLID_FRICTION, VISCOUS_FRICTION, QUADRATIC_FRICTION = "sign(v)", "2*v", "v*abs(v)"
+FRICTION_WORDS = {SOLID_FRICTION: "solid", VISCOUS_FRICTION: "viscous", QUADRATIC_FRICTION: "quadratic"}
+# Friction of both kinds in the examples.
+BOTH = {SOLID_FRICTION: 1e-3, VISCOUS_FRICTION: 0.0097}
+
 
 @dataclass(frozen=True)
 class ClassicalMethod:
     """A decrement: equations between the extrema of half periods, with a steady frequency.
 
-    A method of this kind states its `scope`, the formulas of the forces that it needs, its equations and what
-    coefficients follow from their parameters.
-
     Parameters
     ----------
     correct : bool
-        Whether the bias of the half-sines is removed (see `indirect_estimate`).
+        Whether the bias of half-sines and of the relation is removed by indirect inference.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         Whether the errors are those of a motion with a random force: `estimated` finds the force from
         the extrema; a number is its one-sided density, held; `auto` leaves it to `identify`.
@@ -41,6 +43,10 @@ class ClassicalMethod:
 
     scope: ClassVar[MethodScope]
     FORMULAS: ClassVar[tuple[str, ...]] = ()
+    # See `decrement`.
+    relation: ClassVar[Any]
+    beta: ClassVar[Any] = staticmethod(np.asarray)
+    rates: ClassVar[bool] = False
 
     correct: bool = True
     random_force: RandomForceOption = "auto"
@@ -50,7 +56,7 @@ class ClassicalMethod:
 
     @in_units_of_the_motion
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces that the method describes, those of its `FORMULAS`.
+        """Identify the forces that the method describes.
 
         Parameters
         ----------
@@ -79,22 +85,196 @@ class ClassicalMethod:
         return needed_forces(self, library, self.FORMULAS)
 
     def equations(self, library: ForceLibrary) -> Equations:
-        """The method's `relation`; one whose equations depend on its forces makes them here."""
+        """The equations of these forces."""
         return self.relation
 
-    def relation(self, extremum: Array, time: Array) -> tuple[Array, Array]:
-        """Design and target of equations between the extrema of neighbouring half periods."""
-        raise NotImplementedError
-
-    @abstractmethod
     def values(self, parameters: Array) -> Array:
         """Coefficients and w (rad/s) from the parameters and, last, half a period (s)."""
+        half = parameters[-1] / np.pi
+        coefficients = parameters[:-1] * (half if self.rates else 1.0)
+        damping = [at for at, formula in enumerate(self.FORMULAS) if formula == VISCOUS_FRICTION]
+        beta = self.beta(coefficients[damping])
+        # By which damping lowers the frequency of the half periods.
+        stretch = np.hypot(1.0, np.sum(beta))
+        coefficients /= stretch if self.rates else 1.0
+        coefficients[damping] = beta / stretch
+        return np.append(coefficients, stretch / half)
 
 
-def decrement_scope(label: str, forces: str, *, weak: bool = False) -> MethodScope:
-    """The scope of a method that takes these forces and a linear spring for all there are."""
-    assumes = f"{'weak ' if weak else ''}{forces} and a linear spring, nothing else"
-    return MethodScope(label, assumes, observes="extrema", identifies=forces, several_runs=False)
+def decrement(
+    name: str,
+    relation: Equations,
+    label: str,
+    forces: Mapping[str, float],
+    *,
+    beta: Callable[[Array], Array] = np.asarray,
+    rates: bool = False,
+) -> type[ClassicalMethod]:
+    """A classical method, made of the relation of its forces between half periods.
+
+    Parameters
+    ----------
+    name : str
+        Of the class.
+    relation : callable
+        From extrema and times to design and target (see `Equations`). Its docstring is that of the method.
+    label : str
+        Of the method in tables and sentences.
+    forces : mapping of str to float
+        Formulas of the forces, in the order of the parameters, and coefficients of a decay that has nothing
+        else. The parameter of `2*v` gives zeta.
+    beta : callable
+        From the parameter of `2*v` to beta = zeta/sqrt(1 - zeta^2), which it is where left out.
+    rates : bool
+        Whether parameters are coefficients times w, the target a rate by time: forces are weak then.
+    """
+    words = [FRICTION_WORDS.get(formula, formula) for formula in forces]
+    what = f"{' and '.join(words)} friction"
+    assumes = f"{'weak ' if rates else ''}{what} and a linear spring, nothing else"
+    summary, _, notes = cleandoc(relation.__doc__ or "").partition("\n\n")
+    options = cleandoc(ClassicalMethod.__doc__ or "").partition("\n\n")[2]
+    members = {
+        "__doc__": f"{summary}\n\n{options}\n\n{notes}".strip(),
+        "__module__": relation.__module__,
+        "relation": staticmethod(relation),
+        "FORMULAS": tuple(forces),
+        "beta": staticmethod(beta),
+        "rates": rates,
+        "scope": MethodScope(label, assumes, "extrema", what, several_runs=False, example=forces),
+    }
+    return type(name, (ClassicalMethod,), members)
+
+
+def _logarithmic(extremum: Array, time: Array) -> tuple[Array, Array]:
+    """Damping ratio zeta from ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2), and the frequency."""
+    return np.full((len(time) - 1, 1), np.pi), -np.diff(np.log(extremum))
+
+
+def _linear(extremum: Array, time: Array) -> tuple[Array, Array]:
+    """Solid friction lambda (rad) from |X_i| - |X_i+1| = 2 lambda, and the frequency."""
+    return np.full((len(time) - 1, 1), 2.0), -np.diff(extremum)
+
+
+def _turning_points(extremum: Array, time: Array) -> tuple[Array, Array]:
+    """Solid friction lambda (rad) and damping ratio zeta from turning points, and the frequency.
+
+    Notes
+    -----
+    |X_i+1| = q |X_i| - lambda (1 + q) with q = exp(-pi beta), beta = zeta/sqrt(1 - zeta^2), is exact; it is
+    solved as |X_i| - |X_i+1| = tanh(pi beta/2) (|X_i| + |X_i+1|) + 2 lambda, where the noise of a difference
+    has nothing in common with that of the sum.
+    """
+    both = extremum[:-1] + extremum[1:]
+    return np.column_stack([np.full(len(both), 2.0), both]), -np.diff(extremum)
+
+
+# tanh(pi beta/2) of a damping ratio near one, at which nothing swings any more.
+LARGEST = 1.0 - 1e-12
+
+
+def _beta_of_turning_points(tanh: Array) -> Array:
+    return np.asarray(2.0 / np.pi * np.arctanh(np.clip(tanh, -LARGEST, LARGEST)))
+
+
+def _energy(extremum: Array, time: Array) -> tuple[Array, Array]:
+    """Solid friction lambda (rad) and damping ratio zeta from dE/dt, E = a^2/2, and the frequency.
+
+    Notes
+    -----
+    dE/dt = -(2/pi) w lambda sqrt(2 E) - 2 w zeta E, from one half period before to one after.
+    """
+    before, after = extremum[:-2], extremum[2:]
+    twice = 0.25 * (before + after) ** 2
+    rate = 0.5 * (after**2 - before**2) / (time[2:] - time[:-2])
+    return np.stack([-2.0 / np.pi * np.sqrt(twice), -twice], axis=1), rate
+
+
+def _inverse_amplitude(extremum: Array, time: Array) -> tuple[Array, Array]:
+    """Quadratic friction delta from the linear growth of 1/a, and the frequency.
+
+    Notes
+    -----
+    d(1/a)/dt = (4/(3 pi)) w delta.
+    """
+    return 4.0 / (3.0 * np.pi) * np.diff(time)[:, None], np.diff(1.0 / extremum)
+
+
+LogarithmicDecrement = decrement(
+    "LogarithmicDecrement", _logarithmic, "logarithmic decrement", {VISCOUS_FRICTION: 0.0097}
+)
+LinearDecrement = decrement("LinearDecrement", _linear, "linear decrement", {SOLID_FRICTION: 2e-3})
+FeenyLiang = decrement(
+    "FeenyLiang", _turning_points, "Feeny-Liang decrement", BOTH, beta=_beta_of_turning_points
+)
+EnergyDecay = decrement("EnergyDecay", _energy, "energy decay", BOTH, rates=True)
+QuadraticDecay = decrement(
+    "QuadraticDecay", _inverse_amplitude, "quadratic decay", {QUADRATIC_FRICTION: 0.1}, rates=True
+)
+
+
+class WuDecrement(ClassicalMethod):
+    """Solid friction and all powers of the speed in a library from the decrement, and the frequency.
+
+    Parameters
+    ----------
+    correct : bool
+        Whether the bias of half-sines and energy balance is removed by indirect inference.
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
+        Whether the motion has a random force (see `ClassicalMethod`).
+
+    Notes
+    -----
+    The energy that a half period loses is the work of the forces along a sine of the mean amplitude a: for
+    forces c_p |v|^p sign(v), |X_i| - |X_i+1| = sum of c_p B_p a^p, B_p the integral of sin^(p+1) over half a
+    period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are estimated at once. An elastic force
+    nu x |x|, by which half periods last longer or shorter with the amplitude, passes for a delta of about
+    -2 zeta nu; `frequency_birge_ratio` shows it, the envelope does not. Damping of any power lowers the
+    frequency to second order, together by what is well known of it: that is left to the correction.
+    """
+
+    scope = MethodScope(
+        "Wu decrement",
+        "solid friction, powers of the speed and a linear spring, nothing else",
+        "extrema",
+        "solid friction, powers of the speed",
+        several_runs=False,
+        example=BOTH | {QUADRATIC_FRICTION: 0.037},
+    )
+
+    def forces_of(self, library: ForceLibrary) -> ForceLibrary:
+        """The powers of the speed in a library, solid friction among them.
+
+        Raises
+        ------
+        DecayError
+            The library lacks solid friction or any other power.
+        """
+        needed_forces(self, library, [SOLID_FRICTION])
+        powers = library.select(force.symbol for force in library if _is_power(force))
+        if len(powers) < 2:
+            label = self.scope.sentence_label
+            raise DecayError(f"{label} wants a power of the speed beside sign(v), as 2*v or v*abs(v).")
+        return powers
+
+    def equations(self, library: ForceLibrary) -> Equations:
+        """Energy balance of each half period."""
+        return energy_balance(library)
+
+
+def _is_power(force: Force) -> bool:
+    powers = force.degree is not None and force.degree == force.speed_degree
+    return powers and force.kind == "force" and force.character == "dissipative"
+
+
+def energy_balance(library: ForceLibrary) -> Equations:
+    """Equations of the decrement for powers of the speed."""
+    unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
+
+    def decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
+        mean = 0.5 * (extremum[1:] + extremum[:-1])
+        return np.stack([b * mean**p for b, p in unit], axis=1), -np.diff(extremum)
+
+    return decrements
 
 
 def needed_forces(method: Method, library: ForceLibrary, formulas: Sequence[str]) -> ForceLibrary:
@@ -129,140 +309,31 @@ def one_record(method: Method, decay: Any) -> xr.Dataset:
     return decay
 
 
-def energy_balance(library: ForceLibrary) -> Equations:
-    """Equations of the decrement for powers of the speed."""
-    unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
-
-    def decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
-        mean = 0.5 * (extremum[1:] + extremum[:-1])
-        return np.stack([b * mean**p for b, p in unit], axis=1), -np.diff(extremum)
-
-    return decrements
-
-
-# Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
-FORMULAS = {f"damping_beside_{p}": formula for p, formula in enumerate(("sign(v)", "2*v", "v*abs(v)"))}
-DAMPING = parse_library(
-    {"force": [{"symbol": symbol, "formula": formula} for symbol, formula in FORMULAS.items()]},
-    "damping of frequency_shift",
-)
-VISCOUS = 1
-# (w_inf/w)^2 of a motion that hardly swings.
-SMALLEST = 1e-2
-
-
-@dataclass(frozen=True)
-class FrequencyShift:
-    """Conservative forces from w(a) = w_inf (1 + sum of c <h cos phi>/a).
+def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
+    """Solid friction lambda (rad) and damping ratio zeta from exact turning points.
 
     Parameters
     ----------
-    reference_frequency : float, rad/s
-        w without contact, held: coefficients refer to it, and the library's force of formula `x` is
-        identified. Without it they refer to the undamped w fitted.
-    correct : bool
-        Whether the bias of half-sines and averaging is removed by indirect inference.
-    shapes : Mapping of str to float
-        Values of shape parameters, which are held.
-    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        As that of `Averaging`.
+    turning_points : (turn,) array of float, rad
+        Angles about the equilibrium at which the motion turns; signed or not.
 
-    Notes
-    -----
-    Solid, viscous and quadratic friction that follow the envelope are found beside, for the simulation and
-    for w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
+    Returns
+    -------
+    solid : float, rad
+        Solid friction lambda.
+    viscous : float
+        Damping ratio zeta.
+
+    Raises
+    ------
+    DecayError
+        Fewer than three, or they do not decay as these two forces have it.
     """
-
-    scope: ClassVar = MethodScope(
-        label="frequency shift",
-        assumes="conservative forces alone shift the frequency, whatever damps the motion",
-        observes="frequency",
-        identifies="conservative forces",
-        several_runs=False,
-    )
-
-    reference_frequency: float | None = None
-    correct: bool = True
-    shapes: Mapping[str, float] = field(default_factory=dict)
-    random_force: RandomForceOption = "auto"
-
-    def __post_init__(self) -> None:
-        check_random_force(self.random_force)
-
-    @in_units_of_the_motion
-    def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the conservative forces of `library` from a decay with `angle(time)`.
-
-        Raises
-        ------
-        DecayError
-            The library has no conservative force but that of formula `x`, or they look the same; or a sensor
-            term.
-        UsageError
-            Several decays.
-        """
-        decay = one_record(self, decay)
-        refuse_sensors(library)
-        stiffness = library.role("x")
-        shifting = [
-            f for f in library if f.kind == "force" and f.character == "conservative" and not f.holds_time
-        ]
-        asked = library.select(force.symbol for force in shifting if force is not stiffness)
-        if not len(asked):
-            label = self.scope.sentence_label
-            raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
-        auxiliary = _damped_model(asked, self.shapes)
-        estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
-        limit = estimate.mapped(_limit)
-        forces, reference, count = asked.forces, self.reference_frequency, len(asked)
-        if reference is not None and stiffness is not None:
-            forces = (stiffness, *forces)
-
-        def identified(values: Array) -> Array:
-            """Coefficients, with that of the force of formula `x` if it is identified, and frequency."""
-            coefficients, fitted = values[:count], values[-1]
-            if reference is None:
-                return np.append(coefficients, fitted)
-            ratio = (fitted / reference) ** 2
-            elastic = [] if stiffness is None else [ratio - 1.0]
-            return np.concatenate([elastic, coefficients * ratio, [reference]])
-
-        of_frequency = estimate.birge_ratios["frequency"]
-        birge_ratios = {"": of_frequency, "frequency": of_frequency}
-        shown = replace(estimate.mapped(identified), birge_ratios=birge_ratios)
-        result = as_identification(self, decay, replace(asked, forces=forces), shown, library)
-        known = {"": limit.values.item(), "_standard_error": float(np.sqrt(limit.covariance.item()))}
-        of_limit = {f"asymptotic_frequency{name}": value for name, value in known.items()}
-        return result.assign({name: result[name].copy(data=value) for name, value in of_limit.items()})
-
-
-def _shifts(library: ForceLibrary, shapes: Mapping[str, float]) -> Equations:
-    """Frequency of every period against w_inf c of each force, and w_inf."""
-
-    def frequencies(extremum: Array, time: Array) -> tuple[Array, Array]:
-        a = 0.5 * (extremum[2:] + extremum[:-2])
-        columns = [averages(force, a, shapes)[1] / a for force in library]
-        return np.stack([*columns, np.ones_like(a)], axis=1), 2.0 * np.pi / (time[2:] - time[:-2])
-
-    return frequencies
-
-
-def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> AuxiliaryModel:
-    """Shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
-    whole = ForceLibrary("conservative forces, damped", (*library.forces, *DAMPING.forces))
-    count = len(library)
-
-    def values(parameters: Array) -> Array:
-        damping = parameters[count + 1 :]
-        # Undamped, the frequency would be higher than w_inf.
-        w = parameters[count] / np.sqrt(max(1.0 - damping[VISCOUS] ** 2, SMALLEST))
-        return np.concatenate([parameters[:count] * parameters[count] / w**2, damping, [w]])
-
-    equations = {"frequency": _shifts(library, shapes), "envelope": energy_balance(DAMPING)}
-    return AuxiliaryModel(equations, values, whole, shapes, wandering=tuple(equations))
-
-
-def _limit(values: Array) -> Array:
-    """Frequency at vanishing amplitude, rad/s, of values of the damped model: (1,)."""
-    viscous = values[len(values) - 1 - len(DAMPING) + VISCOUS]
-    return np.array([values[-1] * np.sqrt(max(1.0 - viscous**2, SMALLEST))])
+    extremum = np.abs(np.asarray(turning_points, dtype=float))
+    if len(extremum) < 3:
+        raise DecayError(f"{len(extremum)} turning points cannot decide two forces; give at least three.")
+    parameters = np.linalg.lstsq(*_turning_points(extremum, extremum), rcond=None)[0]
+    if not abs(parameters[1]) < LARGEST:
+        raise DecayError("The turning points do not decay as solid and viscous friction have it.")
+    solid, viscous, _ = FeenyLiang().values(np.append(parameters, 1.0))
+    return float(solid), float(viscous)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.constraints import Constrained, Constraints
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
@@ -36,7 +36,7 @@ from sysid_trib.likelihood.rows import (
 )
 from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import Estimate, identification

@@ -14,6 +14,8 @@ from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.weak_form import whiten, whitener
 from sysid_trib.records.half_sines import half_period_responses
 
+# Of an envelope: errors of extrema and of their times, and the density of a random force.
+ENVELOPE_ERRORS = ("extremum_standard_error", "extremum_time_standard_error")
 DENSITY = "random_force_density"
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 """From extrema (rad, positive) and their times since the first sample (s) to design and target.
@@ -62,13 +64,12 @@ class HalfPeriodEquations:
         measured : Dataset
             The envelope (see `envelope`, `with_random_force`).
         """
-        names = ("extremum_standard_error", "extremum_time_standard_error")
-        errors = np.concatenate([measured[name].values for name in names])
-        sensor = sp.csr_matrix(self.slopes.multiply(errors))
-        if DENSITY not in measured:
-            return sensor
-        impulses = np.sqrt(measured[DENSITY].item()) * self.impulses(measured)
-        return sp.csr_matrix(sp.hstack([sensor, impulses], format="csr"))
+        # Never less than rounding.
+        errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
+        parts = [self.slopes.multiply(errors.ravel())]
+        if DENSITY in measured:
+            parts.append(np.sqrt(measured[DENSITY].item()) * self.impulses(measured))
+        return sp.hstack(parts, format="csr")
 
     def impulses(self, measured: xr.Dataset) -> sp.csr_matrix:
         """How unit impulses of white acceleration of density 1 (rad/s^2)^2/Hz move each equation.
@@ -163,21 +164,18 @@ def solve(
     DecayError
         Too few half periods for the parameters, or parameters that they cannot separate.
     """
-    tables = [_rows(equations, run) for run in measured]
-    design, target = (np.concatenate(parts) for parts in zip(*(table[:2] for table in tables), strict=True))
-    free = design[:, :-1] if rule == "last" else design
-    _check_rank(free, names, sum(table[2][-1] + 1 for table in tables))
     linear = [_linear(equations, run) for run in measured]
-    size = np.linalg.norm(design, axis=0)
+    design, target = (np.concatenate(parts) for parts in zip(*(run[:2] for run in linear), strict=True))
+    free = design[:, :-1] if rule == "last" else design
+    _check_rank(free, names, sum(first[-1] + 1 for _, _, first, _ in linear))
+    size, ends = np.linalg.norm(design, axis=0), np.cumsum([len(run[1]) for run in linear])[:-1]
     weights = _plain_weights(design, last=rule == "last")
     parameters = weights @ target
-    rounded = [_with_rounding(run) for run in measured]
-    ends = np.cumsum([len(table[1]) for table in tables])[:-1]
     # The covariance depends on the parameters: weakly, but where averages over a cycle leave much of a
     # record, which would be weighed by what is wrong. Plain ones do not depend on it.
     for _ in range(2 if rule == "weighted" and not names else 1):
-        runs = [at(parameters) for at in linear]
-        noises = [run.noise(errors) for run, errors in zip(runs, rounded, strict=True)]
+        runs = [HalfPeriodEquations(a, y, slopes(parameters), first) for a, y, first, slopes in linear]
+        noises = [run.noise(envelope) for run, envelope in zip(runs, measured, strict=True)]
         factors = [whitener(noise) for noise in noises]
         if rule == "weighted":
             pairs = list(zip(factors, np.split(design / size, ends), strict=True))
@@ -186,7 +184,7 @@ def solve(
             weights = inverse @ np.concatenate([cho_solve_banded((f, True), part) for f, part in pairs]).T
             parameters = weights @ target
     influence = [part @ noise for part, noise in zip(np.split(weights, ends, axis=1), noises, strict=True)]
-    solved = [replace(run, residual=y - a @ parameters) for run, (a, y, _) in zip(runs, tables, strict=True)]
+    solved = [replace(run, residual=run.residual - run.design @ parameters) for run in runs]
     return EquationSolution(parameters, np.hstack(influence), solved, factors)
 
 
@@ -229,16 +227,17 @@ def _rows(
 ) -> tuple[Array, Array, Index]:
     """Design, target and instant of all equations, at half periods that differ by a change, (2, half)."""
     t = measured.extremum_time.values - measured.attrs["first_time"]
-    extrema, times = np.stack([measured.extremum.values, t]) + change
-    design, target = equations(extrema, times)
+    design, target = equations(*(np.stack([measured.extremum.values, t]) + change))
     instant = np.repeat(np.arange(len(target)), target.size // len(target))
     return design.reshape(target.size, -1), target.ravel(), instant
 
 
-def _linear(equations: Equations, measured: xr.Dataset) -> Callable[[Array], HalfPeriodEquations]:
-    """The equations with their slopes by the extrema and their times, of any parameters."""
+def _linear(
+    equations: Equations, measured: xr.Dataset
+) -> tuple[Array, Array, Index, Callable[[Array], sp.csr_matrix]]:
+    """Design, target, instant; slopes of the residual by the extrema and their times, of any parameters."""
     design, target, instant = _rows(equations, measured)
-    steps = _steps(measured)
+    steps = DIFFERENCE_STEP * _sizes(measured)
     half_periods = steps.shape[1]
     count = half_periods - instant[-1]
     of_design, of_target, columns = [], [], []
@@ -257,22 +256,14 @@ def _linear(equations: Equations, measured: xr.Dataset) -> Callable[[Array], Hal
     places = np.tile(np.arange(len(target)), len(columns)), np.concatenate(columns)
     slopes_of_design, slopes_of_target = np.concatenate(of_design), np.concatenate(of_target)
 
-    def at(parameters: Array) -> HalfPeriodEquations:
+    def slopes(parameters: Array) -> sp.csr_matrix:
         entries = slopes_of_target - slopes_of_design @ parameters
-        slopes = sp.csr_matrix((entries, places), (len(target), 2 * half_periods))
-        return HalfPeriodEquations(design, target - design @ parameters, slopes, instant)
+        return sp.csr_matrix((entries, places), (len(target), 2 * half_periods))
 
-    return at
+    return design, target, instant, slopes
 
 
-def _steps(measured: xr.Dataset) -> Array:
-    """Differences of the extrema (rad), and of their times (s), (2, half_period)."""
+def _sizes(measured: xr.Dataset) -> Array:
+    """The extrema (rad), and a half period (s) for each, (2, half_period)."""
     b, t = measured.extremum.values, measured.extremum_time.values
-    return np.stack([DIFFERENCE_STEP * b, np.full(len(b), DIFFERENCE_STEP * float(np.mean(np.diff(t))))])
-
-
-def _with_rounding(measured: xr.Dataset) -> xr.Dataset:
-    """The envelope with errors that are never less than rounding."""
-    names = ("extremum_standard_error", "extremum_time_standard_error")
-    rounding = ROUNDING * _steps(measured) / DIFFERENCE_STEP
-    return measured.assign({name: measured[name] + part for name, part in zip(names, rounding, strict=True)})
+    return np.stack([b, np.full(len(b), np.mean(np.diff(t)))])

@@ -18,14 +18,15 @@ from sysid_trib.likelihood.random_force import (
     random_force_variables,
 )
 from sysid_trib.methods.auxiliary import (
-    AuxiliaryFit,
     AuxiliaryModel,
+    Groups,
+    birge_ratios,
     jacobian,
     random_force_ratio,
     swing_frequency,
     with_random_force,
 )
-from sysid_trib.methods.half_period_equations import DENSITY
+from sysid_trib.methods.half_period_equations import DENSITY, ENVELOPE_ERRORS
 from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
@@ -109,9 +110,9 @@ def indirect_estimate(
     plain = estimate
     forces: list[RandomForce] = []
     for _ in range(1 if held else DENSITY_ROUNDS):
-        groups = [last.groups[name] for name in auxiliary.wandering]
+        groups = [last[name] for name in auxiliary.wandering]
         ratios = [
-            random_force_ratio([group.runs[run] for group in groups], of_run, auxiliary.curve, random_force)
+            random_force_ratio([group.runs[run] for group in groups], of_run, random_force)
             for run, of_run in enumerate(measured)
         ]
         if not any(ratio.ratio for ratio in ratios):
@@ -121,7 +122,7 @@ def indirect_estimate(
         forces = [random_force_of_ratio(ratio, swing_frequency(run), random_force) for run, ratio in pairs]
         if before and all(map(_settled, before, forces)):
             break
-        stochastic = [with_random_force(envelope, ratio, auxiliary.curve) for envelope, ratio in pairs]
+        stochastic = [with_random_force(envelope, ratio) for envelope, ratio in pairs]
         estimate, last = _estimate(auxiliary, decays, stochastic, correct=correct)
     return replace(estimate, random_forces=forces)
 
@@ -133,23 +134,18 @@ def _settled(before: RandomForce, after: RandomForce) -> bool:
 
 def _estimate(
     auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], measured: Sequence[xr.Dataset], *, correct: bool
-) -> tuple[IndirectEstimate, AuxiliaryFit]:
+) -> tuple[IndirectEstimate, Groups]:
     """The estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
     first = auxiliary.fit(measured)
-    values, last, bias_removed = first.values, first, "no"
+    values, last, bias_removed = auxiliary.values(first), first, "no"
     if correct:
         try:
             values, last = _corrected(auxiliary, decays, measured, first)
             bias_removed = "yes"
         except (SysidTribError, np.linalg.LinAlgError) as error:
             bias_removed = f"no: {error}"
-    estimate = IndirectEstimate(
-        values,
-        first.values - values,
-        first.covariance(last),
-        {"": last.birge_ratio(*last.groups)} | {name: last.birge_ratio(name) for name in last.groups},
-        bias_removed,
-    )
+    ratios, bias = birge_ratios(last), auxiliary.values(first) - values
+    estimate = IndirectEstimate(values, bias, auxiliary.covariance(first, ratios), ratios, bias_removed)
     return estimate, last
 
 
@@ -157,8 +153,8 @@ def _corrected(
     auxiliary: AuxiliaryModel,
     decays: Sequence[xr.Dataset],
     measured: Sequence[xr.Dataset],
-    first: AuxiliaryFit,
-) -> tuple[Array, AuxiliaryFit]:
+    first: Groups,
+) -> tuple[Array, Groups]:
     """Values whose motions give the same fit as the records; the fit of these motions.
 
     Its residuals are those of the records beyond those of the motions.
@@ -168,12 +164,12 @@ def _corrected(
     SysidTribError
         A motion cannot be computed or measured, or the values do not settle.
     """
-    frequency = float(first.values[-1])
+    biased = values = auxiliary.values(first)
+    frequency = float(biased[-1])
     beginnings = [_first_swings(decay, frequency) for decay in decays]
     begun: Sequence[FittedMotion | None] = [None] * len(decays)
-    errors = np.sqrt(np.diag(first.covariance(first)))
-    settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(first.values)
-    values = first.values
+    errors = np.sqrt(np.diag(auxiliary.covariance(first, birge_ratios(first))))
+    settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(biased)
     tried: list[Array] = []
     steps: list[Array] = []
     for _ in range(20):
@@ -188,12 +184,11 @@ def _corrected(
             simulated.append(_as_measured(again, envelope))
         fit = auxiliary.fit(simulated)
         tried.append(values)
-        steps.append(first.values - fit.values)
+        steps.append(biased - auxiliary.values(fit))
         values = _accelerated(tried, steps, np.where(settled > 0.0, settled, 1.0))
         if np.all(np.abs(steps[-1]) <= settled):
             # What the auxiliary model leaves of a motion of its own is no sign of another force.
-            beyond_motion = {name: old.without_bias(fit.groups[name]) for name, old in first.groups.items()}
-            return values, replace(fit, groups=beyond_motion)
+            return values, {name: old.without_bias(fit[name]) for name, old in first.items()}
     raise SysidTribError("the correction did not settle")
 
 
@@ -241,9 +236,8 @@ def _as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
             "are needed"
         )
     part = simulated.isel(half_period=slice(shift, shift + count), instant=slice(shift, shift + count - 2))
-    errors = {"extremum_standard_error", "extremum_time_standard_error", DENSITY} & measured.keys()
-    kept = part.assign(measured[list(errors)].isel(half_period=slice(0, count)).data_vars)
-    return kept.assign_attrs({"curve": measured.attrs["curve"]} if DENSITY in errors else {})
+    errors = [name for name in (*ENVELOPE_ERRORS, DENSITY) if name in measured]
+    return part.assign(measured[errors].isel(half_period=slice(0, count)).data_vars)
 
 
 def as_identification(

@@ -1,16 +1,16 @@
 """What a method says of itself, and what follows from it for the forces of a library."""
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, InitVar, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.cycles.identifiability import exactly_dependent, indistinguishable
-from sysid_trib.cycles.signatures import averages
+from sysid_trib.cycles.signatures import averages, exactly_dependent, indistinguishable
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.constraints import Constrained, Constraints
+from sysid_trib.forces.constraints import Bounds, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 
@@ -48,6 +48,8 @@ class MethodScope:
         Colour and mark in figures.
     variants : Mapping
         Options of variants by their name, which `compare` runs with the method.
+    example : Mapping of str to float
+        Coefficients, by formulas, of a decay in which it neglects no force: tests try it there.
     """
 
     label: str
@@ -59,11 +61,56 @@ class MethodScope:
     driven: bool = False
     family: Literal["trajectory", "direct", "averaging", "other"] = "other"
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    example: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sentence_label(self) -> str:
         """The label as the first word of a sentence."""
         return self.label[0].upper() + self.label[1:]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constrained:
+    """What methods have in common whose parameters can be held, bounded or tied.
+
+    Parameters
+    ----------
+    constraints : mapping of str to float, (float, float) or str
+        See `Constraints`.
+    fix, bounds, tie : mapping, deprecated
+        Parts of `constraints`.
+    """
+
+    constraints: ConstraintTable = field(default_factory=dict)
+    fix: InitVar[Mapping[str, float] | None] = None
+    bounds: InitVar[Mapping[str, Bounds] | None] = None
+    tie: InitVar[Mapping[str, str] | None] = None
+
+    def __post_init__(
+        self,
+        fix: Mapping[str, float] | None,
+        bounds: Mapping[str, Bounds] | None,
+        tie: Mapping[str, str] | None,
+    ) -> None:
+        old = without_old_arguments(type(self).__name__, fix, bounds, tie, stacklevel=5)
+        object.__setattr__(self, "constraints", {**self.constraints, **old})
+
+
+def without_old_arguments(
+    where: str,
+    fix: Mapping[str, float] | None,
+    bounds: Mapping[str, Bounds] | None = None,
+    tie: Mapping[str, str] | None = None,
+    *,
+    stacklevel: int,
+) -> ConstraintTable:
+    """The table of what was given as `fix`, `bounds` and `tie`, with a warning where any was."""
+    if fix is None and bounds is None and tie is None:
+        return {}
+    table = Constraints.merged(fix, bounds, tie).table
+    message = f"{where}: fix, bounds and tie are one argument now, constraints={dict(table)}."
+    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
+    return table
 
 
 def constrained(method: Method, constraints: Constraints) -> Method:
@@ -114,28 +161,6 @@ def with_random_force(method: Method, random_force: RandomForceOption) -> Method
         return method
 
 
-@dataclass(frozen=True)
-class ForceScope:
-    """What a method makes of the forces of a library.
-
-    Attributes
-    ----------
-    identifies : str
-        The forces identified, and by what.
-    neglects : str
-        The forces offered that it leaves out, and what they are taken for.
-    cannot_tell_apart : str
-        Forces that are the same to it.
-    damped : bool
-        Whether a force that it identifies acts on the envelope.
-    """
-
-    identifies: str = ""
-    neglects: str = ""
-    cannot_tell_apart: str = ""
-    damped: bool = True
-
-
 def scope_of(method: Method) -> MethodScope:
     """The scope of a method; of one that states none, its class as label and nothing else."""
     stated = getattr(method, "scope", None)
@@ -143,8 +168,8 @@ def scope_of(method: Method) -> MethodScope:
 
 
 def force_scope(
-    method: Method, library: ForceLibrary, fitted: Sequence[str] | None, amplitude: float
-) -> ForceScope:
+    method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
+) -> dict[str, Any]:
     """What a method makes of the forces of a library, by their signatures.
 
     Parameters
@@ -152,36 +177,45 @@ def force_scope(
     method : Method
         With its options.
     library : ForceLibrary
-        The forces offered, without one that is exchangeable with the frequency.
-    fitted : sequence of str, or None
-        Symbols of those identified; None if the method failed.
+        The forces offered.
+    result : Dataset or None
+        Its identification; None if the method failed.
     amplitude : float, rad
         The largest of the record.
 
     Returns
     -------
-    ForceScope
-        Empty of a method that failed and that does not identify every force offered.
+    dict
+        Texts `identifies`, the forces identified and by what; `neglects`, those left out and what they are
+        taken for; `cannot_tell_apart`, those that are the same to it. Empty of a method that failed and that
+        does not identify every force offered. `damped`, whether a force that it identifies acts on the
+        envelope.
     """
-    scope = scope_of(method)
-    if fitted is None:
-        if scope.identifies != MethodScope.identifies:
-            return ForceScope()
-        fitted = library.symbols
+    row = {"identifies": "", "neglects": "", "cannot_tell_apart": "", "damped": True}
+    scope, stiffness = scope_of(method), library.role("x")
+    if result is None and scope.identifies != MethodScope.identifies:
+        return row
+    fitted: Sequence[str] = () if result is None else result.force.values.tolist()
+    # Else it is exchangeable with the frequency.
+    held = stiffness is None or stiffness.symbol in fitted
+    library = library.select(s for s in library.symbols if held or library[s] is not stiffness)
+    fitted = fitted or library.symbols
     shapes = dict(getattr(method, "shapes", {}))
-    if scope.observes == MOTION:
-        groups = exactly_dependent(library, amplitude, shapes=shapes)
-        neglected = ", ".join(s for s in library.symbols if s not in fitted)
-        return ForceScope(f"{', '.join(fitted)} by {MOTION} itself", neglected, _groups(groups, fitted))
-    groups = indistinguishable(library, 0.02 * amplitude, amplitude, shapes=shapes)
-    # One amplitude does: which forces have a signature does not depend on it, but at a zero of one.
-    parts = {force.symbol: _signature(force, 0.7 * amplitude, shapes) for force in library}
-    damped = any(parts[symbol][0] for symbol in fitted if symbol in parts)
-    return ForceScope(_identified(fitted, parts), _neglected(fitted, parts), _groups(groups, fitted), damped)
-
-
-def _groups(groups: Sequence[Sequence[str]], fitted: Sequence[str]) -> str:
-    return "; ".join(" = ".join(group) for group in groups if set(group) & set(fitted))
+    try:
+        if scope.observes == MOTION:
+            groups = exactly_dependent(library, amplitude, shapes=shapes)
+            row["identifies"] = f"{', '.join(fitted)} by {MOTION} itself"
+            row["neglects"] = ", ".join(s for s in library.symbols if s not in fitted)
+        else:
+            groups = indistinguishable(library, 0.02 * amplitude, amplitude, shapes=shapes)
+            # One amplitude does: which forces have a signature does not depend on it, but at a zero of one.
+            parts = {force.symbol: _signature(force, 0.7 * amplitude, shapes) for force in library}
+            row["damped"] = any(parts[symbol][0] for symbol in fitted if symbol in parts)
+            row |= {"identifies": _identified(fitted, parts), "neglects": _neglected(fitted, parts)}
+    except SysidTribError:
+        return row
+    alike = (" = ".join(group) for group in groups if set(group) & set(fitted))
+    return row | {"cannot_tell_apart": "; ".join(alike)}
 
 
 def _identified(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.forces.constraints import Constrained, Constraints
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify, is_free_to_move
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force, is_fitted
@@ -22,7 +22,7 @@ from sysid_trib.likelihood.sensor_noise import (
     whitened,
 )
 from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.scope import MethodScope
+from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.motion_fit.least_squares import (
     Fit,
     FreeLikelihood,

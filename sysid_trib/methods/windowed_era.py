@@ -29,32 +29,6 @@ ComplexArray = NDArray[np.complex128]
 SAMPLES = 122
 
 
-@dataclass(frozen=True)
-class Windows:
-    """The mode of each window: the motion is the real part of a multiple of exp(exponent t).
-
-    Attributes
-    ----------
-    middle : (window,) array of float, s
-        Middles of the windows.
-    exponent : (window,) array of complex, 1/s
-        Of each window's mode.
-    amplitude, amplitude_error : (window,) array of float, rad
-        In the middle, with the standard error.
-    influence : (window, mean) sparse matrix
-        Of unit errors of the means of samples on the exponent.
-    noise : float, rad
-        Of one mean.
-    """
-
-    middle: Array
-    exponent: ComplexArray
-    amplitude: Array
-    amplitude_error: Array
-    influence: sp.csr_matrix
-    noise: float
-
-
 def windowed_modes(decay: xr.Dataset) -> xr.Dataset:
     """Frequency, decay rate and amplitude against time, without a model (Juang & Pappa 1985).
 
@@ -75,28 +49,14 @@ def windowed_modes(decay: xr.Dataset) -> xr.Dataset:
     DecayError
         The decay has fewer than three windows, or too few samples in a half period.
     """
-    return table(fit_windows(decay))
+    return fit_windows(decay)[0]
 
 
-def table(windows: Windows) -> xr.Dataset:
-    """Windows as `windowed_modes` gives them."""
-    rate, frequency = (
-        windows.noise * np.sqrt(np.asarray(part.multiply(part).sum(axis=1)).ravel())
-        for part in (windows.influence.real, windows.influence.imag)
-    )
-    attrs = {"units": "s", "long_name": "middle of the window"}
-    variables = {"window_time": ("era_window", windows.middle, attrs)}
-    for name, value, error, units, long_name in (
-        ("window_frequency", windows.exponent.imag, frequency, "rad/s", "instantaneous frequency"),
-        ("window_decay_rate", -windows.exponent.real, rate, "s-1", "instantaneous decay rate"),
-        ("window_amplitude", windows.amplitude, windows.amplitude_error, "rad", "amplitude"),
-    ):
-        variables |= with_standard_error("era_window", name, value, error, units, long_name)
-    return xr.Dataset(variables)
+def fit_windows(decay: xr.Dataset) -> tuple[xr.Dataset, ComplexArray, sp.csr_matrix]:
+    """The `windowed_modes` of a decay, and the exponent (1/s) of each with the noise of the means in it.
 
-
-def fit_windows(decay: xr.Dataset) -> Windows:
-    """The mode of every window of a decay (see `windowed_modes`)."""
+    The motion of a window is the real part of a multiple of exp(exponent t); (window, mean) for the noise.
+    """
     source = str(decay.attrs.get("source", "decay"))
     time, angle, halves = with_half_periods(decay)
     step = (time[-1] - time[0]) / (len(time) - 1)
@@ -117,18 +77,10 @@ def fit_windows(decay: xr.Dataset) -> Windows:
     starts = np.arange(0, count - length + 1, max(1, round(0.25 * length)))
     if len(starts) < 3:
         raise DecayError(f"{source}: fewer than three windows of two periods; give a longer record.")
-    return _windows(coarse, y, starts, length, block, noise)
-
-
-def _windows(
-    time: Array, y: Array, starts: NDArray[np.int64], length: int, block: int, noise: float
-) -> Windows:
-    step = float(time[1] - time[0])
-    kept, modes = [], []
+    step, less, kept, modes = float(coarse[1] - coarse[0]), noise / np.sqrt(block), [], []
     for start in starts:
         part = y[start : start + length]
-        root = _mode_root(part)
-        if root is not None:
+        if (root := _mode_root(part)) is not None:
             kept.append(start)
             modes.append((root, *_swing(part, root, block)))
     if len(modes) < 3:
@@ -137,10 +89,23 @@ def _windows(
     rows = [_influence_on_root(*pair, length) / (pair[0] * step) for pair in zip(roots, weights, strict=True)]
     columns = np.add.outer(kept, np.arange(length))
     pointers = length * np.arange(len(kept) + 1)
-    influence = sp.csr_matrix((np.concatenate(rows), columns.ravel(), pointers), (len(kept), len(y)))
-    middle = time[kept] + 0.5 * (length - 1) * step
-    less = noise / np.sqrt(block)
-    return Windows(middle, np.log(roots) / step, np.abs(weights), less * errors.real, influence, less)
+    entries = less * np.concatenate(rows)
+    influence = sp.csr_matrix((entries, columns.ravel(), pointers), (len(kept), len(y)))
+    middle, exponent = coarse[kept] + 0.5 * (length - 1) * step, np.log(roots) / step
+    attrs = {"units": "s", "long_name": "middle of the window"}
+    variables = {"window_time": ("era_window", middle, attrs)}
+    for name, value, error, units, long_name in (
+        ("window_frequency", exponent.imag, _errors(influence.imag), "rad/s", "instantaneous frequency"),
+        ("window_decay_rate", -exponent.real, _errors(influence.real), "s-1", "instantaneous decay rate"),
+        ("window_amplitude", np.abs(weights), less * errors.real, "rad", "amplitude"),
+    ):
+        variables |= with_standard_error("era_window", name, value, error, units, long_name)
+    return xr.Dataset(variables), exponent, influence
+
+
+def _errors(influence: sp.csr_matrix) -> Array:
+    """Standard errors by what independent unit errors make of values, (value,)."""
+    return np.sqrt(np.asarray(influence.multiply(influence).sum(axis=1)).ravel())
 
 
 def _mode_root(part: Array) -> complex | None:
@@ -203,6 +168,7 @@ class WindowedERA:
         observes="short windows",
         identifies="viscous friction",
         several_runs=False,
+        example={"2*v": 0.0097},
     )
 
     @in_units_of_the_motion
@@ -222,32 +188,30 @@ class WindowedERA:
         """
         decay = one_record(self, decay)
         asked = needed_forces(self, library, ["2*v"])
-        windows = fit_windows(decay)
-        values, influence, ratios = zip(*(_mean(windows, *part) for part in _linear(windows)), strict=True)
+        table, *windows = fit_windows(decay)
+        values, influence, ratios = zip(*(_mean(*part) for part in _linear(*windows)), strict=True)
         scaled = np.stack(influence) * np.maximum(1.0, ratios)[:, None]
         both = root_mean_square(ratios)
         extra = {"birge_ratio": (both, "1", "Birge ratio of the windows' damping and frequency")}
         estimate = Estimate(
             np.array(values[:1]), scaled @ scaled.T, float(values[1]), [sensor_noise(decay)], extra
         )
-        result = identification(self, decay, asked, estimate, offered=library).merge(table(windows))
+        result = identification(self, decay, asked, estimate, offered=library).merge(table)
         return result.assign_attrs(first_order_bias_removed="not needed", assumes=self.scope.assumes)
 
 
-def _linear(windows: Windows) -> list[tuple[Array, sp.csr_matrix]]:
-    """Damping ratio and undamped frequency of each window, and how errors of the samples move them."""
-    s = windows.exponent
+def _linear(s: ComplexArray, influence: sp.csr_matrix) -> list[tuple[Array, sp.csr_matrix]]:
+    """Damping ratio and undamped frequency of each window, by their exponents, and the noise in them."""
     w = np.abs(s)
-    by_real, by_imag = windows.influence.real, windows.influence.imag
-    frequency = sp.diags_array(s.real / w) @ by_real + sp.diags_array(s.imag / w) @ by_imag
-    damping = sp.diags_array(-1.0 / w) @ by_real + sp.diags_array(s.real / w**2) @ frequency
+    frequency = sp.diags_array(s.real / w) @ influence.real + sp.diags_array(s.imag / w) @ influence.imag
+    damping = sp.diags_array(-1.0 / w) @ influence.real + sp.diags_array(s.real / w**2) @ frequency
     return [(-s.real / w, sp.csr_matrix(damping)), (w, sp.csr_matrix(frequency))]
 
 
-def _mean(windows: Windows, value: Array, influence: sp.csr_matrix) -> tuple[float, Array, float]:
+def _mean(value: Array, influence: sp.csr_matrix) -> tuple[float, Array, float]:
     """Weighted mean, the noise of every sample in it, RMS of the windows about it over their errors."""
-    variance = windows.noise**2 * np.asarray(influence.multiply(influence).sum(axis=1)).ravel()
+    variance = _errors(influence) ** 2
     weight = (1.0 / variance) / np.sum(1.0 / variance)
     mean = float(weight @ value)
     ratio = birge_ratio(float(np.sum((value - mean) ** 2 / variance)), len(value) - 1)
-    return mean, windows.noise * (influence.T @ weight), ratio
+    return mean, influence.T @ weight, ratio

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.arrays import Array
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constraints, Tie
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.ties import Tie
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FREQUENCY
 

@@ -1,4 +1,4 @@
-from sysid_trib.cycles.envelope_prediction import predict_envelope as predict_envelope
+from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.physics.contact import (
     contact_stiffness as contact_stiffness,
     slip_fingerprint as slip_fingerprint,

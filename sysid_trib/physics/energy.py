@@ -5,7 +5,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.envelope_prediction import predict_envelope
+from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.physics.force_weights import shares

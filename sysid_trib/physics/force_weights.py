@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import bisect, brentq
 
 from sysid_trib.arrays import Array
+from sysid_trib.cycles.one_cycle import cycles_at
 from sysid_trib.cycles.signatures import averages
-from sysid_trib.cycles.steady_cycles import cycles_at
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.physics.model_estimate import ModelEstimate, amplitude_row, model_estimate

@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from sysid_trib.cycles.identifiability import inseparable
+from sysid_trib.cycles.signatures import inseparable
 from sysid_trib.forces.force import Force
 from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.discovery_tables import (

@@ -13,7 +13,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import METHODS
-from sysid_trib.methods.scope import ForceScope, Method, by_unique_label, constrained, force_scope, scope_of
+from sysid_trib.methods.scope import Method, by_unique_label, constrained, force_scope, scope_of
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import inputs_for
@@ -208,15 +208,15 @@ def _try_method(
     part, part_reason, _ = _identified(method, train, library, constraints)
     result, reason, seconds = _identified(method, runs, library, constraints)
     amplitude = max(float(np.max(np.abs(run.angle.values))) for run in runs)
-    forces = _force_scope(method, library, result, amplitude)
-    row = {**vars(scope_of(method)), **vars(forces), "time_taken": seconds, "failure": ""}
+    forces = force_scope(method, library, result, amplitude)
+    row = {**vars(scope_of(method)), **forces, "time_taken": seconds, "failure": ""}
     if result is None:
         return None, row | {"reason": reason}, {}
-    if not forces.neglects:
+    if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
         result = with_model_in_errors(result, method, runs, library)
     motions = {"residual": in_all_runs(runs, result, envelopes)}
-    reason = _complaint("its model", motions["residual"]) if forces.damped else "its model has no damping"
+    reason = _complaint("its model", motions["residual"]) if forces["damped"] else "its model has no damping"
     if part is None:
         part_reason = f"first two thirds: {part_reason}"
     else:
@@ -225,7 +225,7 @@ def _try_method(
         part_reason = _complaint("on the part held out it", motions["holdout"])
     if contactless is not None:
         result = with_contactless_frequency(result, *contactless)
-    if not forces.neglects:
+    if not forces["neglects"]:
         row["failure"] = _failure(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
     return result, row | {"reason": reason or part_reason}, motions
@@ -276,19 +276,6 @@ def _identified(
     if not np.all(np.isfinite(result.coefficient.values)):
         return None, "failed: its coefficients are not finite", float("nan")
     return result, "", seconds
-
-
-def _force_scope(
-    method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
-) -> ForceScope:
-    fitted = None if result is None else tuple(result.force.values.tolist())
-    stiffness = library.role("x")
-    held = stiffness is None or (fitted is not None and stiffness.symbol in fitted)
-    asked = library.select(s for s in library.symbols if held or library[s] is not stiffness)
-    try:
-        return force_scope(method, asked, fitted, amplitude)
-    except SysidTribError:
-        return ForceScope()
 
 
 def _not_separable(

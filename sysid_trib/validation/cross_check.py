@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import backbone_curves, backbone_dataset
-from sysid_trib.cycles.identifiability import exactly_dependent, indistinguishable, without_signature
+from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import DecayError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method

@@ -10,7 +10,7 @@ from scipy.special import logsumexp, softmax
 from scipy.stats import genpareto, multivariate_t
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.envelope_prediction import Averaged, predict_envelope
+from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.motion_fit.least_squares import FreeLikelihood
@@ -275,5 +275,5 @@ def _curves(
     envelope = predict_envelope(model, time, release).amplitude.values
     if amplitudes is None:
         amplitudes = np.geomspace(max(envelope.min(), 1e-2 * release), release, CURVE_GRID)
-    change, frequency = Averaged(model).rates(amplitudes)
+    change, frequency = averaged_rates(model)(amplitudes)
     return motion, envelope, frequency, -change / (amplitudes * frequency), amplitudes

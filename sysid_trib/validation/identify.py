@@ -6,7 +6,7 @@ from typing import overload
 import numpy as np
 import xarray as xr
 
-from sysid_trib.cycles.identifiability import averages_decide
+from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary

@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.describing_functions import DescribingFunctions, crossings, excess, picked, sweeps
+from sysid_trib.cycles.averaged_motion import DescribingFunctions, crossings, excess, picked, sweeps
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary
@@ -91,7 +91,7 @@ def forced_response(
 
     Notes
     -----
-    Describing functions (`cycles.describing_functions`): the first harmonic alone. Bands are of parameters
+    Describing functions (`cycles.averaged_motion`): the first harmonic alone. Bands are of parameters
     drawn with their covariance, which allows for errors of the model as the result states them; beyond the
     amplitudes of the record they hold if the forces have the same form there.
     """
@@ -125,10 +125,9 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     functions = DescribingFunctions(model.forces, model.shapes, ratio)
     drive = size * (c @ by_force + at_rest)
     amplitudes = functions.grid(c, np.abs(drive))
-    steady = functions.balances(c, drive, amplitudes)
-    chosen = sweeps(len(w), steady.frequency, steady.amplitude, steady.stable)
-    motions = (steady.amplitude, steady.phase, steady.by_lines)
-    amplitude, phase, by_lines = (picked(values, chosen) for values in motions)
+    frequency, *motions, stable, by_lines = functions.balances(c, drive, amplitudes)
+    chosen = sweeps(len(w), frequency, motions[0], stable)
+    amplitude, phase, by_lines = (picked(values, chosen) for values in (*motions, by_lines))
     drawn = _drawn(result, model, seed)
     sums, curves = functions.over(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
     for at, (frequency, coefficients) in enumerate(drawn):

@@ -8,8 +8,7 @@ import pytest
 from candidates import force
 
 from sysid_trib import load_library
-from sysid_trib.cycles.identifiability import indistinguishable
-from sysid_trib.cycles.signatures import signature
+from sysid_trib.cycles.signatures import indistinguishable, signature
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,335 @@
+"""Motion by averaging: the envelope of a free decay, and steady amplitudes where forces balance a drive.
+
+Steady: x = a cos phi, phi = W t + theta, r = W/w. What forces average to over that cycle balances a drive
+f cos W t, to first order (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 4.1):
+
+    a (1 - r^2) + 2 <h cos phi> = f cos theta,    -2 <h sin phi> = -f sin theta.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import floor, log2
+from typing import TypeAlias
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from scipy.integrate import quad, solve_ivp
+from scipy.interpolate import BarycentricInterpolator
+from scipy.optimize import elementwise
+
+from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.cycles.signatures import averages, tabulated_averages
+from sysid_trib.errors import DecayError, SimulationError
+from sysid_trib.forces.force import Force, ShapeValues
+from sysid_trib.results.variables import variable
+from sysid_trib.simulation.model import Model
+
+LARGEST_ENVELOPE = 1e3
+ENVELOPE_TOLERANCE = 1e-11
+AveragedRates: TypeAlias = Callable[..., tuple[Array, Array]]
+
+
+def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Dataset:
+    """Predict envelope, frequency and phase of a free decay by the averaged equations.
+
+    Parameters
+    ----------
+    model : Model
+        Forces with coefficients; first order in them. Sensor terms are left out.
+    time : (time,) array of float, s
+        Increasing; `t` in a formula counts from the first.
+    amplitude : float, rad
+        At time[0].
+
+    Returns
+    -------
+    Dataset
+        `amplitude(time)` (rad), `frequency(time)` (rad/s), `phase(time)` (rad, zero at time[0], so that
+        theta = a cos phase) and the scalar `arrest_time` (s, on the clock of `time`; NaN if the decay has no
+        end). After the arrest the amplitude is zero, frequency and phase are NaN. An arrest after the last
+        time is given too, unless a formula holds `t`.
+
+    Raises
+    ------
+    SimulationError
+        Time that does not increase, an amplitude that is not positive or grows without bound.
+
+    Notes
+    -----
+    da/dt = w sum of coefficient * <h sin phi>, dphase/dt = w (1 + sum of coefficient * <h cos phi> / a)
+    (Le Bot et al. 2019, Appendix).
+    """
+    time = np.atleast_1d(np.asarray(time, dtype=float))
+    if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
+        raise SimulationError(
+            "The times of a prediction must be finite and increase; sort them, drop repeats."
+        )
+    if not 0 < amplitude <= LARGEST_ENVELOPE:
+        raise SimulationError(
+            f"The first amplitude must be an angle from 0 to {LARGEST_ENVELOPE:g} rad, not {amplitude}."
+        )
+    averaged = averaged_rates(model)
+    changes = any(force.holds_time for force in model.forces)
+    a, phase, arrest = _decay(averaged, time - time[0], float(amplitude), steady=not changes)
+    moving = a > 0
+    frequency = averaged(np.where(moving, a, amplitude), time - time[0])[1]
+    data = {
+        "amplitude": variable("time", a, "amplitude of the motion", "rad"),
+        "frequency": variable("time", np.where(moving, frequency, np.nan), "angular frequency", "rad/s"),
+        "phase": variable("time", np.where(moving, phase, np.nan), "phase since the first time", "rad"),
+        "arrest_time": variable((), time[0] + arrest, "time of arrest", "s"),
+    }
+    return xr.Dataset(data, {"time": ("time", time, {"units": "s"})})
+
+
+def averaged_rates(model: Model) -> AveragedRates:
+    """The averaged equations of a model: da/dt (rad/s) and frequency (rad/s) at a > 0 (rad) and times (s)."""
+    powers = [force for force in model.forces if force.degree is not None]
+    others = [force for force in model.forces if force.degree is None]
+    # Degrees of the homogeneous forces, and their weighted (sine, cosine) at a = 1.
+    degrees = np.array([force.degree for force in powers], dtype=float)
+    unit = np.array([model.coefficients[f.symbol] * np.ravel(averages(f, np.ones(1))) for f in powers])
+    unit, w = unit.reshape(-1, 2), model.reference_frequency
+
+    def rates(a: ArrayLike, time: ArrayLike = 0.0) -> tuple[Array, Array]:
+        a = np.asarray(a, dtype=float)
+        sums = np.power.outer(a, degrees) @ unit
+        for force in others:
+            pair = np.stack(tabulated_averages(force, np.atleast_1d(a), model.shapes, time), axis=-1)
+            sums = sums + model.coefficients[force.symbol] * pair.reshape(sums.shape)
+        return w * sums[..., 0], w * (1.0 + sums[..., 1] / a)
+
+    return rates
+
+
+def _decay(
+    averaged: AveragedRates, time: Array, amplitude: float, *, steady: bool
+) -> tuple[Array, Array, float]:
+    """Amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
+    end = max(float(time[-1]), 1e-9)
+    # Below this part of the first amplitude the signatures are continued by a power of the amplitude.
+    least = 1e-9 * amplitude
+
+    def rates(t: float, y: Array) -> tuple[float, float]:
+        slope, frequency = averaged(np.maximum(y[0], 0.5 * least), t)
+        return float(slope), float(frequency)
+
+    def vanishing(t: float, y: Array) -> float:
+        return float(y[0] - least)
+
+    def growing(t: float, y: Array) -> float:
+        return float(LARGEST_ENVELOPE * 1.01 - y[0])
+
+    vanishing.terminal = growing.terminal = True  # type: ignore[attr-defined]
+    solution = solve_ivp(
+        rates,
+        (0.0, end),
+        (amplitude, 0.0),
+        method="DOP853",
+        rtol=ENVELOPE_TOLERANCE,
+        atol=(ENVELOPE_TOLERANCE * amplitude, 1e-10),
+        dense_output=True,
+        events=(vanishing, growing),
+    )
+    if solution.status < 0 or solution.t_events[1].size or not np.all(np.isfinite(solution.y)):
+        raise SimulationError("The averaged amplitude grows without bound; some force feeds energy in.")
+    last = float(solution.t[-1])
+    a, phase = solution.sol(np.minimum(time, last))
+    if not solution.t_events[0].size:
+        return a, phase, last + (_remaining(averaged, float(solution.y[0, -1]), least) if steady else np.nan)
+    arrest = last + _tail(averaged, least, last)
+    slope, frequency = averaged(least, last)
+    after = time > last
+    # Without an arrest the last billionth dies out exponentially.
+    rest = least * np.exp(slope / least * (time - last)) if np.isnan(arrest) else 0.0
+    return np.where(after, rest, a), np.where(after, phase + frequency * (time - last), phase), arrest
+
+
+def _tail(averaged: AveragedRates, a: float, time: float) -> float:
+    """Time from a very small amplitude to zero (s); NaN if it is never reached.
+
+    da/dt falls with a power of a, and zero is reached only if this is smaller than one.
+    """
+    slope, half = (float(averaged(x, time)[0]) for x in (a, 0.5 * a))
+    if not (slope < 0 and half < 0):
+        return np.nan
+    power = log2(slope / half)
+    return -a / (slope * (1.0 - power)) if power < 0.99 else np.nan
+
+
+def _remaining(averaged: AveragedRates, a: float, least: float) -> float:
+    """Time from amplitude `a` to the arrest (s), NaN if there is none or if it cannot be foreseen."""
+    tail = _tail(averaged, least, 0.0)
+    if np.isnan(tail):
+        return np.nan
+    octaves = range(floor(log2(least)), floor(log2(a)) + 1)
+    grid = np.clip(2.0 ** np.add.outer(octaves, np.arange(8) / 8).ravel(), least, a)
+    if np.any(averaged(grid)[0] >= 0):
+        return np.nan
+
+    def waiting(log_a: float) -> float:
+        x = float(np.exp(log_a))
+        return -x / float(averaged(x)[0])
+
+    return float(quad(waiting, np.log(least), np.log(a), epsabs=0.0, epsrel=1e-10, limit=200)[0] + tail)
+
+
+# Amplitudes between which a balance is looked for; the least one is so small a part of what the drive would
+# do at rest.
+AMPLITUDES_TRIED, LEAST_TRIED = 400, 1e-3
+# A force whose dependence on the frequency is no power is averaged at so many, a polynomial between them.
+NODES = 5
+# Part of an amplitude over which slopes are taken.
+SLOPE_PART = 1e-6
+
+
+@dataclass(frozen=True)
+class DescribingFunctions:
+    """Averages of forces over a cycle, at some frequencies.
+
+    Parameters
+    ----------
+    forces : sequence of Force
+    shapes : mapping of str to float
+    ratio : (frequency,) array of float
+        W/w, increasing.
+    """
+
+    forces: Sequence[Force]
+    shapes: ShapeValues
+    ratio: Array
+
+    @cached_property
+    def _parts(self) -> list[tuple[list[Force], Array]]:
+        """Forces that act at some ratios of frequencies, and their weights at each, (frequency, node)."""
+        parts = []
+        for force in self.forces:
+            power = force.speed_degree if force.memoryless else None
+            if power is not None:
+                parts.append(([force], self.ratio[:, None] ** power))
+                continue
+            middle, half = float(np.mean(self.ratio[[0, -1]])), 0.5 * float(np.ptp(self.ratio))
+            nodes, weights = np.array([middle]), np.ones((len(self.ratio), 1))
+            if half:
+                nodes = middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
+                weights = np.asarray(BarycentricInterpolator(nodes, np.eye(NODES))(self.ratio))
+            parts.append(([_at_rate(force, node) for node in nodes.tolist()], weights))
+        return parts
+
+    def over(self, amplitude: Array) -> Array:
+        """2 <h sin phi> and 2 <h cos phi> of each force, (force, 2, frequency, amplitude)."""
+        return self._sums(amplitude, "fn,nka->kfa", np.arange(len(self.ratio)))
+
+    def at(self, frequency: Index, amplitude: Array) -> Array:
+        """Describing functions at amplitudes, each at the frequency of a number, (force, 2, amplitude)."""
+        return self._sums(amplitude, "an,nka->ka", frequency)
+
+    def _sums(self, amplitude: Array, how: str, frequency: Index) -> Array:
+        sums = []
+        for nodes, weights in self._parts:
+            means = np.array([tabulated_averages(force, amplitude, self.shapes) for force in nodes])
+            sums.append(2.0 * np.einsum(how, weights[frequency], means))
+        return np.array(sums)
+
+    def grid(self, coefficients: Array, drive: Array) -> Array:
+        """Amplitudes between which every balance is, (amplitude,), by the drive's sizes (frequency,).
+
+        Raises
+        ------
+        DecayError
+            Nothing bounds the response.
+        """
+        top = 4.0 * float(np.max(drive))
+        for _ in range(40):
+            sine, cosine = np.einsum("i,ikfa->kfa", coefficients, self.over(np.array([top])))[:, :, 0]
+            along = top * (1.0 - self.ratio**2) + cosine
+            if np.all(np.abs(sine) > drive) or np.all(np.hypot(along, sine) > 4.0 * drive):
+                return np.geomspace(LEAST_TRIED * float(np.min(drive)), top, AMPLITUDES_TRIED)
+            top *= 2.0
+        raise DecayError("No damping bounds this response; a model with a force that damps has one.")
+
+    def balances(
+        self, coefficients: Array, drive: Array, amplitude: Array
+    ) -> tuple[Index, Array, Array, Mask, Array]:
+        """The steady motions, by coefficients (force,), a complex drive (frequency,) and the grid.
+
+        Returns
+        -------
+        frequency, amplitude, phase, stable, by_lines : (motion,) arrays
+            Number of the frequency, amplitude, theta (rad), whether it is stable, and the amplitude by lines
+            between those of the grid.
+        """
+        over_grid = excess(self.over(amplitude), coefficients, self.ratio, drive, amplitude)
+        frequency, by_lines = crossings(over_grid, amplitude)
+
+        def sums(a: Array, row: Index = frequency) -> tuple[Array, Array]:
+            sine, cosine = np.einsum("i,ika->ka", coefficients, self.at(row, a))
+            return sine, a * (1.0 - self.ratio[row] ** 2) + cosine
+
+        def surplus(a: Array, row: Array = frequency) -> Array:
+            sine, along = sums(a, row.astype(int))
+            return np.asarray(along**2 + sine**2 - np.abs(drive[row.astype(int)]) ** 2)
+
+        at = np.searchsorted(amplitude, by_lines)
+        between = amplitude[at - 1], amplitude[at]
+        a = np.asarray(elementwise.find_root(surplus, between, args=(frequency.astype(float),)).x)
+        sine, along = sums(a)
+        below, above = (np.array(sums(a * (1.0 + side * SLOPE_PART))) for side in (-1.0, 1.0))
+        rise = np.sum(above**2 - below**2, axis=0) / (2.0 * SLOPE_PART * a)
+        fall = (above - below)[0] / (2.0 * SLOPE_PART * a)
+        # Of the averaged equations: a determinant that is not negative, and damping of small deviations.
+        stable = (rise > 0.0) & (fall + sine / a < 0.0)
+        phase = np.angle(drive[frequency] * np.exp(-1j * np.angle(along - 1j * sine)))
+        return frequency, a, phase, stable, by_lines
+
+
+def excess(sums: Array, coefficients: Array, ratio: Array, drive: Array, amplitude: Array) -> Array:
+    """What the square of the forces exceeds that of the drive by, (frequency, amplitude)."""
+    sine, cosine = np.einsum("i,ikfa->kfa", coefficients, sums)
+    along = amplitude * (1.0 - ratio[:, None] ** 2) + cosine
+    return np.asarray(along**2 + sine**2 - np.abs(drive[:, None]) ** 2)
+
+
+def crossings(values: Array, amplitude: Array) -> tuple[Index, Array]:
+    """Rows and amplitudes where values (row, amplitude) change sign, by lines between those of the grid."""
+    row, at = np.nonzero(np.signbit(values[:, :-1]) != np.signbit(values[:, 1:]))
+    low, high = values[row, at], values[row, at + 1]
+    return row, amplitude[at] + (amplitude[at + 1] - amplitude[at]) * low / (low - high)
+
+
+def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
+    """Numbers of the motions in a sweep up, in one down, and of an unstable one, (3, frequency); -1 of none.
+
+    A sweep begins with the smallest stable motion, and goes on with the nearest one.
+    """
+    of_each = np.split(np.arange(len(frequency)), np.searchsorted(frequency, np.arange(1, count)))
+    chosen = np.full((3, count), -1)
+    for row, order in enumerate((range(count), range(count - 1, -1, -1))):
+        before = 0.0
+        for at in order:
+            there = of_each[at][stable[of_each[at]]]
+            if len(there):
+                chosen[row, at] = there[np.argmin(np.abs(amplitude[there] - before))]
+                before = amplitude[chosen[row, at]]
+    for at, every in enumerate(of_each):
+        if len(unstable := every[~stable[every]]):
+            chosen[2, at] = unstable[-1]
+    return chosen
+
+
+def picked(values: Array, numbers: Index) -> Array:
+    """Values (motion,) by their numbers, nan where that is -1."""
+    return np.asarray(np.append(values, np.nan)[numbers])
+
+
+def _at_rate(force: Force, ratio: float) -> Force:
+    """The force with a time that runs faster: its v is `ratio` times that of the cycle."""
+    faster = f"{ratio!r}*v"
+    return replace(
+        force,
+        formula=force.formula.with_instead("v", faster),
+        state={name: formula.with_instead("v", faster, ratio) for name, formula in force.state.items()},
+        memory={name: formula.with_instead("v", faster) for name, formula in force.memory.items()},
+    )

@@ -1,0 +1,312 @@
+"""Averages of a force over one cycle x = a cos phi, v = -a sin phi, exact to rounding.
+
+A cycle of a force without history is cut where it changes branch, and integrated between. One with history
+is followed until its states and memory repeat after a period: cycles of all amplitudes one after the other by
+the compiled engine. What begins a steady one is found by Newton's method on the map of a period, whose
+derivatives the engine gives (shooting).
+"""
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.optimize import elementwise
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.errors import LibraryError, SimulationError
+from sysid_trib.forces.force import Force, ShapeValues
+from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.library import force_counted_from
+from sysid_trib.simulation.internal_states import FROZEN, begun_with, history_on_cycle, watched
+from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.steps import Steps, steps_of
+
+QUARTER = 0.5 * np.pi
+# So much of an average may be rounding of its formula,
+ROUNDING_ERROR = 1e-6
+# plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
+CANCELLATION = 1e-14
+MAX_PIECES = 20_000
+# Where a cycle begins and ends: not where the angle or its rate is zero.
+FIRST_PHASE = 1.0
+PERIOD = 2.0 * np.pi
+
+
+def cycle_averages(
+    force: Force, a: Array, time: Array, shape_values: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """Averages over the steady cycle at each amplitude.
+
+    Parameters
+    ----------
+    force : Force
+    a : (amplitude,) array of float, rad
+    time : (amplitude,) array of float, s
+        Held during a cycle.
+    shape_values : mapping of str to float
+        Value of each shape parameter by its name in the formula.
+
+    Returns
+    -------
+    sine, cosine : (amplitude,) array of float, rad
+        <h sin phi> and <h cos phi>.
+
+    Raises
+    ------
+    LibraryError
+        The force is not finite, too rough, or has no steady cycle.
+    """
+    if force.memoryless:
+        means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
+    else:
+        shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
+        means = np.zeros((len(a), 3))
+        for rows, cycles in cycles_at(force, a, time, shapes):
+            means[rows] = cycles.integrals / (2 * np.pi)
+        # The root mean square of h in the place of the mean of |h|.
+        means[:, 2] = np.sqrt(means[:, 2])
+    # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
+    # Part of the mean of |h| below which an average is rounding.
+    means[np.abs(means) < 1e-14 * means[:, 2:]] = 0.0
+    return means[:, 0], means[:, 1]
+
+
+@dataclass
+class _Cycles:
+    """Cycles of a force at some amplitudes.
+
+    Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
+    """
+
+    force: Force
+    a: Array
+    time: Array
+    shape_values: Mapping[str, float]
+
+    def names(self, row: Index, phi: Array) -> dict[str, Any]:
+        """Variables of the formulas at the angles `phi` of the rows (same shapes, or broadcast)."""
+        a, time = self.a[row % self.a.size], self.time[row % self.a.size]
+        cosine, sine = np.cos(phi), np.sin(phi)
+        # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
+        cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
+        return {"t": time, "x": a * cosine, "v": -a * sine, **self.shape_values}
+
+    def pieces(self) -> tuple[Index, Array, Array]:
+        """Rows, cut at the quarter point and where a switching surface is crossed: (row, low, high)."""
+        halves = np.repeat((0.0, np.pi), self.a.size)
+        # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
+        phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
+        every = np.arange(halves.size)
+        names = self.names(every[:, None], phi)
+        cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
+        for surface in self.force.surfaces:
+            sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
+            row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
+            if row.size:
+                cut_row.append(row)
+                cut_at.append(self.crossings(surface, row, phi[row, before], phi[row, before + 1]))
+        row, at = np.concatenate(cut_row), np.concatenate(cut_at)
+        order = np.lexsort((at, row))
+        row, at = row[order], at[order]
+        inside = (row[:-1] == row[1:]) & (at[:-1] < at[1:])
+        return row[:-1][inside], at[:-1][inside], at[1:][inside]
+
+    def crossings(self, surface: Formula, row: Index, low: Array, high: Array) -> Array:
+        """Where a surface is crossed in a row between two angles."""
+
+        def side(phi: Array, row: Array) -> Array:
+            return np.asarray(surface.evaluate(self.names(row.astype(int), phi)))
+
+        exact = {"xatol": 1e-15, "xrtol": 1e-15}
+        root = elementwise.find_root(side, (low, high), args=(row.astype(float),), tolerances=exact)
+        return np.asarray(root.x)
+
+    def integrals(self) -> Array:
+        """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
+
+        Pieces are halved until they are exact.
+        """
+        nodes, weights = _nodes()
+        row, low, high = self.pieces()
+        total = np.zeros((2 * self.a.size, 3))
+        before = np.full(len(total), np.inf)
+        for turn in range(60):
+            phi = low[:, None] + (high - low)[:, None] * nodes
+            h = self.force.formula.evaluate(self.names(row[:, None], phi))
+            h = np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None])
+            terms = np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
+            fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
+            self.check_finite(fine, row)
+            # The size is computed anew at every turn: the first may miss a narrow peak.
+            size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
+            error = np.abs(fine - coarse)[:, :2].max(axis=1)
+            # A piece is accepted when doubling its nodes changes it by less than this part of the mean of
+            # |h|.
+            done = error <= 3e-13 * size[row]
+            remaining = np.bincount(row[~done], error[~done], len(total))
+            # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
+            rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(self.a, 2)
+            rounding &= (remaining > 0.6 * before) & (turn > 2)
+            done, before = done | rounding[row], remaining
+            np.add.at(total, row[done], fine[done])
+            if done.all():
+                return total[: self.a.size] + total[self.a.size :]
+            if done.size > MAX_PIECES:
+                break
+            row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
+            middle = 0.5 * (low + high)
+            low[1::2], high[::2] = middle[1::2], middle[::2]
+        raise LibraryError(f"Force '{self.force.symbol}' is too rough to be averaged over a cycle.")
+
+    def check_finite(self, integrals: Array, row: Index) -> None:
+        """Refuse an integral that is not finite, with the smallest amplitude at which that is so."""
+        bad = ~np.isfinite(integrals).all(axis=1)
+        if bad.any():
+            worst = self.a[row[bad] % self.a.size].min()
+            raise LibraryError(
+                f"Force '{self.force.symbol}' is not finite on a cycle of amplitude {worst:.6g} rad."
+            )
+
+
+@lru_cache(maxsize=1)
+def _nodes() -> tuple[Array, Array]:
+    """Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
+
+    The nodes crowd at both ends, where |v|^p, a sharp Stribeck peak or a logarithm is singular
+    (Takahasi and Mori 1974).
+    """
+    step = 1.0 / 16.0
+    s = step * np.arange(-54, 55)
+    u = QUARTER * np.sinh(s)
+    return 1.0 / (1.0 + np.exp(-2.0 * u)), 0.5 * step * QUARTER * np.cosh(s) / np.cosh(u) ** 2
+
+
+@dataclass(frozen=True)
+class SteadyCycles:
+    """Cycles x = a cos phi, v = -a sin phi that repeat themselves, `t` held.
+
+    Attributes
+    ----------
+    force : Force
+    a : (amplitude,) array of float, rad
+    shapes : mapping of str to float, or None
+    begin : dict of str to (amplitude,) array of float
+        States and memory at `FIRST_PHASE`.
+    integrals : (amplitude, 3) array of float
+        Over a cycle, of h sin phi, h cos phi and h^2.
+    """
+
+    force: Force
+    a: Array
+    shapes: ShapeValues | None
+    begin: dict[str, Array]
+    integrals: Array
+
+    def along(self, points: int) -> Iterator[tuple[Array, dict[str, Array]]]:
+        """Phases and states and memory there, (point,) each, over the cycle of each amplitude."""
+        phase = FIRST_PHASE + PERIOD * np.arange(points) / points
+        for i, a in enumerate(self.a.tolist()):
+            force = begun_with(self.force, {k: float(values[i]) for k, values in self.begin.items()})
+            yield phase, history_on_cycle(force, phase, a, self.shapes)
+
+
+def cycles_at(
+    force: Force, a: Array, time: Array, shapes: ShapeValues | None
+) -> Iterator[tuple[Index, SteadyCycles]]:
+    """Steady cycles at amplitudes that are not zero, each with `t` held: their rows, and the cycles."""
+    moves = a > 0.0
+    if not force.holds_time:
+        if moves.any():
+            yield np.flatnonzero(moves), steady_cycles(force, a[moves], shapes)
+        return
+    for instant in np.unique(time[moves]).tolist():
+        rows = np.flatnonzero(moves & (time == instant))
+        yield rows, steady_cycles(force_counted_from(force, instant), a[rows], shapes)
+
+
+def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> SteadyCycles:
+    """Steady cycles of a force that depends on history.
+
+    Parameters
+    ----------
+    force : Force
+        Its `t` is 0.
+    a : (amplitude,) array of float, rad
+        Positive.
+    shapes : mapping of str to float, optional
+        Shape parameters, `{"dahl.s": 0.02}`.
+
+    Raises
+    ------
+    LibraryError
+        It has no steady cycle, or is not finite on one.
+    """
+    # Names with a space are no force's own.
+    integrals = {"h sin phi": _product(force, "v", -1.0), "h cos phi": _product(force, "x", 1.0)}
+    integrals["h squared"] = _product(force)
+    model = watched(replace(force, state={**force.state, **integrals}), shapes, FROZEN)
+    names, first = [*force.state, *force.memory], 2 + len(force.state)
+    sums = np.arange(first, first + len(integrals))
+    of_history = np.delete(np.arange(2, 2 + len(names) + len(sums)), sums - 2)
+    values = force.start_values({"x": a, "v": 0.0 * a, "t": 0.0, **force.shape_values(shapes)})
+    begin = np.zeros((len(a), 2 + len(names) + len(sums)))
+    begin[:, 0] = a
+    begin[:, of_history] = np.stack([np.broadcast_to(values[name], a.shape) for name in names], axis=1)
+    begin = _followed(force, model, begin, PERIOD + FIRST_PHASE, 0).end
+    begin[:, :2] = np.outer(a, [np.cos(FIRST_PHASE), -np.sin(FIRST_PHASE)])
+    # What a period does of a small change: of a memory the columns are the last.
+    last, by_start = np.full(len(a), np.inf), begin.shape[1] if force.memory else first
+    for _ in range(60):
+        begin[:, sums] = 0.0
+        ends = _followed(force, model, begin, PERIOD, by_start)
+        shift = ends.end[:, of_history] - begin[:, of_history]
+        step = _newton_step(ends.transition[:, of_history][:, :, of_history], shift)
+        size = np.maximum(np.abs(ends.end[:, of_history]).max(axis=1), a)
+        change, drift = (np.abs(part).max(axis=1) / size for part in (step, shift))
+        # What hardly forgets its start is known to rounding over what it forgets.
+        # A cycle repeats itself where its states and memory come back to this part of their size.
+        # A state that still moves by this part of its size after so many cycles drifts.
+        if np.all((np.maximum(change, drift) <= 1e-13) | ((change >= 0.5 * last) & (drift <= 1e-9))):
+            scale = np.stack([a, a, np.ones_like(a)], axis=1)
+            starts = dict(zip(names, begin[:, of_history].T, strict=True))
+            return SteadyCycles(force, a, shapes, starts, ends.end[:, sums] / scale)
+        # Where Newton's step did no good the cycle itself goes on.
+        begin[:, of_history] += np.where((change < last)[:, None], step, shift)
+        last = change
+    raise LibraryError(
+        f"Force '{force.symbol}': it drifts at each cycle and has no steady one, no signature."
+    )
+
+
+def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Steps:
+    """One cycle after the other."""
+    spans = np.zeros(len(begin)), np.full(len(begin), length)
+    try:
+        ends = steps_of(model, spans, begin, by_start=by_start)
+    except SimulationError:
+        raise LibraryError(f"Force '{force.symbol}': its cycle could not be followed.") from None
+    bad = ~np.isfinite(ends.end).all(axis=1)
+    if bad.any():
+        amplitude = np.hypot(*begin[bad, :2].T).min()
+        raise LibraryError(
+            f"Force '{force.symbol}' is not finite on a cycle of amplitude {amplitude:.6g} rad."
+        )
+    return ends
+
+
+def _newton_step(map_: Array, shift: Array) -> Array:
+    """Step to what a period does not move, (amplitude, state), the least where it is not unique."""
+    left, sizes, right = np.linalg.svd(np.eye(map_.shape[-1]) - map_)
+    # What a period changes by no more than this part is kept as it is.
+    inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 1e-12)
+    return np.asarray(np.einsum("rji,rj,rkj,rk->ri", right, inverse, left, shift))
+
+
+def _product(force: Force, name: str | None = None, factor: float = 1.0) -> Formula:
+    """The force times x or v and a number, or squared."""
+    tree = force.formula.tree
+    other = tree if name is None else ast.BinOp(ast.Constant(factor), ast.Mult(), ast.Name(name))
+    return Formula(f"({force.formula.text}) times {name or 'itself'}", ast.BinOp(tree, ast.Mult(), other))
