@@ -16,7 +16,7 @@ profile       profile intervals of dahl.s, stribeck.s, lambda at its bound, besi
 curve_bands   simultaneous bands of a model's curves
 posterior     posteriors beside random-walk Metropolis, three records; --seeds: its steps
 backbone      bands of frequency and damping against amplitude, twelve kinds of forces
-plan          discover, plan, run, discover again; --reliability: one step
+plan          discover, plan, run, discover again: whether what is stated comes true
 
 Measured and driven records: measured, answer, random_force_kinds, driven. Others on the same records: arena.
 Time, memory, kills: simulator, timing, cost, campaign (--only a part of each).
@@ -26,43 +26,51 @@ With --out each record is a line of JSON, and what the file has already is not d
 
 import argparse
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
-# Usual number of seeds, records or loops of each; of some there is none.
-COUNTS = {"precision": 400, "classical": 60, "pushed": 40, "verdicts": 20}
-COUNTS |= {"agreement": 1000, "bands": 50, "spread": 2000, "rigs": 200, "pairs": 500, "profile": 400}
-COUNTS |= {
-    "curve_bands": 400,
-    "posterior": 30_000,
-    "backbone": 20,
-    "plan": 20,
-    "cost": 1000,
-    "campaign": 1000,
+# Where each stands, and its usual number of seeds, records or loops, if it has one.
+NAMES = {
+    "precision": ("study.coefficients", 400),
+    "classical": ("study.coefficients", 60),
+    "pushed": ("study.coefficients", 40),
+    "verdicts": ("study.noises", 20),
+    "bands": ("study.noises", 50),
+    "agreement": ("study.runs", 1000),
+    "pairs": ("study.runs", 500),
+    "rigs": ("study.runs", 200),
+    "spread": ("study.runs", 2000),
+    "profile": ("study.intervals", 400),
+    "posterior": ("study.intervals", 30_000),
+    "curve_bands": ("study.intervals", 400),
+    "backbone": ("backbone", 20),
+    "plan": ("plan", 20),
+    "measured": ("measured", None),
+    "answer": ("measured", None),
+    "random_force_kinds": ("random_force_kinds", None),
+    "driven": ("driven", None),
+    "arena": ("arena", 10),
+    "simulator": ("timing", None),
+    "timing": ("timing", None),
+    "cost": ("cost", None),
+    "campaign": ("campaign", 1000),
 }
-COUNTS |= {"arena": 10}
-NAMES = (*COUNTS, "measured", "answer", "random_force_kinds", "driven", "simulator", "timing")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("name", choices=NAMES)
-    parser.add_argument("--seeds", "--records", "--loops", type=int, help="how many (at most, for precision)")
+    parser.add_argument("name", choices=[*NAMES])
+    parser.add_argument("--seeds", "--records", type=int, help="how many (at most, for precision)")
     parser.add_argument("--first", type=int, default=0, help="first seed of verdicts, rigs and plan")
     parser.add_argument("--method", default="", help="direct, trajectory, averaging, or one with -off")
     parser.add_argument("--only", default="", help="part of the titles of what is done")
     parser.add_argument("--out", type=Path, help="file of rows that is gone on with")
-    parser.add_argument("--quick", action="store_true", help="measured, timing: the shorter half")
-    parser.add_argument("--time", action="store_true", help="answer: times of identify and discover")
+    parser.add_argument("--quick", action="store_true", help="timing: the shorter half")
     parser.add_argument("--noise", choices=("white", "AR(0.8)"), default="white", help="of verdicts")
     parser.add_argument("--left-out", action="store_true", help="verdicts: forces that are left out alone")
     parser.add_argument("--unlike", type=float, default=1.0, help="agreement: density of the second run")
     parser.add_argument("--measured", action="store_true", help="bands: the measured records")
     parser.add_argument("--also", default="", metavar="SYMBOLS", help="bands --measured: further effects")
     parser.add_argument("--across", action="store_true", help="bands --measured: the swing across")
-    parser.add_argument("--identified", type=int, default=0, help="spread: round-robins of records")
-    parser.add_argument("--no-response", action="store_true", help="curve_bands: no forced response")
-    parser.add_argument("--reliability", action="store_true", help="plan: one step a loop, none at random")
     parser.add_argument("--drawn", type=int, nargs="?", const=1, default=0, metavar="N", help=(
         "plan: what is hidden is drawn from all candidates; random_force_kinds: draws of rows of each kind"
     ))  # fmt: skip
@@ -71,9 +79,9 @@ def main() -> None:
     parser.add_argument("--every", type=float, default=30.0, help="campaign: s between kills of a worker")
     parser.add_argument("--call", nargs="+", help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    asked.seeds = COUNTS.get(asked.name) if asked.seeds is None else asked.seeds
-    place = "benchmarks.study." if find_spec(f"benchmarks.study.{asked.name}") else "benchmarks."
-    import_module(place + asked.name).main(asked)
+    place, count = NAMES[asked.name]
+    asked.seeds = count if asked.seeds is None else asked.seeds
+    getattr(import_module(f"benchmarks.{place}"), asked.name)(asked)
 
 
 if __name__ == "__main__":

@@ -5,12 +5,12 @@ python -m benchmarks backbone [--seeds N] [--only ripple]
 80 periods of 50 samples, white, coloured (autoregressive, 0.8) and rounded noise (0.5 mrad; a step of 2 mrad)
 in turn, with the sensor's noise alone and with a random force of 1e-6 (rad/s^2)^2/Hz. True is the backbone of
 the model's motion without noise and random force, by the same definition, at its own periods. Beside it:
-pointwise coverage, the median half width, and processor time. Half of the kinds are in no library. And the
-time of 10^4 samples.
+pointwise coverage, the median half width, and processor time. Half of the kinds are in no library.
 """
 
 import time
 from argparse import Namespace
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -18,8 +18,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 import sysid_trib as st
-from benchmarks.stopwatch import timed
-from benchmarks.study.common import shown
+from benchmarks.study.common import over_seeds, shown, timed
 from sysid_trib.cycles.backbone import CURVES, BackboneCurves, backbone_curves, period_rows
 from sysid_trib.forces.library import parse_library
 
@@ -94,7 +93,7 @@ def truth_of(clean: xr.Dataset) -> xr.Dataset:
     return xr.Dataset({name: ("period", getattr(rows, name)) for name in names}).sortby("log_amplitude")
 
 
-def cells(results: list[dict[str, tuple[bool, float, float]]]) -> list[str]:
+def cells(results: list[dict]) -> list[str]:
     """Both curves of a kind: whole, pointwise, half width."""
     texts = []
     for name in CURVES:
@@ -103,24 +102,23 @@ def cells(results: list[dict[str, tuple[bool, float, float]]]) -> list[str]:
     return texts
 
 
-def main(asked: Namespace) -> None:
-    table: list[list[str]] = []
-    every: list[list[dict[str, tuple[bool, float, float]]]] = [[], []]
+def held(kind: str, clean: xr.Dataset, truth: xr.Dataset, density: float, seed: int) -> dict:
+    """What bands of one record hold, and their time."""
+    decay = measured(motion(kind, density, seed) if density else clean, seed)
+    curves, seconds = timed(lambda: backbone_curves(decay), time.process_time)
+    return coverage(curves, truth) | {"seconds": seconds}
+
+
+def backbone(asked: Namespace) -> None:
+    table, every = [], {0.0: [], RANDOM_FORCE: []}
     for kind in (kind for kind in KINDS if asked.only in kind):
-        clean = motion(kind)
-        truth, row, spent, before = truth_of(clean), [kind], 0.0, [len(results) for results in every]
-        for at, density in enumerate((0.0, RANDOM_FORCE)):
-            for seed in range(asked.seeds):
-                decay = measured(motion(kind, density, seed) if density else clean, seed)
-                curves, seconds = timed(lambda decay=decay: backbone_curves(decay), time.process_time)
-                spent += seconds
-                every[at].append(coverage(curves, truth))
-            row += cells(every[at][before[at] :])
-        table.append([*row, f"{1e3 * spent / asked.seeds / 2:.0f}"])
-    table.append(["all", *cells(every[0]), *cells(every[1]), ""])
+        clean, row = motion(kind), [kind]
+        for density, results in every.items():
+            one = partial(held, kind, clean, truth_of(clean), density)
+            rows = over_seeds(asked, one, case=f"{kind}, {density:g}")
+            row += cells(rows)
+            results += rows
+        table.append([*row, f"{1e3 * np.mean([each['seconds'] for each in rows]):.0f}"])
+    table.append(["all", *(cell for rows in every.values() for cell in cells(rows)), ""])
     heads = [f"{name}{tail}" for tail in ("", ", random force") for name in CURVES]
     shown("", ("simultaneous % (pointwise %) half width", *heads, "ms"), table, 140)
-    library = st.load_library("contact_forces").select(["zeta"])
-    clock = np.arange(10_000) / PER_PERIOD
-    long = measured(st.simulate(st.Model(library, {"zeta": 2e-3}, W), clock, angle=0.4)[["angle"]], 0)
-    print(f"10^4 samples: {timed(lambda: backbone_curves(long), time.process_time)[1]:.2f} s")

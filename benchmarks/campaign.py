@@ -5,8 +5,8 @@ python -m benchmarks campaign [--records N] [--only speed|memory|kills|workers|s
 speed: N simulated runs of the paper's experiment by averaging, direct and trajectory, in this process, by one
 worker and by two. memory: ten times as many by direct, the resident memory of each worker over time. kills: a
 campaign that is killed (SIGKILL, all its processes) at 20 random moments and gone on with, against one that
-never was. workers: a worker killed every few seconds. scheduler: what it costs a task that does nothing,
-and a block of a campaign; from these the plan for a million records on a hundred workers follows.
+never was. workers: a worker killed every few seconds. scheduler: what a block of a campaign
+costs; from it the plan for a million records on a hundred workers follows.
 """
 
 import os
@@ -172,22 +172,8 @@ def worker_kills(folder: Path, records: int, every: float) -> pd.DataFrame:
     return one_row(records=records, killed=len(killed), done=counts["done"], lost=counts["lost"], s=spent)
 
 
-def scheduler_load(folder: Path, tasks: int) -> pd.DataFrame:
-    """What the scheduler costs a task that does nothing, and a campaign a record that is refused at once.
-
-    The second is all that is done for a block in one process: it is sent, scheduled, received and written.
-    """
-    from distributed import Client, LocalCluster
-
-    with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster) as client,
-    ):
-        client.gather(client.map(_nothing, range(100), pure=False))
-        # Client and scheduler are in this process.
-        start = time.process_time()
-        client.gather(client.map(_nothing, range(tasks), pure=False))
-        each = (time.process_time() - start) / tasks
+def scheduler_load(folder: Path) -> pd.DataFrame:
+    """What records cost that are refused at once: a block is sent, scheduled, received and written."""
     names = [f"{at}.csv" for at in range(REFUSED_RECORDS)]
     library = st.load_library("contact_forces").select(FORCES)
     nothing = st.campaigns.Task(
@@ -198,18 +184,14 @@ def scheduler_load(folder: Path, tasks: int) -> pd.DataFrame:
     here = time.process_time() - start
     blocks = len(list((folder / "refused.zarr" / "status").glob("[0-9]*")))
     figures = {"a block, here (ms)": 1e3 * here / blocks, "a record, here (ms)": 1e3 * here / len(names)}
-    return one_row(tasks=tasks, task_ms=1e3 * each, records=len(names), blocks=blocks, **figures)
+    return one_row(records=len(names), blocks=blocks, **figures)
 
 
 def _refuse(path: str) -> list:
     raise RecordError(f"{path} is no record")
 
 
-def _nothing(at: int) -> int:
-    return at
-
-
-def main(asked: Namespace) -> None:
+def campaign(asked: Namespace) -> None:
     if asked.call:
         place, part = asked.call
         st.campaign(st.campaigns.load_study(place), task("direct"), output=part, workers=2)
@@ -219,7 +201,7 @@ def main(asked: Namespace) -> None:
         "memory": lambda folder: memory(folder, 10 * asked.seeds),
         "kills": kills,
         "workers": lambda folder: worker_kills(folder, asked.seeds, asked.every),
-        "scheduler": lambda folder: scheduler_load(folder, 5000),
+        "scheduler": scheduler_load,
     }
     with tempfile.TemporaryDirectory() as name:
         for part in (part for title, part in parts.items() if asked.only in title):

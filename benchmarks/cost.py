@@ -1,16 +1,14 @@
 """What whole processes cost: processor time, memory, and how long they are silent.
 
-python -m benchmarks cost [--only PART] [--samples N] [--records N]
+python -m benchmarks cost [--only PART] [--samples N]
 
 Each case is a process of its own; times are processor time of it and all it started, memory is the largest
-resident size of one process. start: the first commands of a process. samples: the command `identify` (both
+resident size of one process. samples: the command `identify` (both
 methods, cross-checked) and `Direct` alone, on decays of 100 samples a period that lose the same part of their
-amplitude, up to N samples. records: a campaign of `Direct` over simulated runs of the paper's experiment in
-one process, up to N records. workers: the same 200 records by this process and by one and two workers.
-discover: peak memory of a search, nothing or cubic damping hidden, all candidates offered. terminal: time to
-the first word of each command and its longest silence, also in start-ups of a program that imports numpy,
-which a busy machine stretches as well. report: size of a page with a record of N instants, and times to make
-and to open it.
+amplitude, up to N samples. discover: peak memory of a search, nothing or cubic damping hidden, all candidates
+offered. terminal: time to the first word of each command and its longest silence, also in start-ups of a
+program that imports numpy, which a busy machine stretches as well. report: size of a page with a record of N
+instants, and times to make and to open it.
 """
 
 import os
@@ -34,7 +32,6 @@ PER_PERIOD, NOISE, W = 100, 2e-4, 9.91
 FORCES, REFERENCE_PERIODS = {"zeta": 5e-5, "delta": 2e-4, "nu": 1e-2, "epsilon": -0.1}, 500
 SEARCHED = {"lambda": 1.6e-5, "zeta": 3.2e-4, "nu": -0.3, "epsilon": 0.3}
 DISSIPATIVE = ("lambda", "zeta", "delta", "cubic_damping")
-WORKER_RECORDS = 200
 # Samples, periods, bar in MB of a search.
 SIZES = ((5_000, 40, 500), (100_000, 40, 1500), (100_000, 1000, 1500))
 # Two frames after the page is loaded the first of them is on the screen.
@@ -76,13 +73,6 @@ def direct(place: str) -> None:
     st.identify(record, st.load_library().select(FORCES), st.methods.Direct())
 
 
-def campaign(place: str, output: str, workers: str) -> None:
-    """What `records` and `workers` measure."""
-    from benchmarks.campaign import task
-
-    st.campaign(st.campaigns.load_study(place), task("direct"), output=output, workers=int(workers))
-
-
 def search(place: str, kept: str) -> None:
     """What `discover` measures; it keeps the size before the search, and the verdict."""
     record = st.free_decay(st.read_record(place))
@@ -92,53 +82,16 @@ def search(place: str, kept: str) -> None:
     Path(kept).write_text(f"{before:.0f},{found.attrs['verdict']}")
 
 
-def starts(folder: Path, asked: Namespace) -> pd.DataFrame:
-    """What a process takes before it computes."""
-    simulated = (
-        "import numpy as np, sysid_trib as st; model = st.Model(st.load_library(), {'zeta': 0.01}, 10.0); "
-        "st.simulate(model, np.linspace(0.0, 10.0, 1001))"
-    )
-    commands = {
-        "sysid-trib --help": ("-m", "sysid_trib", "--help"),
-        "import sysid_trib": ("-c", "import sysid_trib"),
-        "import numba": ("-c", "import numba"),
-        "one simulation": ("-c", simulated),
-    }
-    rows = [(name, min(spent(*command)[0] for _ in range(3))) for name, command in commands.items()]
-    return pd.DataFrame(rows, columns=["first", "processor time (s)"])
-
-
 def samples(folder: Path, asked: Namespace) -> pd.DataFrame:
     """Time and memory against the samples of a record."""
     rows = []
-    for count in powers(1_000, asked.samples):
+    for count in (10**power for power in range(3, len(str(asked.samples)))):
         place = str(decay(folder / f"{count}.nc", count, count / PER_PERIOD, FORCES, 0.3))
         whole = spent("-m", "sysid_trib", "identify", place, "--forces", ",".join(FORCES))
         alone = spent(*child("direct", place))
         rows.append((count, whole[0], whole[2], alone[0], alone[2]))
     heads = ["samples", "identify (s)", "memory (MB)", "Direct alone (s)", "memory of it (MB)"]
     return pd.DataFrame(rows, columns=heads)
-
-
-def records(folder: Path, asked: Namespace) -> pd.DataFrame:
-    """Time and memory against the records of a campaign in one process."""
-    from benchmarks.campaign import study
-
-    rows = []
-    for count in powers(1, asked.seeds):
-        place, output = str(study(folder, count)), str(folder / f"r{count}.zarr")
-        processor, _, memory = spent(*child("campaign", place, output, 0))
-        rows.append((count, processor, 1e3 * processor / count, memory))
-    return pd.DataFrame(rows, columns=["records", "s", "ms a record", "memory (MB)"])
-
-
-def workers(folder: Path, asked: Namespace) -> pd.DataFrame:
-    """Time and memory against workers; processor time beyond that of one process is what workers cost."""
-    from benchmarks.campaign import study
-
-    place = str(study(folder, min(WORKER_RECORDS, asked.seeds)))
-    rows = [(n, *spent(*child("campaign", place, folder / f"w{n}.zarr", n))) for n in (0, 1, 2)]
-    return pd.DataFrame(rows, columns=["workers", "processor time (s)", "wall time (s)", "largest (MB)"])
 
 
 def searches(folder: Path, asked: Namespace) -> pd.DataFrame:
@@ -227,18 +180,13 @@ def reports(folder: Path, asked: Namespace) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-def powers(least: int, most: int) -> list[int]:
-    """Powers of ten from one number to another."""
-    return [10**exponent for exponent in range(len(str(least)) - 1, len(str(most)))]
-
-
-PARTS = {"start": starts, "samples": samples, "records": records, "workers": workers}
+PARTS = {"samples": samples}
 PARTS |= {"discover": searches, "terminal": terminal, "report": reports}
 
 
-def main(asked: Namespace) -> None:
+def cost(asked: Namespace) -> None:
     if asked.call:
-        {"direct": direct, "campaign": campaign, "search": search}[asked.call[0]](*asked.call[1:])
+        {"direct": direct, "search": search}[asked.call[0]](*asked.call[1:])
         return
     for part in (part for name, part in PARTS.items() if asked.only in name):
         with tempfile.TemporaryDirectory() as folder:

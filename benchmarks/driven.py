@@ -6,12 +6,10 @@ Measured records are read from ../shared/data beside the project, or from the fo
 without it only `simulated` and `belt` run. Times are of the processor, of one call, with what it compiles.
 """
 
-import os
 import time
 from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,13 +17,14 @@ import xarray as xr
 from helpers import rms
 
 import sysid_trib as st
-from benchmarks.stopwatch import timed
-from benchmarks.study.common import covered, scores, shown
+from benchmarks import DATA, peers
+from benchmarks.study.coefficients import estimated
+from benchmarks.study.common import columns, covered, shown, timed
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.likelihood.pysindy_features import ForceFeatures
 from sysid_trib.physics import per_input
 from sysid_trib.records.inputs import KnownInput
 
-DATA = Path(os.environ.get("SYSID_TRIB_DATA", Path(__file__).parents[2] / "shared" / "data"))
 LIBRARIES = ("inputs", "contact_forces", "candidate_effects")
 OFF: dict[str, Any] = {"random_force": "off"}
 
@@ -75,6 +74,23 @@ def silverbox_parts() -> tuple[xr.Dataset, xr.Dataset]:
     return record.isel(time=slice(TRAINING)), record.isel(time=slice(TRAINING, None))
 
 
+def pysindy_driven(library: ForceLibrary, record: xr.Dataset, w: float) -> np.ndarray:
+    """Coefficients by `pysindy.SINDy` on local polynomials with u=; stiffness is among the unknowns."""
+    import pysindy
+
+    time, signal = record.time.values, record.angle.values
+    # The shortest that its order allows: a period has nine samples.
+    window = (peers.ORDER + 2) * (time[1] - time[0])
+    x, rate, acceleration = peers.savitzky_golay(time, signal, window)
+    features = ForceFeatures(library, reference_frequency=w)
+    model = pysindy.SINDy(feature_library=features, optimizer=peers.plain_optimizer())
+    target = (acceleration / w**2 + x)[:, None]
+    model.fit(
+        np.column_stack([x, rate / w]), t=time[1] - time[0], x_dot=target, u=record["u"].values[:, None]
+    )
+    return -model.coefficients()[0]
+
+
 def silverbox() -> None:
     """Trained on five realisations; free run on the sixth, whose start is fitted."""
     (train, test), rows = silverbox_parts(), []
@@ -86,6 +102,14 @@ def silverbox() -> None:
         largest = f"{1e3 * float(np.abs(unseen.residual).max()):.2f}"
         name = type(method).__name__
         rows.append([name, " ".join(symbols), str(len(symbols) + 1), *left, largest, f"{seconds:.0f}"])
+    library, w = offered("alpha", *FIVE), result.reference_frequency.item()
+    values, seconds = cpu(lambda: pysindy_driven(library, train, w))
+    # A result with these coefficients in the place of ours: predicted alike.
+    its = st.methods.Direct(w, **OFF).identify(train, library).assign(coefficient=("force", values))
+    left = f"{1e3 * st.predict(its, test).residual_rms.item():.4f}"
+    rows.append(
+        ["pysindy.SINDy, u=", f"alpha {' '.join(FIVE)}", str(len(library)), "", left, "", f"{seconds:.0f}"]
+    )
     heads = ("method", "forces and w", "parameters", "training", "last realisation", "largest", "time (s)")
     shown("Silverbox, RMS of record minus free run (mV)", heads, rows, WIDTH)
 
@@ -175,13 +199,13 @@ def with_error(result: xr.Dataset, symbol: str, scale: float) -> str:
     return f"{scale * one.coefficient.item():.4f} ± {scale * one.standard_error.item():.4f}"
 
 
-def driven_model(between: str = "smooth") -> tuple[st.Model, np.ndarray]:
+def driven_model() -> tuple[st.Model, np.ndarray]:
     """A pendulum under a multisine about its resonance, and the times: 30 periods of 40 samples."""
     elapsed = np.arange(1200) * 2.0 * np.pi / W / 40
     lines = np.arange(1, 61) / 30 * W
     phases = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, len(lines))
     u = np.cos(np.outer(elapsed, lines) + phases).sum(axis=1) / np.sqrt(len(lines) / 2)
-    inputs = {"u": KnownInput(elapsed, u, between)}
+    inputs = {"u": KnownInput(elapsed, u, "smooth")}
     return st.Model(offered(*TRUTH), TRUTH, W, inputs=inputs), elapsed
 
 
@@ -194,15 +218,15 @@ def simulated(seeds: int) -> None:
     rows = []
     for method in (st.methods.Direct(), st.methods.Trajectory()):
 
-        def identified(seed: int, method: Any = method) -> xr.Dataset:
+        def one(seed: int, method: Any = method) -> dict[str, Any]:
             noise = NOISE * np.random.default_rng(seed).standard_normal(clean.sizes["time"])
-            return st.identify(clean.assign(angle=clean.angle + noise), model.library, method)
+            record = clean.assign(angle=clean.angle + noise)
+            return estimated(lambda: st.identify(record, model.library, method), TRUTH, W)
 
-        results, seconds = cpu(lambda one=identified: [one(seed) for seed in range(seeds)])
-        errors, stated = scores(results, TRUTH, W)
+        errors, stated, spent = columns(map(one, range(seeds)), "errors", "standard_errors", "seconds")
         pairs = zip(rms(errors) / smallest, covered(errors, stated), strict=True)
         cells = [f"{ratio:.2f} / {share:.0f}" for ratio, share in pairs]
-        rows.append([type(method).__name__, *cells, f"{seconds / seeds:.2f}"])
+        rows.append([type(method).__name__, *cells, f"{np.mean(spent):.2f}"])
     title = f"RMS error over the Cramér-Rao bound / 95 % intervals that hold (%), {seeds} seeds"
     shown(title, ("method", *TRUTH, "w", "time of one (s)"), rows, WIDTH)
 
@@ -257,7 +281,7 @@ MEASURED = {"silverbox": silverbox, "search": search, "bouc_wen": bouc_wen, "emp
 FOLDERS = {"search": "silverbox", "frame": "friction_frame"}
 
 
-def main(asked: Namespace) -> None:
+def driven(asked: Namespace) -> None:
     for name, table in MEASURED.items():
         if asked.only in name and (DATA / FOLDERS.get(name, name)).is_dir():
             table()

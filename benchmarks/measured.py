@@ -1,32 +1,38 @@
 """Measured free decays: fitted on two thirds, predicted on the last, beside pysindy on the same split.
 
-python -m benchmarks measured [--quick] [--only WORDS]
+python -m benchmarks measured [--only WORDS]
 
 On the last third only the start of the motion and the zero of the sensor are fitted anew. Of the steel
 pendulum every tenth sample is used; its encoder's step is 0.16 mrad, the ship's 0.09 mrad. The records are
 read from ../shared/data beside the project, or from the folder in SYSID_TRIB_DATA.
 """
 
-import os
 import sys
+import warnings
 from argparse import Namespace
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from benchmarks import peers
-from benchmarks.stopwatch import timed
-from benchmarks.study.common import shown
+import sysid_trib as st
+from benchmarks import DATA, peers
+from benchmarks.study.common import shown, timed
 from sysid_trib import Model, free_decay, load_library, read_record
 from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.selection import load_system
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.methods.scope import with_random_force
 from sysid_trib.physics import model_of
 from sysid_trib.simulation.initial_conditions import first_guess, fit_start
+from sysid_trib.validation.answer import better_of, identifications
+from sysid_trib.validation.residuals import fitted_motion
 
 SIX = load_library()
 BOTH = replace(SIX, forces=(*SIX.forces, *load_library("candidate_effects").forces))
@@ -36,8 +42,6 @@ TUNED = 9.91
 STEP = 0.01
 # Savitzky-Golay windows (s) that are tried: noise differs from record to record.
 WINDOWS = (0.15, 0.25, 0.4, 0.6)
-# Rounds in which the terms of the sensor settle.
-TURNS = 8
 # Nothing but gravity restores a pendulum: its coefficient is one, not fitted.
 HELD = {"gravity": (1 - 1e-6, 1 + 1e-6)}
 # First guesses of shapes; those of every force of a model are fitted.
@@ -55,10 +59,10 @@ class Record:
     stride: int
     models: str
 
-    def decay(self, stride: int | None = None) -> xr.Dataset:
+    def decay(self) -> xr.Dataset:
         """The free decay, every so many samples."""
         read = read_record(records_folder() / self.file, **self.columns)
-        return free_decay(read, window=self.window).isel(time=slice(None, None, stride or self.stride))
+        return free_decay(read, window=self.window).isel(time=slice(None, None, self.stride))
 
 
 SWING = """lambda delta gravity
@@ -86,10 +90,9 @@ RECORDS = (
 
 def records_folder() -> Path:
     """Folder of the measured records."""
-    folder = Path(os.environ.get("SYSID_TRIB_DATA", Path(__file__).parents[2] / "shared" / "data"))
-    if not folder.is_dir():
-        sys.exit(f"There are no measured records in {folder}; set SYSID_TRIB_DATA to their folder.")
-    return folder
+    if not DATA.is_dir():
+        sys.exit(f"There are no measured records in {DATA}; set SYSID_TRIB_DATA to their folder.")
+    return DATA
 
 
 def two_thirds(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
@@ -125,30 +128,10 @@ def residual_rms(model: Model, time: np.ndarray, angle: np.ndarray, seconds: flo
 
 
 def ours(method, forces: str, decay: xr.Dataset) -> tuple[Model, int]:
-    """Model identified by a method, and how many numbers were fitted for it.
-
-    The methods identify forces: terms of the sensor are fitted to their residual, in turn with them.
-    """
+    """Model identified by a method, and how many numbers were fitted for it."""
     library = BOTH.select(forces.split())
-    sensors = [f for f in library if f.kind == "sensor"]
-    moving = library.select(f.symbol for f in library if f.kind == "force")
     count = len(library) + sum(len(f.shape) for f in library) + 1 - ("gravity" in library.symbols)
-    t, angle, errors = decay.time.values, decay.angle.values, np.zeros(len(decay.time))
-    for _ in range(TURNS if sensors else 1):
-        result = method.identify(decay.assign(angle=("time", angle - errors)), moving)
-        model = model_of(result)
-        if not sensors:
-            break
-        method = replace(method, start=model)
-        motion = fit_start(model, t, angle - errors, (result.start_angle.item(), result.start_rate.item()))
-        terms = np.stack([f.value(motion.x, motion.v, t - t[0]) for f in sensors], axis=1)
-        # The start moves along, or a cubic error would be taken for amplitude.
-        table = np.column_stack([terms, motion.sensitivity, np.ones(len(t))])
-        fitted = np.linalg.lstsq(table, angle - motion.x, rcond=None)[0][: len(sensors)]
-        errors = terms @ fitted
-        named = zip((f.symbol for f in sensors), fitted.tolist(), strict=True)
-        model = replace(model, library=library, coefficients=dict(model.coefficients) | dict(named))
-    return model, count
+    return model_of(method.identify(decay, library)), count
 
 
 def physical(forces: str) -> Trajectory:
@@ -166,7 +149,7 @@ def pysindy(peer: Callable, forces: str, w: float, decay: xr.Dataset) -> tuple[M
     if peer is not peers.sindy:
         dense = np.arange(t[0], t[-1], min(STEP, np.median(np.diff(t))))
         t, angle = dense, CubicSpline(t, angle)(dense)
-    values = peer(library, TUNED, t, angle)
+    values, _ = peer(library, TUNED, t, angle)
     return Model(library, dict(zip(library.symbols, values.tolist(), strict=True)), w), len(library)
 
 
@@ -211,9 +194,81 @@ def rows_of(record: Record, decay: xr.Dataset) -> Iterator[list[str]]:
             yield [name, forces, "", str(error)[:60], "", ""]
 
 
-def main(asked: Namespace) -> None:
+def measured(asked: Namespace) -> None:
     heads = ("method", "forces", "fitted", "train", "hold-out", "time (s)")
     for record in (record for record in RECORDS if asked.only.lower() in record.title.lower()):
-        decay = record.decay(record.stride * (4 if asked.quick and record.stride > 1 else 1))
+        decay = record.decay()
         counts = " + ".join(str(part.sizes["time"]) for part in two_thirds(decay))
         shown(f"{record.title}: {counts} samples, RMS in mrad", heads, rows_of(record, decay))
+
+
+TANK = "lambda zeta delta nu epsilon"
+# Title, file, columns, window, system, forces, file of another run that is predicted.
+HIGH, WHOLE = "string_pendulum/run_high.txt", (None, None)
+ANSWERED = (
+    ("steel pendulum", "single_pendulum/free_swing.csv", {}, (15.0, 75.0), "pendulum", "", ""),
+    ("string, low", "string_pendulum/run_1.txt", {}, WHOLE, "pendulum", "", HIGH),
+    ("string, high", HIGH, {}, WHOLE, "pendulum", "", ""),
+    ("ship", "roll_decay/model_test_21337.csv", {"angle": "phi"}, (25.0, None), "ship", "", ""),
+    ("tank, 0.953", "sloshing/decay_0p953.csv", {}, WHOLE, "", TANK, "sloshing/decay_0p967.csv"),
+    ("tank, 0.967", "sloshing/decay_0p967.csv", {}, WHOLE, "", TANK, ""),
+)
+
+
+def methods_of(system: str, forces: str) -> tuple[st.forces.ForceLibrary, dict[str, st.methods.MethodScope]]:
+    """The forces, and the methods with what the system holds and the signs that it fixes."""
+    moving = load_system(system or None)
+    library = BOTH.select(forces.split() or moving.symbols)
+    constraints = {**moving.bounds(library.symbols), **moving.held}
+    kinds = (st.methods.Averaging, st.methods.Direct, st.methods.Trajectory)
+    return library, {kind.__name__.lower(): kind(constraints=constraints) for kind in kinds}
+
+
+def rest_of(result: xr.Dataset, decay: xr.Dataset) -> float:
+    """RMS of record minus model, start and zero fitted."""
+    motion = fitted_motion(decay, result.drop_vars(["start_angle", "start_rate"], errors="ignore"))
+    if motion is None:
+        return np.inf
+    return float(np.sqrt(np.mean((decay.angle.values - motion.offset - motion.x) ** 2)))
+
+
+def row_of_answer(
+    train: xr.Dataset, unseen: xr.Dataset, library: st.forces.ForceLibrary, methods: dict
+) -> list[str]:
+    """The answer's prediction, that of each method and noise, and what the answer takes."""
+    began = process_time()
+    pair = identifications(train, library, [methods["averaging"], methods["direct"]])
+    at, seconds = better_of(*pair), process_time() - began
+    answer, others = rest_of(pair[at], unseen), []
+    for method in methods.values():
+        for option in ("off", "estimated"):
+            others.append(np.inf)
+            with suppress(SysidTribError, np.linalg.LinAlgError):
+                others[-1] = rest_of(with_random_force(method, option).identify(train, library), unseen)
+    ratio = answer / min(answer, *others)
+    cells = [f"{value:.4g}" for value in others]
+    return [("averaging", "direct")[at], f"{answer:.4g}", f"{ratio:.2f}", *cells, f"{seconds:.1f}"]
+
+
+def predicted(records) -> Iterator[list[str]]:
+    """Of each record what `row` says, of another run of it too; its answer on the whole is printed."""
+    for title, file, columns, window, system, forces, other in records:
+        decay = st.free_decay(st.read_record(records_folder() / file, **columns), window=window)
+        library, methods = methods_of(system, forces)
+        yield [title, *row_of_answer(*two_thirds(decay), library, methods)]
+        if other:
+            unseen = st.free_decay(st.read_record(records_folder() / other, **columns))
+            yield [f"{title}: another run", *row_of_answer(decay, unseen, library, methods)]
+        pair = identifications(decay, library, [methods["averaging"], methods["direct"]])
+        result = pair[better_of(*pair)]
+        each = zip(result.force.values, result.coefficient.values, result.standard_error.values, strict=True)
+        print(f"{title}, whole: {', '.join(f'{s} {c:.3g} ± {e:.1g}' for s, c, e in each)}", flush=True)
+
+
+def answer(asked: Namespace) -> None:
+    warnings.simplefilter("ignore")
+    records = [record for record in ANSWERED if asked.only in record[0]]
+    kinds = ("averaging", "direct", "trajectory")
+    labels = [f"{name} {option}" for name in kinds for option in ("off", "random")]
+    heads = ("record", "answer", "its RMS", "over the best", *labels, "processor (s)")
+    shown("", heads, predicted(records), 220)

@@ -1,13 +1,12 @@
-"""Loops of discover, plan, run, discover again: runs until one right name, and if what is stated holds.
+"""Does what a plan states come true? Discover, plan, run, discover again.
 
-python -m benchmarks plan [--loops 20] [--out FILE]     with FILE resumable, a line of JSON a loop
-python -m benchmarks plan --reliability [--drawn] [--first 1000] [--loops 60] [--out FILE]
-With --reliability a loop is one step: the run that is planned, and another row of the table. With --drawn the
-hidden effect is drawn from all candidates, as probabilities suppose.
+python -m benchmarks plan [--drawn] [--first 1000] [--seeds 60] [--out FILE]     with FILE resumable
+
+Of each plan two runs are made: the one that is planned, and another row of its table. With --drawn the hidden
+effect is drawn from all candidates, as probabilities suppose.
 """
 
 import itertools
-import json
 from argparse import Namespace
 
 import numpy as np
@@ -16,12 +15,12 @@ from helpers import measured
 from scipy.stats import beta
 
 import sysid_trib as st
-from benchmarks.study.common import read
+from benchmarks.study.common import added, read
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.trials import from_unit
 from sysid_trib.validation.rivals import ODDS
 
-LIMITS, DURATION, RATE, NOISE, MOST_RUNS = (0.1, 0.8), 12.0, 50.0, 2e-3, 5
+LIMITS, DURATION, RATE, NOISE = (0.1, 0.8), 12.0, 50.0, 2e-3
 # Release of the first run (rad), frequency (rad/s); strengths that are drawn, over what that run detects.
 FIRST, FREQUENCY, STRENGTHS = 0.25, 9.9, (1.0, 6.0)
 # Between which probabilities stated ones are counted together.
@@ -105,30 +104,6 @@ def step(seed: int, drawn: bool) -> tuple[str, list[tuple[float, int, int, bool]
     return symbol, said
 
 
-def loop(seed: int, planned: bool) -> tuple[int, list[tuple[float, int, int]]]:
-    """Runs until the set is the right name alone.
-
-    And of each plan the probability stated, and whether it came true and the name stood alone; -1 where the
-    truth was not among its models.
-    """
-    (symbol, model), rng = hidden_in(seed, False), np.random.default_rng([seed, 7])
-    runs, said = [decay_of(model, FIRST, DURATION, 1000 * seed)], []
-    tree = st.discover(runs)
-    for count in range(1, MOST_RUNS):
-        if named(tree) == [symbol]:
-            break
-        amplitude, best = float(np.exp(rng.uniform(*np.log(LIMITS)))), None
-        if planned and len(named(tree)) > 1:
-            best = st.validation.plan(tree, amplitude=LIMITS, duration=(DURATION, DURATION)).isel(run=0)
-            amplitude = best.amplitude.item()
-        runs.append(decay_of(model, amplitude, DURATION, 1000 * seed + count))
-        tree = st.discover(runs)
-        if best is not None and len(models := best.attrs["models"]) > 1:
-            came = int(odds_came(tree, symbol, models)) if symbol in models else -1
-            said.append((best.probability.item(), came, int(named(tree) == [symbol])))
-    return (len(runs) if named(tree) == [symbol] else MOST_RUNS + 1), said
-
-
 def table_of(said: list[tuple[float, int, int]]) -> None:
     """Print stated probabilities and how often they came true."""
     stated, came, right = np.array(said, dtype=float).reshape(-1, 3).T
@@ -146,33 +121,12 @@ def table_of(said: list[tuple[float, int, int]]) -> None:
             print(f"{words}    {interval:20}  {right[there].mean():.2f}")
 
 
-def of_loops(rows: list[list]) -> None:
-    """Print how many runs the loops took, and whether what was stated came true."""
-    for at, words in ((1, "planned"), (2, "at random")):
-        counts = [row[at] for row in rows]
-        print(
-            f"{words}: median {np.median(counts):g}, mean {np.mean(counts):.2f} runs of {len(counts)} loops"
-        )
-    table_of([stated for *_, said in rows for stated in said])
-
-
-def of_steps(rows: list[list]) -> None:
-    """Print whether what was stated of the runs that were planned, and of others, came true."""
+def plan(asked: Namespace) -> None:
+    rows = read(asked.out)
+    for seed in range(asked.first + len(rows), asked.first + asked.seeds):
+        rows.append(list(step(seed, bool(asked.drawn))))
+        print(f"{seed}: {rows[-1]}", flush=True)
+        added(asked.out, rows[-1])
     for best, words in ((True, "the run that is planned"), (False, "another row of the table")):
         print(f"{words}:")
         table_of([tuple(run[:3]) for _, said in rows for run in said if run[3] == best])
-
-
-def main(asked: Namespace) -> None:
-    rows = read(asked.out)
-    for seed in range(asked.first + len(rows), asked.first + asked.seeds):
-        if asked.reliability:
-            rows.append(list(step(seed, bool(asked.drawn))))
-        else:
-            (planned, said), (random, _) = (loop(seed, planned) for planned in (True, False))
-            rows.append([hidden_in(seed, False)[0], planned, random, said])
-        print(f"{seed}: {rows[-1]}", flush=True)
-        if asked.out:
-            with asked.out.open("a") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-    (of_steps if asked.reliability else of_loops)(rows)

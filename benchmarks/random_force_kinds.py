@@ -12,7 +12,7 @@ whose random force is of a kind alone: what the test would have seen.
 """
 
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,19 +106,24 @@ class DenseRows:
         determinant = 2.0 * float(np.sum(np.log(np.diag(factor))))
         return WhiteRows(white[:, -1], white[:, :-1], determinant).restricted_deviance()[0]
 
+    def least(self, forces: list[Array], starts: Iterable[tuple[float, ...]]) -> tuple[float, list[float]]:
+        """Least deviance with these random forces beside the sensor's noise, logarithms of their sizes."""
+
+        def with_sizes(sizes: Sequence[float]) -> float:
+            pushed = sum(np.exp(size) * force for size, force in zip(sizes, forces, strict=True))
+            return self.deviance(self.sensor + pushed)
+
+        first = min(starts, key=with_sizes)
+        found = minimize(with_sizes, first, method="Nelder-Mead", options={"maxfev": EVALUATIONS})
+        return float(found.fun), found.x.tolist()
+
     def gains(self) -> list[float]:
         """By how much the deviance is lower with each of `KINDS` beside white acceleration."""
         white = self._sized(self.in_proportion(np.ones_like(self.tau)))
-
-        def alone(size: Array) -> float:
-            return self.deviance(self.sensor + np.exp(size[0]) * white)
-
-        start = min(range(-10, 14, 2), key=lambda size: alone(np.array([size])))
-        best = minimize(alone, [float(start)], method="Nelder-Mead", options={"maxfev": EVALUATIONS})
-        return [
-            best.fun - self._beside(white, float(best.x[0]), self._sized(kind(self)))
-            for kind in KINDS.values()
-        ]
+        alone, (size,) = self.least([white], [(float(size),) for size in range(-10, 14, 2)])
+        starts = [(size, size + more) for more in SIZES]
+        both = [self.least([white, self._sized(kind(self))], starts)[0] for kind in KINDS.values()]
+        return [max(0.0, alone - deviance) for deviance in both]
 
     def drawn(self, kind: str, random: np.random.Generator) -> "DenseRows":
         """The rows with noise in place of the record: the sensor's, and a random force of one kind alone."""
@@ -126,17 +131,6 @@ class DenseRows:
         factor = cholesky(self.sensor + DRAWN_SIZE * force, lower=True)
         noise = factor @ random.standard_normal(len(factor))
         return replace(self, table=np.column_stack([self.table[:, :-1], noise]))
-
-    def _beside(self, white: Array, size: float, other: Array) -> float:
-        """Least deviance with both forces; no more than that of the white one at its best."""
-
-        def both(sizes: Array) -> float:
-            return self.deviance(self.sensor + np.exp(sizes[0]) * white + np.exp(sizes[1]) * other)
-
-        first = min(((size, size + more) for more in SIZES), key=lambda sizes: both(np.array(sizes)))
-        found = minimize(both, first, method="Nelder-Mead", options={"maxfev": EVALUATIONS})
-        without = self.deviance(self.sensor + np.exp(size) * white)
-        return min(float(found.fun), without)
 
     def _sized(self, covariance: Array) -> Array:
         """A covariance as large as the sensor's, on the mean of all rows."""
@@ -201,7 +195,7 @@ def drawn_rows(rows: DenseRows, draws: int) -> list[list[str]]:
     return table
 
 
-def main(asked: Namespace) -> None:
+def random_force_kinds(asked: Namespace) -> None:
     for record in (record for record in RECORDS if asked.only.lower() in record.title.lower()):
         decay = record.decay()
         middle, table, simulated = decay.sizes["time"] // 2, [], []

@@ -1,6 +1,11 @@
-"""How long identifications take, beside pysindy in the same run: medians of repeated calls in one process.
+"""How long simulations and identifications take: medians of repeated calls in one process.
 
+python -m benchmarks simulator
 python -m benchmarks timing [--quick] [--only methods|random-force|discover]
+
+simulator: on the run of the paper beside scipy restarted at every switching; then its derivatives over the
+motion alone, identifications, driven motions, and what is lost over 10,000 periods; processor time.
+methods: beside pysindy in the same run.
 
 random-force: what `sysid-trib identify` does with a random force that is estimated, over the same without
 one; processor time, no import. discover: how its processor time grows with candidates, samples and the
@@ -10,6 +15,7 @@ slow code; before it, the slopes of lines through logarithms, where 1 is linear.
 
 from argparse import Namespace
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from time import process_time
 
@@ -17,11 +23,15 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from helpers import FIVE, W, decay, density_that_wanders, paper_run
+from scipy_motion import reference_motion
 
 from benchmarks import peers
-from benchmarks.stopwatch import median_ms, timed, times
+from benchmarks.study.common import median_ms, timed, times
 from sysid_trib import ForceLibrary, Model, discover, load_library, simulate
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.records.inputs import KnownInput
+from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE
+from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.cross_check import cross_check
 
 SAMPLING_RATES = (100.0, 1000.0)
@@ -127,6 +137,77 @@ def methods(quick: bool) -> pd.DataFrame:
 PARTS = {"methods": methods, "random-force": random_forces, "discover": searches}
 
 
-def main(asked: Namespace) -> None:
+def timing(asked: Namespace) -> None:
     for part in (part for name, part in PARTS.items() if asked.only in name):
         print(part(asked.quick).to_string(index=False, float_format="%.2f"), flush=True)
+
+
+SIX, GRID = load_library(), np.linspace(0.0, 25.0, 2501)
+
+
+def simulator(asked: Namespace) -> None:
+    _, loading = timed(lambda: trajectory(Model(SIX, FIVE, W), GRID[:3]), process_time)
+    print(f"first call (loads the engine, or compiles it)  {loading:8.2f} s")
+    for friction in (FIVE["lambda"], 1e-3):
+        of_the_paper(FIVE | {"lambda": friction})
+    methods_over_scipy()
+    driven()
+    conserved()
+
+
+def of_the_paper(coefficients):
+    """The paper's run: time over scipy's, errors, and the derivatives over the motion alone."""
+    model, by = Model(SIX, coefficients, W), (*coefficients, BY_ANGLE, BY_RATE)
+    exact = reference_motion(coefficients, W, GRID, rtol=3e-14)
+    peer = median_ms(lambda: reference_motion(coefficients, W, GRID, rtol=1e-10), 5, process_time)
+    print(f"lambda = {coefficients['lambda']:g}: scipy, rtol 1e-10  {peer:8.2f} ms")
+    for function in (trajectory, simulate):
+        ours = median_ms(lambda f=function: f(model, GRID), 101, process_time)
+        error = np.abs(np.asarray(function(model, GRID).angle) - exact).max()
+        name = function.__name__
+        print(f"  {name:<12} {ours:8.2f} ms  error {error:.1e} rad  {peer / ours:5.0f} times faster")
+    plain = median_ms(lambda: trajectory(model, GRID), 101, process_time)
+    whole = median_ms(lambda: trajectory(model, GRID, by=by), 31, process_time)
+    print(f"  with {len(by)} derivatives {whole:.2f} ms, {whole / plain:.1f} times the motion")
+
+
+def methods_over_scipy():
+    """Identifications of the paper's run with the sensor's noise alone, over scipy's motion."""
+    peer = median_ms(lambda: reference_motion(FIVE, W, GRID, rtol=1e-10), 5, process_time)
+    decay = paper_run().decay(0)
+    for method in (Direct, Averaging, Trajectory):
+        ours = median_ms(
+            lambda m=method: m(random_force="off").identify(decay, SIX.select(FIVE)), 5, process_time
+        )
+        print(f"  {method.__name__:<12} {ours:8.2f} ms, {ours / peer:.2f} of scipy's motion")
+
+
+def driven():
+    """Motions that an input drives: 2,501 samples with stick and slip, 131,072 of a Duffing oscillator."""
+    push = W**2 * (0.2 * np.sin(0.7 * W * GRID) + 0.05 * np.sin(1.7 * W * GRID))
+    for name, coefficients in (
+        ("stick and slip", {"lambda": 0.15, "zeta": 0.01}),
+        ("without", {"zeta": 0.01}),
+    ):
+        model = replace(Model(SIX, coefficients, W), inputs={"input": KnownInput(GRID, push)})
+        stuck = np.mean(trajectory(model, GRID, 0.0).rate == 0.0)
+        ours = median_ms(lambda m=model: trajectory(m, GRID, 0.0), 31, process_time)
+        print(f"driven, {name}: 2,501 samples {ours:.2f} ms, {100 * stuck:.0f} % at rest")
+    time, w = np.arange(131_072) / 610.35, 2.0 * np.pi * 68.0
+    push = 0.1 * w**2 * np.random.default_rng(0).standard_normal(len(time))
+    model = Model(SIX, {"zeta": 0.023, "epsilon": 0.3}, w, inputs={"input": KnownInput(time, push)})
+    ours = median_ms(lambda: trajectory(model, time), 3, process_time)
+    print(f"driven Duffing, 131,072 samples: {ours:.0f} ms")
+
+
+def conserved():
+    """What is lost over 10,000 periods without friction, and by dry friction in each half period."""
+    model = Model(SIX, {"alpha": 0.2, "nu": -0.4, "epsilon": 0.3}, W)
+    found = trajectory(model, np.linspace(0.0, 20_000 * np.pi / W, 20_001), 0.3, 1.0)
+    x, v = found.angle, found.rate / W
+    energy = v**2 / 2 + 0.6 * x**2 - 0.4 * np.abs(x) ** 3 / 3 + 0.3 * x**4 / 4
+    print(f"energy over 10,000 periods: {np.abs(energy / energy[0] - 1.0).max():.1e} of it")
+    dry = Model(SIX, {"lambda": 0.003}, W)
+    turned = trajectory(dry, np.concatenate([[0.0], trajectory(dry, GRID).reversals])).angle
+    lost = np.abs(np.abs(turned) - (0.3 - 0.006 * np.arange(len(turned)))).max()
+    print(f"dry friction: 2 lambda a half period to {lost:.1e} rad")

@@ -13,6 +13,7 @@ from benchmarks.blind.generator import Motion, Oscillator, motion
 from sysid_trib import Model, discover, load_library, simulate
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.likelihood.settings import DEFAULTS
 
 SIX, CANDIDATES = load_library(), load_library("candidate_effects")
 BASE = {"lambda": 2e-4, "zeta": 0.005, "delta": 0.03, "nu": -0.4, "epsilon": 0.3}
@@ -58,7 +59,7 @@ MARKS = {81: pytest.mark.slow, 8: pytest.mark.in_full, 15: pytest.mark.in_full}
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=MARKS.get(n, ())) for n in BLIND])
 def test_a_blind_record_is_named_from_its_files(number):
-    row = run(("development", number, None))
+    row = run(("development", number, DEFAULTS))
     assert "error" not in row, row.get("error")
     assert (row["kind"], row["found"]["verdict"]) == BLIND[number]
     assert row["left_out"] or all(hits_of(row))

@@ -12,21 +12,20 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
-from benchmarks.hostile import worker
+from benchmarks.fuzz import FAULTS, run
 from benchmarks.hostile.pieces import ANGLE, TIME
 from benchmarks.hostile.records import CHANGES
 from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.results.files import write_file
 
 SLOWEST_S = 5.0
-FAULTS = ("fault", "unreadable")
 COMMAND = [sys.executable, "-c", "from sysid_trib.cli import main; main()"]
 FORCE = '[[force]]\nsymbol = "s"\n'
 
 
 def ends_of(tmp_path, kind, numbers):
     """How cases of a kind end, but those that end well."""
-    cases = [worker.run(kind, 0, number, tmp_path) for number in numbers]
+    cases = [run(kind, 0, number, tmp_path) for number in numbers]
     return [case for case in cases if case["end"].startswith(FAULTS)]
 
 

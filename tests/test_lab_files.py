@@ -2,8 +2,7 @@
 
 import pytest
 
-from benchmarks.contact.judging import drawn
-from benchmarks.contact.kinds import KINDS
+from benchmarks.contact.kinds import KINDS, drawn
 from sysid_trib.records.units import signal_unit
 
 ONCE_WRONG = """

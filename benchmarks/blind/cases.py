@@ -9,17 +9,7 @@ from sysid_trib.errors import DecayError
 from .draws import ONE_SIGN, Experiment, draw_experiment, shapes
 from .effects import FORCES, SENSORS, STRANGERS, Shapes, family, names
 from .generator import NoDecayError
-from .seen import (
-    as_seen,
-    base_model,
-    gained,
-    in_range,
-    left_by_two,
-    offered,
-    resolution,
-    trial_of,
-    true_fit,
-)
+from .seen import as_seen, base_model, gained, in_range, left_by_two, offered, resolution, trial_of, true_fit
 
 HIDDEN = [*FORCES, *SENSORS]
 # Shares of the kinds of record.

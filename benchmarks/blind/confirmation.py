@@ -1,17 +1,15 @@
 """The confirmation set: records that nobody tuned to, drawn from the hash of the program that is tested.
 
 python -m benchmarks.blind.confirmation [--records N] [--jobs N] [--salt HASH] [--keep FILE] [--report]
-                                         [--only KIND] [--times K]
+                                         [--only KIND] [--setting NAME=VALUE]
 
 Frequency, amplitude, noise, length, runs and random force vary over wide ranges (`draws.py`), by the
 integrator of the blind tests; what names the effects sees files alone, and predicts the last third of a run.
 The strength z of an effect is the root of the deviance that the truth gains beside both noises (`seen.py`).
 Rows are appended to FILE as they come, failures too, and a study that was stopped goes on where it was. By
 default the salt is `git rev-parse HEAD` and FILE build/confirmation-HASH.jsonl. With --report nothing is run.
-With --times those that are pushed at random alone are looked at, K times as hard as drawn: `--only "nothing
-white" --times 1` counts pushes that are explained by a force; those that are no decay any more count as
-refused. `python -m benchmarks.blind` is the same on development records: their salt is a word, and constants
-may be chosen by them.
+`python -m benchmarks.blind` is the same on development records: their salt is a word, and constants
+may be chosen by them. With --setting it says what another value of a setting of `discover` decides.
 """
 
 import argparse
@@ -35,7 +33,7 @@ import numpy as np
 import xarray as xr
 
 from benchmarks.blind.cases import Drawn, draw_case, kind_of
-from benchmarks.blind.confirmation_report import SLOW, report
+from benchmarks.blind.confirmation_report import report
 from benchmarks.blind.generator import NoDecayError
 from benchmarks.blind.seen import CONTACT, offered
 from sysid_trib import free_decay, read_record
@@ -69,9 +67,9 @@ def limited(seconds: int) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
-def run(place: tuple[str, int, float | None]) -> dict[str, Any]:
+def run(place: tuple[str, int, Settings]) -> dict[str, Any]:
     """Draw a record, write its files, have them named: the answers beside what was found."""
-    salt, number, times = place
+    salt, number, settings = place
     begin = time.perf_counter()
     row: dict[str, Any] = {"number": number}
     with warnings.catch_warnings():
@@ -82,26 +80,16 @@ def run(place: tuple[str, int, float | None]) -> dict[str, Any]:
         except Exception:
             return row | {"not_drawn": traceback.format_exc()}
         row |= _answers(case) | {"drawing": time.perf_counter() - begin}
-        if times and not case.experiment.wander:
-            return row
         # Of the processor: a record does not wait for what else the machine does.
         begin = time.process_time()
         try:
             with limited(LIMIT):
-                row["found"] = look(pushed(case, times) if times else case)
+                row["found"] = look(case, settings)
         except (NoDecayError, SysidTribError) as error:
             row["refused"] = f"{type(error).__name__}: {error}"
         except Exception:
             row["error"] = traceback.format_exc()
     return row | {"seconds": time.process_time() - begin}
-
-
-def pushed(case: Drawn, times: float) -> Drawn:
-    """The same with a random force so much stronger."""
-    drawn = case.experiment
-    harder = replace(drawn, wander=times * drawn.wander, growth=times**2 * drawn.growth)
-    effects = [(one.symbol, one.shapes, one.coefficient) for one in case.hidden]
-    return replace(case, experiment=harder, angles=harder.measured(effects))
 
 
 def _answers(case: Drawn) -> dict[str, Any]:
@@ -118,7 +106,7 @@ def _answers(case: Drawn) -> dict[str, Any]:
     }
 
 
-def look(case: Drawn, settings: Settings = DEFAULTS) -> dict[str, Any]:
+def look(case: Drawn, settings: Settings) -> dict[str, Any]:
     """What is named from the case's files."""
     with tempfile.TemporaryDirectory() as folder:
         paths = []
@@ -160,11 +148,11 @@ def _step(row: xr.Dataset) -> dict[str, Any]:
     return words | numbers | flags | more
 
 
-def study(salt: str, numbers: Sequence[int], keep: Path, jobs: int, times: float | None) -> None:
+def study(salt: str, numbers: Sequence[int], keep: Path, jobs: int, settings: Settings) -> None:
     """Run the records that FILE does not have."""
     keep.parent.mkdir(parents=True, exist_ok=True)
     done = {row["number"] for row in kept(keep)}
-    left = [(salt, number, times) for number in numbers if number not in done]
+    left = [(salt, number, settings) for number in numbers if number not in done]
     context = multiprocessing.get_context("spawn")
     with context.Pool(jobs, maxtasksperchild=RECORDS) as pool:
         for came, row in enumerate(pool.imap_unordered(run, left), 1):
@@ -190,24 +178,23 @@ def main(salt: str = "") -> None:
     parser.add_argument("--jobs", type=int, default=1, metavar="N")
     parser.add_argument("--salt", metavar="HASH", default=salt)
     parser.add_argument("--only", metavar="KIND", default="", help="records of kinds that begin so")
-    parser.add_argument("--times", type=float, metavar="K", help="how much harder pushed ones are pushed")
+    parser.add_argument("--setting", metavar="NAME=VALUE", help="of discover, in place of its own")
     parser.add_argument("--keep", type=Path, metavar="FILE")
+    # Where the direct identification of commit 2d1a9b1 takes 77 ms.
+    parser.add_argument("--slow", type=float, default=60.0, metavar="SECONDS", help="too slow here")
     parser.add_argument("--report", action="store_true", help="of what there is")
-    parser.add_argument(
-        "--slow", type=float, default=SLOW, metavar="SECONDS", help="above which a record is too slow here"
-    )
     options = parser.parse_args()
-    salt = options.salt or head()
-    harder = f"-times-{options.times:g}" if options.times else ""
-    keep = options.keep or ROOT / "build" / f"confirmation-{salt[:12]}{harder}.jsonl"
+    salt, settings, name = options.salt or head(), DEFAULTS, ""
+    if options.setting:
+        name, _, value = options.setting.partition("=")
+        settings = replace(DEFAULTS, **{name: type(getattr(DEFAULTS, name))(value)})
+        name = f"-{options.setting}"
+    keep = options.keep or ROOT / "build" / f"confirmation-{salt[:12]}{name}.jsonl"
     if not options.report:
         numbers = range(options.first, options.first + options.records)
         some = [number for number in numbers if kind_of(number).startswith(options.only)]
-        study(salt, some, keep, options.jobs, options.times)
-    rows = kept(keep)
-    if options.times:
-        rows = [row for row in rows if "not_drawn" in row or row["experiment"]["wander"]]
-    print(report(rows, salt, options.slow))
+        study(salt, some, keep, options.jobs, settings)
+    print(report(kept(keep), salt, options.slow))
 
 
 if __name__ == "__main__":

@@ -12,8 +12,6 @@ from .effects import names
 Row = dict[str, Any]
 # z that the best two others leave, above which the record cannot be explained without the truth.
 CLEAR = 20.0
-# Seconds above which a record is too slow, where the direct identification of commit 2d1a9b1 takes 77 ms.
-SLOW = 60.0
 # In the place of what is found where an error ended the search.
 FAILED = {"verdict": "none", "steps": []}
 # Edges of stated probabilities that are counted together.
@@ -98,11 +96,8 @@ def _counted(row: Row) -> dict[str, Any]:
     }
 
 
-def report(rows: Sequence[Row], salt: str, slow: float = SLOW) -> str:
-    """Tables as markdown, and the failures.
-
-    `slow` : seconds above which a record is too slow on the machine of the rows.
-    """
+def report(rows: Sequence[Row], salt: str, slow: float) -> str:
+    """Tables as markdown, and the failures; above so many seconds a record is too slow."""
     drawn = [row for row in rows if "not_drawn" not in row]
     ran = [row for row in drawn if "found" in row]
     parts = [
@@ -241,7 +236,7 @@ def _covered_kind(row: Row) -> str:
     return COVERED[3] if row["kind"].startswith(("left out", "outside")) else ""
 
 
-def failures(rows: Sequence[Row], slow: float = SLOW) -> list[str]:
+def failures(rows: Sequence[Row], slow: float) -> list[str]:
     """One line for each record that went wrong."""
     lines = []
     for row in sorted(rows, key=lambda row: row["number"]):
@@ -265,26 +260,18 @@ def has_failed(row: Row) -> bool:
 
 
 def _truth(row: Row) -> str:
-    e = row["experiment"]
-    per_period, start = 2.0 * np.pi / e["step"], e["starts"][0]
-    hidden = ", ".join(
-        f"{h['symbol']} {h['coefficient']:.2g} {h['shapes'] or ''} z={h['z']:.0f} f={h['relative_force']:.3f}"
-        for h in row["hidden"]
-    )
-    left = f" left by others {np.round(row['left_by_others'])}" if row["left_by_others"] else ""
+    e, per_period = row["experiment"], 2.0 * np.pi / row["experiment"]["step"]
+    seen = {key: e[key] for key in ("starts", "colour", "level", "wander", "stops")} | {"w": row["w"]}
+    hidden = [(h["symbol"], h["coefficient"], h["shapes"], f"z={h['z']:.0f}") for h in row["hidden"]]
     return (
-        f"{row['number']} {row['kind']} ({len(e['starts'])} run, {e['colour']}, {per_period:.0f}/period, "
-        f"{e['count'] / per_period:.0f} periods, A={start:.2g}, noise {e['level'] / start:.1e}, "
-        f"wander {e['wander']:.1f}, w={row['w']:.2g}{', stops' * e['stops']}; {' '.join(row['base'])}): "
-        f"{hidden or 'nothing'}{left}"
+        f"{row['number']} {row['kind']} ({per_period:.0f}/period, {e['count'] / per_period:.0f} periods, "
+        f"{seen}, {' '.join(row['base'])}): {hidden or 'nothing'} "
+        f"left by others {np.round(row['left_by_others'])}"
     )
 
 
 def _found(row: Row) -> str:
-    flags = {"collinear": "collinear", "worsens_holdout": "fit only"}
-    steps = [
-        f"{s['coefficient']:.2g} {s['ties']} chance {s['chance']:.2f} {[w for k, w in flags.items() if s[k]]}"
-        for s in row["found"]["steps"]
-    ]
-    failed = f" failed fits {row['found']['failed_fits']}" * bool(row["found"]["failed_fits"])
-    return f"{'; '.join(steps) or 'none'} [{row['found']['verdict']}]{failed} {row['seconds']:.0f} s"
+    said = ("coefficient", "ties", "chance", "collinear", "worsens_holdout")
+    steps = [{key: step[key] for key in said} for step in row["found"]["steps"]]
+    end = f"[{row['found']['verdict']}] failed fits {row['found']['failed_fits']}"
+    return f"{steps or 'none'} {end} {row['seconds']:.0f} s"

@@ -107,9 +107,7 @@ def bouc_wen_2(p: Shapes) -> Effect:
 def jenkins(p: Shapes) -> Effect:
     s0 = p["s"]
     return Remembering(
-        after=lambda x, s, a, h: max(-s0, min(s0, h + x - a)),
-        virgin=lambda x: max(-s0, min(s0, x)),
-        parts=2,
+        after=lambda x, s, a, h: max(-s0, min(s0, h + x - a)), virgin=lambda x: max(-s0, min(s0, x)), parts=2
     )
 
 

@@ -1,21 +1,27 @@
-"""The kinds of lab files, from a table: a file of one is drawn, written, and said to be what it is."""
+"""The kinds of lab files, from a table: one is drawn, written, said to be what it is, and read."""
 
 import re
 import tomllib
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.contact import defects, spellings, writing
+from benchmarks.contact import defects, writing
 from benchmarks.contact.writing import Draw, Right, cells, swing, text_of
+from sysid_trib.cycles.look import look
+from sysid_trib.errors import SysidTribError
+from sysid_trib.records.free_decay import free_decays
+from sysid_trib.records.read import read_records
+from sysid_trib.records.reading import Reading
 
 KINDS, SPELLINGS = (
     tomllib.loads(Path(__file__).with_name(name).read_text("utf-8"))
     for name in ("kinds.toml", "spellings.toml")
 )
 HEADS = ["Time (s),Angle (rad)", "t [s],theta [rad]", "time,angle_rad"]
-KNOWN = {**vars(np), **vars(writing), **vars(spellings), **vars(defects), **SPELLINGS}
+KNOWN = {**vars(np), **vars(writing), **vars(defects), **SPELLINGS}
 PARTS = {"sep": ",", "comma": False, "end": "\n", "tail": "", "encoding": "utf-8", "head": HEADS}
 
 
@@ -27,14 +33,14 @@ def make(name: str, path: Path, draw: Draw) -> Right:
     def value(formula: object) -> Any:
         return eval(formula, names) if isinstance(formula, str) else formula
 
-    def drawn(part: str) -> Any:
+    def part_of(part: str) -> Any:
         given = kind.get(part, PARTS[part])
         return draw.pick(*given) if isinstance(given, list) else given
 
     m = swing(draw, **{key: value(given) for key, given in kind.get("swing", {}).items()})
     names |= vars(m) | {"m": m, "noise": lambda of: draw.noise(len(names["x"]), of)}
     names |= {"y": m.x + draw.noise(m.x.size, 1e-3), "n": m.x.size, "row": np.arange(m.x.size)}
-    names |= {part: drawn(part) for part in PARTS if part != "head"} | {
+    names |= {part: part_of(part) for part in PARTS if part != "head"} | {
         "right": m.right,
         "as_unit": m.as_unit,
     }
@@ -48,7 +54,7 @@ def make(name: str, path: Path, draw: Draw) -> Right:
     else:
         if len(names["time"]) != len(names["y"]):
             names["time"] = np.arange(len(names["y"])) / m.rate
-        _text(path, kind, names, value, _filled(drawn("head"), value, draw))
+        _text(path, kind, names, value, _filled(part_of("head"), value, draw))
     if "refused" in kind:
         return Right(words=tuple(kind["refused"]))
     found = value(kind.get("right", "right('angle', 'rad')"))
@@ -69,3 +75,55 @@ def _text(path: Path, kind: dict[str, Any], names: dict[str, Any], value: Any, h
     rows = value(kind.get("rows", "rows"))
     given = {part: names[part] for part in PARTS if part != "head"}
     path.write_bytes(text_of(rows, head, **given))
+
+
+PERIOD, DAMPING, AMPLITUDE = 0.01, 0.12, 0.12
+
+
+def drawn(name: str, folder: Path, seed: int, number: int) -> tuple[str, str]:
+    """Draw a file of a kind; its name, and what is wrong in its reading."""
+    draw = Draw([seed, number, zlib.crc32(name.encode())])
+    stem, _, suffix = name.partition(".")
+    path = folder / f"{stem}_{number}.{suffix or 'csv'}"
+    return path.name, wrong(path, make(name, path, draw))
+
+
+def wrong(path: Path, right: Right) -> str:
+    """What is wrong in the reading of a file; nothing where nothing is."""
+    refused = not right.quantity
+    try:
+        records = read_records(path, Reading(**right.options))  # type: ignore[arg-type]
+        decays = [decay for record in records for decay in free_decays(record)]
+        tree = look(records, decays)
+    except SysidTribError as error:
+        said = str(error)
+        if "\n" not in said:
+            named = right.names and all(name in said for name in right.names)
+            if named or any(word in said for word in right.words):
+                return ""
+        return f"refused: {said}"
+    attrs = records[0].attrs
+    seen = attrs["signal"], attrs["angle_unit_in_file"]
+    if refused:
+        return f"accepted as {' in '.join(seen)}, {attrs['angle_column']}"
+    found = [] if seen == (right.quantity, right.unit or seen[1]) else [f"read as {' in '.join(seen)}"]
+    if len(decays) != right.decays:
+        found.append(f"{len(decays)} decays, not {right.decays}")
+    for node in (tree[name].ds for name in tree.children if name.startswith("decay")):
+        amplitude, instants = node.amplitude.values, node.instant_time.values
+        w = 2.0 * np.pi / node.period.item()
+        fall = float(np.log(amplitude[0] / amplitude[-1]) / (w * (instants[-1] - instants[0])))
+        # At the rate of the first instants: dry friction lets it fall ever faster.
+        at_start = node.first_damping_ratio.item() * w * (instants[0] - node.start.item())
+        first = float(amplitude[0] * np.exp(at_start))
+        found += _off("period", node.period.item(), right.period, PERIOD)
+        found += _off("damping", fall, right.zeta, DAMPING)
+        if seen[0] in ("angle", "displacement") and len(decays) == 1:
+            found += _off("amplitude", first, right.amplitude, AMPLITUDE)
+    return "; ".join(found)
+
+
+def _off(name: str, seen: float, right: float, tolerance: float) -> list[str]:
+    if np.isnan(right) or abs(seen / right - 1.0) <= tolerance:
+        return []
+    return [f"{name} {seen:.4g}, not {right:.4g}"]

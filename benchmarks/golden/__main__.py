@@ -1,6 +1,6 @@
 """Compare what commands answer on the golden records with what is kept, or keep it anew.
 
-python -m benchmarks.golden [--write] [--missing] [--only WORDS] [--part fast|slow|benchmark]
+python -m benchmarks.golden [--write] [--only WORDS] [--part fast|slow|benchmark]
 
 Values may differ by a tenth of their errors, errors by 5 %; names and verdicts are equal, p-values on the
 same side of their level. Measured records and files of laboratories are read beside the project, ../shared,
@@ -18,15 +18,12 @@ from benchmarks.golden.cases import CASES
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--write", action="store_true", help="keep the answers")
-    parser.add_argument("--missing", action="store_true", help="only what is not kept yet")
     parser.add_argument("--only", default="", help="part of the names")
     parser.add_argument("--part", choices=("fast", "slow", "benchmark"))
     asked = parser.parse_args()
     kept, wrong, seen = kept_answers(), 0, 0
     for case in CASES:
         if asked.only not in case.name or asked.part not in (None, case.part):
-            continue
-        if asked.missing and case.name in kept:
             continue
         if case.needs is not None and not case.needs.is_dir():
             print(f"{case.name}: left out, no {case.needs}")

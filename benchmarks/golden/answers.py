@@ -1,20 +1,17 @@
 """What a command answers, as compact data, and in what two such answers differ."""
 
 import contextlib
-import io
 import json
 import shlex
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
+from command_line import run
 
 from benchmarks.golden.cases import Case
-from sysid_trib import cli
 
 GOLDEN = Path(__file__).parents[2] / "tests" / "golden"
 # Values within so much of their errors, and errors of each other.
@@ -28,20 +25,8 @@ def answer(case: Case) -> Answer:
     """Words, p-values, and values with their errors."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         case.write(Path(folder))
-        status, out = _run(shlex.split(case.command))
-    return _compact(json.loads(out)) if status == 0 else {"words": {"status": status}}
-
-
-def _run(arguments: list[str]) -> tuple[int, str]:
-    """A command in this process."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
-    asked = patch.object(sys, "argv", ["sysid-trib", *arguments, "--json"])
-    with asked, patch.object(sys, "stdout", out), patch.object(sys, "stderr", err):
-        try:
-            cli.main()
-        except SystemExit as ending:
-            return int(ending.code or 0), out.buffer.getvalue().decode()  # type: ignore[attr-defined]
-    raise RuntimeError("the command did not end")
+        ended = run(*shlex.split(case.command), "--json")
+    return _compact(json.loads(ended.out)) if ended.status == 0 else {"words": {"status": ended.status}}
 
 
 def _compact(found: Mapping[str, Any]) -> Answer:

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import openpyxl
+import pandas as pd
 import scipy.io
 from command_line import write_table
 from helpers import decay
@@ -208,27 +209,16 @@ def excel(random: np.random.Generator, sound: bytes) -> bytes:
 
 def parquet(random: np.random.Generator) -> bytes:
     """A table of columns of any type."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     rows = int(pick(random, (0, 1, 400)))
-    made = (
-        lambda: pa.array(TIME[:rows]),
-        lambda: pa.array(ANGLE[:rows]),
-        lambda: pa.array([text(random).encode("utf-8", "replace") for _ in range(rows)]),
-        lambda: pa.array([[1.0]] * rows),
-        lambda: pa.array([{"a": 1}] * rows),
-        lambda: pa.array([None] * rows),
-        lambda: pa.array(np.arange(rows), pa.timestamp("ns")),
-        lambda: pa.array(np.arange(rows), pa.duration("us")),
-        lambda: pa.array(np.ones(rows, bool)),
-        lambda: pa.array(["a"] * rows).dictionary_encode(),
+    kinds = (
+        *(TIME[:rows], ANGLE[:rows], [[1.0]] * rows, [{"a": 1}] * rows, [None] * rows, np.ones(rows, bool)),
+        *(np.arange(rows).astype(kind) for kind in ("M8[ns]", "m8[us]")),
+        *(pd.Categorical(["a"] * rows), [text(random).encode("utf-8", "replace") for _ in range(rows)]),
     )
-    count = int(random.integers(0, 5))
+    count, whole = int(random.integers(0, 5)), io.BytesIO()
     names = [plain(text(random)) if random.random() < 0.3 else f"c{at}" for at in range(count)]
-    whole = io.BytesIO()
-    columns = [made[int(random.integers(len(made)))]() for _ in range(count)]
-    pq.write_table(pa.table(columns, names=names), whole)
+    chosen = {name: kinds[int(random.integers(len(kinds)))] for name in names}
+    pd.DataFrame(chosen).to_parquet(whole)
     return whole.getvalue()
 
 

@@ -1,9 +1,12 @@
-"""What the studies share: pushed records of a truth, scores of estimates, files that are gone on with."""
+"""What the studies share: pushed records of a truth, rows over seeds, scores of estimates, tables."""
 
 import json
+import time
+from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
@@ -14,6 +17,7 @@ from rich.table import Table
 from scipy.stats import kstest
 
 import sysid_trib as st
+from sysid_trib.errors import SysidTribError
 
 W, NOISE = 8.87, 2e-4
 TRUTH = {"zeta": 5e-5, "delta": 2e-3, "nu": 1e-2, "epsilon": -0.1}
@@ -118,18 +122,10 @@ class Pushed:
         return np.append(bound.standard_error.values, bound.reference_frequency_standard_error)
 
 
-def scores(results: Sequence[xr.Dataset], truth: dict[str, float], w: float | None = None) -> np.ndarray:
-    """Errors of the coefficients, and of w if it is given, and those stated: (2, record, name)."""
-    rows = []
-    for result in results:
-        found = result.sel(force=list(truth))
-        errors = [*(found.coefficient.values - list(truth.values()))]
-        stated = [*found.standard_error.values]
-        if w is not None:
-            errors.append(float(result.reference_frequency) - w)
-            stated.append(float(result.reference_frequency_standard_error))
-        rows.append((errors, stated))
-    return np.array(rows).swapaxes(0, 1)
+def columns(rows: Iterable[dict], *keys: str) -> tuple[np.ndarray, ...]:
+    """Numbers of all rows of each key, (row, ...)."""
+    rows = list(rows)
+    return tuple(np.array([row[key] for row in rows], dtype=float) for key in keys)
 
 
 def covered(errors: np.ndarray, stated: np.ndarray) -> np.ndarray:
@@ -153,19 +149,36 @@ def read(out: Path | None) -> list[dict]:
     return rows
 
 
-def gone_on(
-    out: Path | None, seeds: int, make: Callable[[list[int]], Iterable[dict]], **names: str
+def added(out: Path | None, row: object) -> None:
+    """Add a row to the file, if there is one."""
+    if out is not None:
+        with out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def tried(call: Callable, *given: object) -> dict:
+    """A row, or why the package refused it."""
+    try:
+        return call(*given)
+    except SysidTribError as error:
+        return {"failed": str(error)}
+
+
+def over_seeds(
+    asked: Namespace, one: Callable, records: Callable | None = None, seeds: int | None = None, **names: str
 ) -> list[dict]:
-    """Rows of the seeds under these names: those of the file, then those that are added to it."""
-    known = [row for row in read(out) if all(row.get(key) == value for key, value in names.items())]
-    missing = sorted(set(range(seeds)) - {row["seed"] for row in known})
+    """A row of each seed under these names: those of the file, then those that are added to it.
+
+    `one(record)` makes a row of each of `records(seeds)`; without these, `one(seed)` of the seed.
+    """
+    known = [row for row in read(asked.out) if all(row.get(key) == value for key, value in names.items())]
+    wanted = range(asked.seeds if seeds is None else min(seeds, asked.seeds))
+    missing = sorted({*wanted} - {row["seed"] for row in known})
     for first in range(0, len(missing), AT_ONCE):
         batch = missing[first : first + AT_ONCE]
-        for seed, row in zip(batch, make(batch), strict=True):
-            known.append({**names, "seed": seed, **row})
-            if out is not None:
-                with out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(known[-1]) + "\n")
+        for seed, record in zip(batch, records(batch) if records else batch, strict=True):
+            known.append({**names, "seed": seed, **tried(one, record)})
+            added(asked.out, known[-1])
     return known
 
 
@@ -176,3 +189,25 @@ def shown(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], width
         table.add_row(*row)
     if table.row_count:
         Console(width=width).print(table)
+
+
+Result = TypeVar("Result")
+Clock = Callable[[], float]
+
+
+def timed(call: Callable[[], Result], clock: Clock = time.perf_counter) -> tuple[Result, float]:
+    """What a call returns, and its time, s."""
+    begin = clock()
+    result = call()
+    return result, clock() - begin
+
+
+def times(call: Callable[[], object], repeats: int, clock: Clock = time.perf_counter) -> np.ndarray:
+    """Times of repeated calls, s; a first call, which compiles and imports, is not counted."""
+    call()
+    return np.array([timed(call, clock)[1] for _ in range(repeats)])
+
+
+def median_ms(call: Callable[[], object], repeats: int, clock: Clock = time.perf_counter) -> float:
+    """Median time of repeated calls, ms."""
+    return 1e3 * float(np.median(times(call, repeats, clock)))
