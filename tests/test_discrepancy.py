@@ -28,6 +28,7 @@ from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import discover
 from sysid_trib.discovery.discover import verdict_of
+from sysid_trib.discovery.omnibus_test import independent_tests
 from sysid_trib.discovery.screen import screen
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
@@ -261,3 +262,16 @@ def test_slow_noise_is_not_named(seed):
     angle = exact(model_of({"zeta": 4e-3}), SLOW_TIME) + 2e-3 * flicker_noise(len(SLOW_TIME), seed)
     found = discover(decay(SLOW_TIME, angle, seed), CONTACT.select(["zeta"]), EFFECTS)
     assert found.attrs["verdict"] == "nothing missing"
+
+
+def test_rounding_does_not_decide_how_many_tests_are_independent():
+    """Of candidates that are alike: a perturbation of the correlation far below what matters changes little."""
+    random = np.random.default_rng(3)
+    columns = random.standard_normal((60, 20)) @ random.standard_normal((20, 150))
+    columns = np.column_stack([columns, columns + 1e-9 * random.standard_normal(columns.shape)])
+    correlation = np.corrcoef(columns.T)
+    noise = 1e-13 * random.standard_normal(correlation.shape)
+    order = random.permutation(len(correlation))
+    tests = independent_tests(correlation)
+    assert independent_tests(correlation + noise + noise.T) == pytest.approx(tests, rel=1e-4)
+    assert independent_tests(correlation[np.ix_(order, order)]) == pytest.approx(tests, rel=0.6)

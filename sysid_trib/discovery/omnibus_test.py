@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
-from scipy.linalg.lapack import dpstrf as pstrf
 from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
@@ -36,17 +35,25 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
     """Number of independent tests whose largest score is as large as that of these correlated ones.
 
     The quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
+
+    Notes
+    -----
+    Scores are R g, with g the draws and R the symmetric root of the correlation. It goes with it continuously
+    (Higham 2008, section 6.2); a triangular factor does not: which of columns that are alike it takes for
+    mixtures of the others, and so which draws are whose, is a matter of rounding.
     """
     if not len(correlation):
         return 1.0
-    # Columns that are nearly alike need few draws; in which order they come is of no account.
-    # Part of the variance of a column that those before it leave, below which it is a mixture of these.
-    whole, _, rank, _ = pstrf(correlation, tol=1e-4, lower=True)
-    factor = np.tril(whole)[:, :rank]
+    variances, axes = np.linalg.eigh(correlation)
+    # Directions of less than this part of the largest variance move no score.
+    kept = variances > 1e-6 * variances[-1]
+    half = axes[:, kept]
+    root = half * np.sqrt(variances[kept])
     # What rounding has left of columns that the model can nearly make may correlate by more than one.
-    factor /= np.maximum(1.0, np.linalg.norm(factor, axis=1))[:, None]
-    draws = np.random.default_rng(seed).standard_normal((NOISE_DRAWS, rank)) @ factor.T
-    largest = np.quantile(np.max(np.abs(draws), axis=1), 1.0 - TAIL)
+    root /= np.maximum(1.0, np.linalg.norm(root, axis=1))[:, None]
+    draws = np.random.default_rng(seed).standard_normal((len(axes), NOISE_DRAWS), np.float32)
+    scores = root.astype(np.float32) @ (half.T.astype(np.float32) @ draws)
+    largest = np.quantile(np.max(np.abs(scores), axis=0), 1.0 - TAIL)
     return max(1.0, TAIL / (2.0 * float(norm.sf(largest))))
 
 
