@@ -265,7 +265,7 @@ def test_slow_noise_is_not_named(seed):
 
 
 def test_rounding_does_not_decide_how_many_tests_are_independent():
-    """Of candidates that are alike: a perturbation of the correlation far below what matters changes little."""
+    """Of candidates that are alike: a change of the correlation far below what matters changes little."""
     random = np.random.default_rng(3)
     columns = random.standard_normal((60, 20)) @ random.standard_normal((20, 150))
     columns = np.column_stack([columns, columns + 1e-9 * random.standard_normal(columns.shape)])

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from math import floor, log10
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,72 +25,7 @@ IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
 # Names that the texts have for what is theirs.
 NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
-PYTHON_TEXT = '''"""{equation}
-
-x in {unit} about the equilibrium, without the sensor's zero and errors; t in s since the first sample.
-Start and zero of a record are to be fitted, with rtol=1e-9. Dry friction does not hold it at rest: end there.
-"""
-
-import numpy as np
-
-W = {w!r}  # rad/s
-
-
-def f(t, y{inputs}):
-    """Rates of y = [{states}] by time, as scipy.integrate.solve_ivp takes them."""
-    x, v = y[0], y[1] / W
-{scaled}    force = (
-        {force}
-    )
-    return np.array([y[1], -W**2 * (x + force){rates}])
-
-
-def start(x, rate, t=0.0):
-    """The states y of a motion that begins at x with a rate (1/s)."""
-    v = rate / W
-    return np.array([{starts}])
-'''
-SYMPY_TEXT = """# {equation}
-# x in {unit}, v = x'/w, t in s since the first sample of the record.
-import sympy
-
-{names} = sympy.symbols("{names}", real=True)
-w = sympy.Float({w!r})  # rad/s
-{scaled}force = (
-    {force}
-)
-# Derivatives by time.
-rates = {{x: w * v, v: -w * (x + force){rates}}}
-"""
-SIMULINK_TEXT = """function dy = f(t, y{inputs})
-%#codegen
-% {equation}
-% y = [{states}], x in {unit}, t in s since the first sample of the record; dy goes to an integrator.
-% First values of y: [{starts}].
-W = {w!r}; % rad/s
-x = y(1); v = y(2)/W;
-{scaled}force = {force};
-dy = [y(2); -W^2*(x + force){rates}];
-end
-"""
-# How a language writes the parts of its text.
-LANGUAGES: dict[str, dict[str, str]] = {
-    "python": {
-        **{"text": PYTHON_TEXT, "power": "**", "list": ", ", "sum": "\n        + "},
-        **{"input": ", {name}=0.0", "scaled": "    {name} = {name} / W**{power}\n"},
-        **{"state": "    {name} = y[{at}]\n", "rate": ", W * ({rate})"},
-    },
-    "sympy": {
-        **{"text": SYMPY_TEXT, "power": "**", "list": ", ", "sum": "\n    + "},
-        **{"input": "", "scaled": "{name} = {name} / w**{power}\n"},
-        **{"state": "", "rate": ", {name}: w * ({rate})"},
-    },
-    "simulink": {
-        **{"text": SIMULINK_TEXT, "power": "^", "list": "; ", "sum": " ...\n    + "},
-        **{"input": ", {name}", "scaled": "{name} = {name}/W**{power};\n"},
-        **{"state": "{name} = y({next});\n", "rate": "; W*({rate})"},
-    },
-}
+# By language, for which there is a template.
 FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
 
 
@@ -226,11 +162,11 @@ def model_code(result: xr.Dataset, language: str) -> str:
     UsageError
         Another language, or a force whose memory changes at reversals: it is no equation in x, v, states.
     """
-    if language not in LANGUAGES:
-        raise UsageError(f"'{language}' is no language of export; choose {', '.join(LANGUAGES)}.")
+    if language not in FUNCTION_NAMES:
+        raise UsageError(f"'{language}' is no language of export; choose {', '.join(FUNCTION_NAMES)}.")
     _check_is_equation(result)
-    model, written, functions = model_of(result), LANGUAGES[language], FUNCTION_NAMES[language]
-    terms, states, starts = list[str](), dict[str, str](), ["x", "rate" if language == "python" else "x'"]
+    model, functions = model_of(result), FUNCTION_NAMES[language]
+    terms, states, starts = list[str](), dict[str, str](), list[str]()
     for force in model.forces:
         known = dict(functions)
         for name, shape in force.shape.items():
@@ -240,26 +176,29 @@ def model_code(result: xr.Dataset, language: str) -> str:
         for name, rate in force.state.items():
             states[known[name]] = _renamed(rate, known)
             starts.append(_renamed(force.start[name], known) if name in force.start else "0.0")
-    scaled = [written["scaled"].format(name=c.name, power=c.power) for c in model.driven if c.power]
-    scaled += [written["state"].format(name=name, at=at, next=at + 1) for at, name in enumerate(states, 2)]
-    rates = (written["rate"].format(name=name, rate=rate) for name, rate in states.items())
-    return (
-        written["text"]
-        .format(
+    text = from_template(
+        f"{language}.txt",
+        {
             # Units are words of files: what ends a comment or a docstring is no part of them here.
-            equation=_one_line(equation_text(result)),
-            unit=_one_line(signal_units(result)),
-            w=float(model.reference_frequency),
-            inputs="".join(written["input"].format(name=c.name) for c in model.driven),
-            names=", ".join(["t", "x", "v", *states, *(c.name for c in model.driven)]),
-            states=written["list"].join(["x", "x'", *states]),
-            starts=written["list"].join(starts),
-            scaled="".join(scaled),
-            force=written["sum"].join(terms or ["0.0"]),
-            rates="".join(rates),
-        )
-        .replace("**", written["power"])
+            "equation": _one_line(equation_text(result)),
+            "unit": _one_line(signal_units(result)),
+            "w": repr(float(model.reference_frequency)),
+            "inputs": [{"name": channel.name, "power": channel.power} for channel in model.driven],
+            "terms": terms or ["0.0"],
+            "states": states,
+            "starts": starts,
+        },
     )
+    return text.replace("**", "^") if language == "simulink" else text
+
+
+def from_template(name: str, values: Mapping[str, Any]) -> str:
+    """A text of the folder `templates` with values in their places."""
+    from jinja2 import Environment, PackageLoader
+
+    there = PackageLoader("sysid_trib", "printing/templates")
+    environment = Environment(loader=there, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    return environment.get_template(name).render(values)
 
 
 def _check_is_equation(result: xr.Dataset) -> None:

@@ -13,7 +13,13 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import layout
-from sysid_trib.printing.equation import equation_latex, formula_latex, frequency_text, power_of_ten
+from sysid_trib.printing.equation import (
+    equation_latex,
+    formula_latex,
+    frequency_text,
+    from_template,
+    power_of_ten,
+)
 from sysid_trib.printing.plain_data import csv_of
 from sysid_trib.results import files, schema, variables
 from sysid_trib.validation import findings
@@ -35,10 +41,6 @@ IN_WORDS = {
     "averaging": r"averaging, amplitude decay and frequency shift~\cite{lebot2019}",
     "trajectory": "maximum likelihood of the motion, simulated with its exact switchings",
 }
-OF_MODEL = (
-    "Standard errors are those of the noise and of the model, the latter by the movement of the "
-    r"coefficients between the first, middle and last 70\,\% of the record~\cite{hausman1978}."
-)
 BIBLIOGRAPHY = Path(__file__).with_name("citations.bib")
 
 
@@ -195,43 +197,33 @@ def _escaped(text: str) -> str:
 def methods_text(tree: xr.DataTree) -> str:
     """A paragraph in LaTeX on a result of `identify`, and the equation of its answer."""
     main = findings.main_result(tree)
-    records, unit = [tree[group] for group in variables.record_groups(tree)], variables.signal_units(tree)
-    rate = 1.0 / float(np.median(np.diff(records[0].time.values)))
-    samples = ", ".join(f"{record.sizes['time']:,}" for record in records)
-    what, were = ("Free decays", "were") if len(records) > 1 else ("A free decay", "was")
-    window = about_the_record(tree)["window"]
-    said = [f"{what} of {samples} samples at {rate:.4g} Hz ({window}) {were} identified."]
-    if main is None:
-        return f"{said[0]}\nNo method gave a model that follows the record.\n"
-    method = main.attrs["method"]
-    others = [name for name in findings.kept_results(tree) if name != method]
-    # A library is its user's: no letter of a name is a command.
-    forces = ", ".join(re.sub(r"[^\w ,().-]", " ", force.name) for force in schema.library_of(main))
-    said.append(
-        rf"The equation of motion~\cite{{lebot2019}} has the forces {forces}; their coefficients "
-        f"come from {IN_WORDS.get(method, method)}, in PySINDy's optimisers"
-        r"~\cite{kaptanoglu2022} where it is linear."
-    )
-    if others and "z" in tree["comparison"]:
-        said.append(
-            f"They were cross-checked by {IN_WORDS.get(others[0], others[0])}: the largest difference is "
-            f"{float(np.nanmax(np.abs(tree['comparison'].z.values))):.2g} of its error."
-        )
-    noise, ratio = (
-        power_of_ten(f"{findings.record_noise(tree):.2g}"),
-        findings.residual_over_noise(tree, method),
-    )
-    said.append(
-        f"The motion of the model leaves {ratio:.3g} times the sensor's noise of ${noise}$ {unit} (RMS)."
-        if np.isfinite(ratio)
-        else "The motion of the model leaves the record."
-    )
-    said.append(OF_MODEL if "error_of_model" in main else "Standard errors are those of the noise.")
-    said.append(
-        rf"The coefficients refer to $\omega = {frequency_text(main)}$ rad/s; computed with sysid\_trib "
-        f"{__version__}."
-    )
-    return "\n".join([*said, "", equation_latex(main), ""])
+    records = [tree[group] for group in variables.record_groups(tree)]
+    values: dict[str, Any] = {
+        "several": len(records) > 1,
+        "rate": 1.0 / float(np.median(np.diff(records[0].time.values))),
+        "samples": ", ".join(f"{record.sizes['time']:,}" for record in records),
+        "window": about_the_record(tree)["window"],
+        "version": __version__,
+    }
+    if main is not None:
+        method, ratio = main.attrs["method"], findings.residual_over_noise(tree, main.attrs["method"])
+        others = [name for name in findings.kept_results(tree) if name != method]
+        if others and "z" in tree["comparison"]:
+            values["other"] = IN_WORDS.get(others[0], others[0])
+            values["largest"] = float(np.nanmax(np.abs(tree["comparison"].z.values)))
+        names = (force.name for force in schema.library_of(main))
+        values |= {
+            # A library is its user's: no letter of a name is a command.
+            "forces": ", ".join(re.sub(r"[^\w ,().-]", " ", name) for name in names),
+            "by": IN_WORDS.get(method, method),
+            "left": f"{ratio:.3g}" if np.isfinite(ratio) else "",
+            "noise": power_of_ten(f"{findings.record_noise(tree):.2g}"),
+            "unit": variables.signal_units(tree),
+            "of_model": "error_of_model" in main,
+            "frequency": frequency_text(main),
+            "equation": equation_latex(main),
+        }
+    return from_template("methods.txt", values)
 
 
 def cited(text: str) -> str:

@@ -11,12 +11,12 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import library_folder, library_of_text, load_library
 from sysid_trib.methods import method_of
+from sysid_trib.printing.equation import from_template
 from sysid_trib.reporting.contents import Part
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
 
-Named = Mapping[str, xr.Dataset]
 # Attributes of a record under the words of the page; the others keep their names.
 PROVENANCE_TERMS = {
     "source": "record",
@@ -96,17 +96,28 @@ def _plain_text(value: Any) -> str:
 def python_text(tree: xr.DataTree) -> str:
     """Lines of Python that read the records and compute the result."""
     kind, named = kind_of(tree), identifications_of(tree)
-    first = next(iter(named.values()))
-    library = _library(tree.attrs if kind == "discover" else first.attrs)
-    made = {
-        "identify": _identify,
-        "cross_check": _cross_check,
-        "driven": _driven,
-        "compare": _compare,
-        "difference": _difference,
-        "discover": _discover,
-    }
-    return "\n".join(["import sysid_trib as st", "", *_decay(tree), library, *made[kind](tree, named)])
+    first = last = next(iter(named.values()))
+    checked = tree["comparison"].attrs if kind in ("cross_check", "driven") else {}
+    if checked:
+        first, last = named[checked["first"]], named[checked["second"]]
+    options = json.loads(tree.attrs["options"]) if kind == "discover" else {}
+    known = [last[name].item() for name in ("omega0", "omega0_standard_error") if name in last]
+    return from_template(
+        "again.txt",
+        {
+            "kind": kind,
+            "decay": "\n".join(_decay(tree)),
+            "library": _library(tree.attrs if kind == "discover" else first.attrs),
+            "methods": {json.dumps(name): _method(result) for name, result in named.items()},
+            "first": _method(first),
+            "last": _method(last),
+            "checked": checked,
+            "contactless": ", ".join(map(repr, known)),
+            "runs": "runs" in tree.children,
+            "runs_of_first": sum(name.startswith("sample_first") for name in named),
+            "options": _given({k: v for k, v in options.items() if v not in (None, {})}),
+        },
+    )
 
 
 def _decay(tree: xr.DataTree) -> list[str]:
@@ -167,69 +178,6 @@ def _library(attrs: Mapping[Any, Any]) -> str:
     whole = shipped and load_library(name).symbols == offered.symbols
     chosen = "" if whole or not shipped else f".select({json.dumps(list(offered.symbols))})"
     return f"library = st.load_library({name if shipped else attrs['library_source']!r}){chosen}"
-
-
-def _identify(tree: xr.DataTree, named: Named) -> list[str]:
-    (result,) = named.values()
-    return [f"result = {_identified(result)}", *_alpha(result, "result")]
-
-
-def _identified(result: xr.Dataset, record: str = "decay") -> str:
-    return f"st.identify({record}, library, {_method(result)})"
-
-
-def _cross_check(tree: xr.DataTree, named: Named) -> list[str]:
-    checked = tree["comparison"].attrs
-    second = named[checked["second"]]
-    lines = [
-        f"first = {_identified(named[checked['first']])}",
-        f"second = {_identified(second)}",
-        f"tree = st.cross_check(decay, first, second, draws={checked['draws']}, seed={checked['seed']})",
-    ]
-    if "runs" in tree.children:
-        lines.append("runs = st.validation.run_agreement(decay, second)")
-    return [*lines, *_alpha(second, "second")]
-
-
-def _driven(tree: xr.DataTree, named: Named) -> list[str]:
-    checked = tree["comparison"].attrs
-    names = dict.fromkeys((checked["first"], checked["second"]))
-    return [f"tree = st.identify(decay, library, [{', '.join(_method(named[name]) for name in names)}])"]
-
-
-def _alpha(result: xr.Dataset, name: str) -> list[str]:
-    numbers = _contactless(result)
-    return [f"{name} = st.physics.with_contactless_frequency({name}, {numbers})"] if numbers else []
-
-
-def _contactless(result: xr.Dataset) -> str:
-    """The frequency without contact and its error as arguments; empty where it is unknown."""
-    if "omega0" not in result:
-        return ""
-    return f"{result.omega0.item()!r}, {result.omega0_standard_error.item()!r}"
-
-
-def _compare(tree: xr.DataTree, named: Named) -> list[str]:
-    lines = [f"    {json.dumps(name)}: {_method(result)}," for name, result in named.items()]
-    numbers = _contactless(next(iter(named.values())))
-    contactless = f", contactless=({numbers})" if numbers else ""
-    return ["methods = {", *lines, "}", f"tree = st.compare(decay, library, methods{contactless})"]
-
-
-def _difference(tree: xr.DataTree, named: Named) -> list[str]:
-    first = sum(name.startswith("sample_first") for name in named)
-    return [
-        f"results = [{_identified(next(iter(named.values())), 'run')} for run in decay]",
-        f"contrast = st.difference(results[:{first}], results[{first}:])",
-    ]
-
-
-def _discover(tree: xr.DataTree, named: Named) -> list[str]:
-    options = {k: v for k, v in json.loads(tree.attrs["options"]).items() if v not in (None, {})}
-    return [
-        'candidates = st.load_library("candidates.toml")  # the text below, as a file',
-        f"tree = st.discover(decay, library, candidates, {_given(options)})",
-    ]
 
 
 def _method(result: xr.Dataset) -> str:
