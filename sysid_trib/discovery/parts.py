@@ -14,7 +14,6 @@ from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.weak_form import cholesky_factor
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.effects import NAMED
 
@@ -140,10 +139,8 @@ def _deviances(model: FittedModel) -> Array:
     """Deviance of a model on the rows of each part, (part,), in the noises of the whole."""
     tables = model.white_tables()
     logarithms = [
-        2.0 * np.log(cholesky_factor(rows.band, rows.path.form.gram, float(ratio))[0]) + np.log(variance)
-        for rows, ratio, variance in zip(
-            model.rows, model.likelihood.ratios, model.likelihood.variances, strict=True
-        )
+        2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance)
+        for rows, (ratio, variance) in zip(model.rows, map(model.noises, range(len(tables))), strict=True)
     ]
     deviances = []
     for part in RECORD_PARTS.values():

@@ -112,8 +112,8 @@ def _fit(best: Iterate, densities: Sequence[float | None]) -> RandomMotionFit:
     covariance = covariance + np.outer(step, step)
     for run, density in enumerate(densities):
         if density is None:
-            average = best.average_by_ratio(run)
-            covariance, step = covariance + average.covariance, step + average.shift
+            shift, further = best.average_by_ratio(run)
+            covariance, step = covariance + further, step + shift
     return RandomMotionFit(
         best.stepped(step),
         best.rows.design @ step - best.rows.target,

@@ -10,7 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.colour import most_likely_colour
 from sysid_trib.likelihood.random_force import RandomForce
-from sysid_trib.likelihood.ratio_posterior import RatioAverage, average_over_ratios
+from sysid_trib.likelihood.ratio_posterior import average_over_ratios
 from sysid_trib.likelihood.variance_ratio import (
     VarianceRatio,
     WhiteRows,
@@ -162,7 +162,7 @@ class Iterate:
         low, high = (limit[free] for limit in self.parameters.limits)
         return self.parameters.expand(np.clip(self.values[free] + step, low, high))
 
-    def average_by_ratio(self, run: int) -> RatioAverage:
+    def average_by_ratio(self, run: int) -> tuple[Array, Array]:
         """The step of the free parameters over the ratios of a run that its record leaves open."""
 
         def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
