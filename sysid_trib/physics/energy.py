@@ -16,7 +16,7 @@ from sysid_trib.physics.model_estimate import (
     model_estimate,
     propagate,
 )
-from sysid_trib.results.variables import variable, with_error
+from sysid_trib.results.variables import described, variable, with_error
 from sysid_trib.simulation.simulate import trajectory
 
 
@@ -73,7 +73,7 @@ def dissipated_energy(
     units, both = "rad2" if inertia is None else "J", ("force", "amplitude")
     data = (
         with_error("energy", both, (energy[:-2], error[:-2]), "energy taken from a cycle", units)
-        | with_error("energy_share", both, shares(taken, unit, covariance), "share in this energy")
+        | described("weights", {"energy_share": shares(taken, unit, covariance)})
         | with_error("total_energy", both[1:], (energy[-2], error[-2]), "energy lost in a cycle", units)
         | with_error("lost_fraction", both[1:], (energy[-1], error[-1]), "part of the energy lost in a cycle")
     )

@@ -17,7 +17,7 @@ from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.physics.model_estimate import ModelEstimate, amplitude_row, model_estimate
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import text_variable, variable, with_error
+from sysid_trib.results.variables import described
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440
@@ -57,18 +57,18 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) 
     unit = np.array([averages(force, a, shapes, at) for force in forces])
     peaks = np.array([peak(force, a, shapes, at) for force in forces])
     c, covariance = estimate.coefficients[:, None], estimate.coefficient_covariance
-    errors, dims = np.sqrt(np.diag(covariance))[:, None], ("force", "amplitude")
+    errors = np.sqrt(np.diag(covariance))[:, None]
     # A zero without a sign.
     decay, shift = 0.0 - unit[:, 0], unit[:, 1] / a + 0.0
     decay_shares, shift_shares = (shares(c * part, part, covariance) for part in (decay, shift))
-    data = (
-        with_error("peak_force", dims, (np.abs(c) * peaks, errors * peaks), "peak force", "rad")
-        | with_error("decay", dims, (c * decay, errors * np.abs(decay)), "loss of amplitude per rad", "rad")
-        | with_error("frequency_shift", dims, (c * shift, errors * np.abs(shift)), "frequency shift")
-        | with_error("decay_share", dims, decay_shares, "share in the decay")
-        | with_error("frequency_share", dims, shift_shares, "share in the shift")
-    )
-    return estimate.over_amplitude(data, amplitude)
+    data = {
+        "peak_force": (np.abs(c) * peaks, errors * peaks),
+        "decay": (c * decay, errors * np.abs(decay)),
+        "frequency_shift": (c * shift, errors * np.abs(shift)),
+        "decay_share": decay_shares,
+        "frequency_share": shift_shares,
+    }
+    return estimate.over_amplitude(described("weights", data), amplitude)
 
 
 def shares(terms: Array, unit: Array, covariance: Array) -> tuple[Array, Array]:
@@ -180,16 +180,16 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
                 tables = [tabulated(i, acts_on if rule == "averaged" else "", rule) for i in pair]
                 rows.append(_crossing(estimate, pair, tables))
     table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
-    both = ("pair", "rule")
-    meaning = "amplitude at which two forces weigh the same"
-    data = with_error("amplitude", both, (table[..., 0], table[..., 1]), meaning, "rad")
-    data["crossings"] = variable(both, table[..., 2].astype(int), "number of crossings", "1")
-    data["opposed"] = variable("pair", table[:, 1, 3] > 0, "whether they act against each other")
-    texts = np.array(pairs, dtype=str).reshape(-1, 3).T
-    columns = dict(zip(("first", "second", "acts_on"), texts, strict=True))
-    coords = {name: text_variable("pair", column, name.replace("_", " ")) for name, column in columns.items()}
-    coords["pair"] = text_variable("pair", [" ".join(pair) for pair in pairs], "the two and what they act on")
-    return xr.Dataset(data, coords | {"rule": list(RULES)}, estimate.provenance)
+    data = {
+        "amplitude": (table[..., 0], table[..., 1]),
+        "crossings": table[..., 2].astype(int),
+        "opposed": table[:, 1, 3] > 0,
+    }
+    columns = list(np.array(pairs, dtype=str).reshape(-1, 3).T)
+    coords = dict(zip(("first", "second", "acts_on"), columns, strict=True))
+    coords["pair"] = np.array([" ".join(pair) for pair in pairs], dtype=str)
+    labels = xr.Dataset(coords=described("crossovers", coords)).assign_coords(rule=list(RULES))
+    return labels.assign(described("crossovers", data)).assign_attrs(estimate.provenance)
 
 
 def _weight(estimate: ModelEstimate, i: int, acts_on: str, rule: str) -> tuple[Weight, Array]:

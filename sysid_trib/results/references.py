@@ -11,7 +11,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.results.files import identifications_of
 from sysid_trib.results.schema import force_labels, library_of
-from sysid_trib.results.variables import PER_FORCE_UNIT, variable, with_error
+from sysid_trib.results.variables import described
 
 Result = TypeVar("Result", xr.Dataset, xr.DataTree)
 ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
@@ -145,9 +145,7 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
     rest = result.drop_vars([*per_force, "force", "other_force", "covariance"])
     whole = rest.assign(longer.data_vars).assign_coords(other_force=longer.force.values)
     whole["covariance"] = (("force", "other_force"), covariance, result.covariance.attrs)
-    whole = whole.assign(
-        with_error("omega0", (), (omega0, standard_error), "frequency without contact", "rad/s")
-    )
+    whole = whole.assign(described("identification", {"omega0": (omega0, standard_error)}))
     order = [s for s in library.symbols if s in longer.force]
     return whole.sel(force=order, other_force=order)
 
@@ -189,6 +187,6 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
     known = result.standard_error.values > 0.0
     by_scale = np.where(known, powers * result.coefficient.values, 0.0) * relative_error
     covariance = result.covariance + np.outer(by_scale, by_scale)
-    error = variable("force", np.abs(by_scale), "standard error by the calibration", PER_FORCE_UNIT)
+    error = described("identification", {"error_of_calibration": np.abs(by_scale)})
     whole = {"covariance": covariance, "standard_error": np.hypot(result.standard_error, by_scale)}
-    return result.assign(whole | {"error_of_calibration": error})
+    return result.assign(whole | error)

@@ -15,7 +15,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.results.files import FORMAT_VERSION
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variable, Variables, run_noise, variable, with_error
+from sysid_trib.results.variables import Variable, described, run_noise, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
@@ -78,25 +78,20 @@ def identification(
     w = float(estimate.reference_frequency)
     limit, gradient = asymptotic_frequency(library, estimate.coefficients, w)
     w_error, noise = _root(covariance[count, count]), root_mean_square(estimate.noises)
-    limits = (limit, _root(gradient @ covariance @ gradient))
-    of_force, unit = covariance[:count, :count], PER_FORCE_UNIT
-    errors, with_limit = np.sqrt(np.diag(of_force)), (covariance @ gradient)[:count]
-    rows: dict[str, tuple[Any, ...]] = {
-        "coefficient": ("force", np.where(kept, estimate.coefficients, 0.0), "coefficient", unit),
-        "standard_error": ("force", errors, "standard error of the coefficient", unit),
-        "covariance": (("force", "other_force"), of_force, "covariance", unit),
-        "active": ("force", kept, "kept in the model"),
-        "refers_to": ("force", np.full(count, w), "frequency to which the coefficient refers", "rad/s"),
-        "frequency_covariance": ("force", with_limit, "covariance with the asymptotic frequency", "rad/s"),
-        "noise": ((), noise, "standard deviation of the sensor's noise in a sample", "rad"),
-    }
-    variables = {
-        **{name: variable(*row) for name, row in rows.items()},
+    of_force = covariance[:count, :count]
+    values_of: dict[str, Any] = {
+        "coefficient": np.where(kept, estimate.coefficients, 0.0),
+        "standard_error": np.sqrt(np.diag(of_force)),
+        "covariance": of_force,
+        "active": kept,
+        "refers_to": np.full(count, w),
+        "frequency_covariance": (covariance @ gradient)[:count],
+        "noise": noise,
         # The error is 0 of one that was given.
-        **with_error("reference_frequency", (), (w, w_error), "reference frequency w", "rad/s"),
-        **with_error("asymptotic_frequency", (), limits, "frequency at vanishing amplitude", "rad/s"),
-        **_shape_variables(method, library),
+        "reference_frequency": (w, w_error),
+        "asymptotic_frequency": (limit, _root(gradient @ covariance @ gradient)),
     }
+    variables = described("identification", values_of | _shape_values(method, library))
     for name, (values, units, long_name) in {**run_noise(estimate.noises), **estimate.extra}.items():
         # A scalar, also if there is but one run.
         numbers = np.squeeze(np.asarray(values, dtype=float))
@@ -116,27 +111,22 @@ def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = Non
     # The degree in the rate says how a coefficient changes with its reference: a sensor's does not.
     degrees = ((f.degree, None if f.kind == "sensor" else f.speed_degree) for f in forces)
     degree, speed_degree = zip(*([np.nan if q is None else q for q in pair] for pair in degrees), strict=True)
-    return {
-        "name": variable("force", [f.name for f in forces], "name"),
-        "formula": variable("force", [f.formula.text for f in forces], "formula"),
-        "unit": variable("force", [f.units_with(inputs or {}) for f in forces], "unit of the coefficient"),
-        "parity": variable("force", [f.parity for f in forces], "under a change of sign of angle and rate"),
-        "degree": variable("force", list(degree), "degree in angle and rate together, nan if none", "1"),
-        "speed_degree": variable("force", list(speed_degree), "degree in the rate, nan if none", "1"),
+    values = {
+        "name": [f.name for f in forces],
+        "formula": [f.formula.text for f in forces],
+        "unit": [f.units_with(inputs or {}) for f in forces],
+        "parity": [f.parity for f in forces],
+        "degree": list(degree),
+        "speed_degree": list(speed_degree),
     }
+    return described("identification", values)
 
 
-def _shape_variables(method: Any, library: ForceLibrary) -> Variables:
+def _shape_values(method: Any, library: ForceLibrary) -> dict[str, Any]:
     """Shape parameters as they were held; nothing where the forces have none (netCDF has no empty axis)."""
     shapes = library.shape_values(dict(getattr(method, "shapes", {})))
-    if not shapes:
-        return {}
-    dim, held = "shape_parameter", np.full(len(shapes), np.nan)
-    return {
-        dim: variable(dim, list(shapes), "shape parameter of a force"),
-        "shape": variable(dim, list(shapes.values()), "shape parameter"),
-        "shape_standard_error": variable(dim, held, "standard error, nan where the shape was held"),
-    }
+    held = {"shape": list(shapes.values()), "shape_standard_error": np.full(len(shapes), np.nan)}
+    return {"shape_parameter": list(shapes), **held} if shapes else {}
 
 
 def _root(variance: Any) -> float:

@@ -1,6 +1,8 @@
 """Variables of a result: their dimensions, units and names, and what is each run's own."""
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,6 +15,8 @@ Variables: TypeAlias = dict[str, Variable]
 
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
+# What validation and physics return, by their names.
+TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
 def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
@@ -53,19 +57,20 @@ def with_error(
     }
 
 
-def described(table: Mapping[str, Sequence[str]], values: Mapping[str, Any]) -> Variables:
+def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any]) -> Variables:
     """Variables as a table describes them.
 
     Parameters
     ----------
-    table : mapping of str to (str, str, str)
-        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts.
+    table : mapping of str to (str, str, str), or str
+        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts. Or the name of a
+        table in `variables.toml`.
     values : mapping of str to array_like, or to a pair of them
         By names of the table; a pair is values and their standard errors.
     """
-    variables: Variables = {}
+    known, variables = TABLES[table] if isinstance(table, str) else table, Variables()
     for name, value in values.items():
-        dims, units, meaning = table[name]
+        dims, units, meaning = known[name]
         if isinstance(value, tuple):
             variables |= with_error(name, tuple(dims.split()), value, meaning, units)
         elif units == "text":

@@ -9,15 +9,14 @@ from scipy.optimize import minimize_scalar
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, random_force_of
 from sysid_trib.methods import method_of
-from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable
+from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable, stated_covariance
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables, chi_square_test, variable, with_error
+from sysid_trib.results.variables import Variables, chi_square_test, described, with_error
 from sysid_trib.validation.refits import at_reference, refit
 
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01
-MIXED_UNITS = "1; rad/s for the frequency"
 
 
 @in_units_of_the_motion
@@ -54,6 +53,10 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     names = [*kept, *[ASYMPTOTIC_FREQUENCY] * free]
     count = len(names)
     values, covariances = at_reference(results, kept, frequency)
+    if not random_force_of(together):
+        # A free motion has a frequency so precise that a coefficient's error does not know it.
+        for at in np.flatnonzero(np.isfinite(values[:, -1])):
+            covariances[at] = stated_covariance(results[at], kept)
     values, covariances = values[:, :count], covariances[:, :count, :count]
     usable = np.isfinite(values).all(axis=1)
     v, c, text = values[usable], covariances[usable], "chi-square about the weighted mean"
@@ -61,11 +64,8 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     statistics, counts = np.array(one_by_one).T
     total = chi_square_test((), *_homogeneity(v, c), text)
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    dims, unit = ("run", "quantity"), MIXED_UNITS
     variables: Variables = {
-        "value": variable(dims, values, "value from this run alone", unit),
-        "standard_error": variable(dims, errors, "standard error of the value from this run alone", unit),
-        "reason": variable("run", list(reasons), "why this run alone decides nothing"),
+        **described("run_agreement", {"value": values, "standard_error": errors, "reason": list(reasons)}),
         **chi_square_test("quantity", statistics, counts, text),
         **{f"total_{name}": values_of_test for name, values_of_test in total.items()},
     }

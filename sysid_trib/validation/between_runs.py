@@ -10,13 +10,12 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
+from sysid_trib.results.variables import described
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
 from sysid_trib.validation.refits import at_reference
 
 # Of each quantity, over all of them (Bonferroni): below it a condition acts, or runs scatter.
 VARIES_LEVEL = 0.01
-UNIT = PER_FORCE_UNIT
 COMMON, UNDECIDED_RUNS = "common", "too few runs"
 
 
@@ -176,7 +175,7 @@ def between_runs(
     of_quantities = [_quantity(of_run, design, laboratory, level) for of_run in runs]
     dims = ("run", "quantity")
     values = estimates.value.transpose(*dims).values, estimates.standard_error.transpose(*dims).values
-    both = with_error("value", dims, values, "value of this run by itself", UNIT)
+    both = described("between_runs", {"value": values})
     both["standard_error"] = both.pop("value_standard_error")
     together = xr.concat(of_quantities, "quantity", combine_attrs="override").assign(both)
     attrs = estimates.attrs | {"level": VARIES_LEVEL}
@@ -239,34 +238,24 @@ def _quantity(
         acting = [name for name, p in zip(conditions, p_values, strict=True) if p < level]
         varies = [f"varies with {' and '.join(acting)}"] if acting else []
         verdict = ", ".join([*varies, *["scatters"] * bool(p_value < level)]) or COMMON
-    made: Variables = {
-        **with_error("effect", "term", (effects[0], effects[1]), "effect on the quantity", UNIT),
-        **with_error("shrunken", "run", (shrunken[0], shrunken[1]), "value with the help of all runs", UNIT),
-        "z": variable("run", off, "distance from what others let expect, over scatter and error", "1"),
-        "condition_p_value": variable("condition", p_values, "p-value of no effect of the condition", "1"),
-        **_with_interval("between_run", "standard deviation between runs", interval),
-        "scatter_p_value": variable((), scatter[0], "p-value of no scatter beside the conditions", "1"),
-        "homogeneity_p_value": variable((), scatter[1], "p-value of one value in all runs", "1"),
-        "verdict": text_variable((), verdict, "what varies between runs"),
+    said = {
+        "effect": (effects[0], effects[1]),
+        "shrunken": (shrunken[0], shrunken[1]),
+        "z": off,
+        "condition_p_value": p_values,
+        **_with_interval("between_run", interval),
+        "scatter_p_value": scatter[0],
+        "homogeneity_p_value": scatter[1],
+        "verdict": verdict,
     }
     if laboratory is not None:
-        made |= _of_laboratories(values[known], laboratory[known])
-    return xr.Dataset(made, {"term": terms, "condition": conditions})
+        for name, interval in zip(DEVIATIONS, precision(values[known], laboratory[known]), strict=True):
+            said |= _with_interval(name, interval)
+            if name != "between_laboratory":
+                said[f"{name}_limit"] = LIMIT * interval[0]
+    return xr.Dataset(described("between_runs", said), {"term": terms, "condition": conditions})
 
 
-def _of_laboratories(values: Array, laboratory: Array) -> Variables:
-    """Repeatability and reproducibility of a quantity."""
-    made: Variables = {}
-    for (name, text), interval in zip(DEVIATIONS.items(), precision(values, laboratory), strict=True):
-        made |= _with_interval(name, text, interval)
-        if name != "between_laboratory":
-            text = f"two results differ by less in 95 of 100 cases of {name}"
-            made[f"{name}_limit"] = variable((), LIMIT * interval[0], text, UNIT)
-    return made
-
-
-def _with_interval(name: str, long_name: str, interval: Array) -> Variables:
+def _with_interval(name: str, interval: Array) -> dict[str, float]:
     """A value and the ends of its interval of 95 %."""
-    ends = {"": "", "_lower": "lower end of the ", "_upper": "upper end of the "}
-    pairs = zip(ends.items(), interval, strict=True)
-    return {f"{name}{end}": variable((), value, text + long_name, UNIT) for (end, text), value in pairs}
+    return {f"{name}{end}": value for end, value in zip(("", "_lower", "_upper"), interval, strict=True)}

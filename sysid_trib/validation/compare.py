@@ -21,7 +21,7 @@ from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import group_names, variable
+from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation.answer import check_method, with_common_noise, with_model_in_errors, with_noise
 from sysid_trib.validation.comparison_table import Trial, method_table
 from sysid_trib.validation.cross_check import ties
@@ -177,12 +177,12 @@ def _compared(
     table = method_table(trials, [sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
-    of_best = trials[best][2].get("residual") or [None] * len(runs)
+    of_best: Sequence[xr.Dataset | None] = trials[best][2].get("residual") or [None] * len(runs)
     for name, (run, _, rest, _), motion in zip(of_records, parts, of_best, strict=True):
-        start = variable((), float(rest.time.values[0]), "start of the part held out", "s")
+        start = described("record", {"holdout_start": float(rest.time.values[0])})
         shown = [] if motion is None else [run.angle.values - motion.residual.values]
         simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
-        groups[name] = with_noise_and_models(run, [best][: len(shown)], simulated).assign(holdout_start=start)
+        groups[name] = with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
         of_runs = trials[best][2].get("residual", [])

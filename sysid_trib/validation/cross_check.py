@@ -18,9 +18,9 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable, comparison_values
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import chi_square_test, group_names, variable
+from sysid_trib.results.variables import chi_square_test, described, group_names
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation.agreement import MIXED_UNITS, verdict_of
+from sysid_trib.validation.agreement import verdict_of
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.holdout import compared_part, fitted_motions
 from sysid_trib.validation.lack_of_fit import lack_of_fit
@@ -62,14 +62,14 @@ def comparison(
     # One method with and without its bias: nothing else differs.
     z = np.divide(excess, error, out=np.zeros_like(excess), where=error != 0.0)
     chi_square, p_value = known.chi_square(difference)
-    unit = MIXED_UNITS
+    values = {
+        "difference": difference,
+        "expected_difference": known.expected,
+        "standard_error": error,
+        "z": z,
+    }
     variables = {
-        "difference": variable("quantity", difference, "first method minus second", unit),
-        "expected_difference": variable(
-            "quantity", known.expected, "difference of the methods' biases", unit
-        ),
-        "standard_error": variable("quantity", error, "standard error of the difference", unit),
-        "z": variable("quantity", z, "excess over its standard error", "1"),
+        **described("cross_check", values),
         **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
     }
     compared = xr.Dataset(variables, {"quantity": [*kept, ASYMPTOTIC_FREQUENCY]})
@@ -202,8 +202,7 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     records = [with_motions(run, names, of_run) for run, of_run in of_runs]
     compared = compared.assign(failures(records))
     over_motion = _residual_over_motion(records)
-    text = "RMS of record minus motion over the record's"
-    compared["residual_over_motion"] = variable("model", over_motion, text)
+    compared = compared.assign(described("cross_check", {"residual_over_motion": over_motion}))
     compared.attrs["verdict_on_record"] = verdict_on_record(
         compared.attrs["explained"], over_motion[names.index(answer)], followed[names[1]], stochastic
     )

@@ -17,7 +17,7 @@ from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, variable, with_error
+from sysid_trib.results.variables import described, variable, with_error
 from sysid_trib.simulation.motions import FREQUENCY
 from sysid_trib.validation.profiles import free_likelihood
 
@@ -109,15 +109,14 @@ def posterior(
     positions = (np.arange(draws * chains) + rng.uniform()) / (draws * chains)
     chosen = rng.permutation(np.minimum(np.searchsorted(np.cumsum(weight), positions), count - 1))
     kept = np.array([likelihood.parameters.expand(free) for free in values[chosen]])
-    lp = log_likelihood[chosen].reshape(chains, draws)
-    text = "log likelihood over that of the best fit"
+    lp = described("posterior", {"lp": log_likelihood[chosen].reshape(chains, draws)})
     # Shape of the generalised Pareto distribution of the largest weights.
     tail, ordered = int(min(0.2 * count, 3.0 * np.sqrt(count))), np.sort(weight)
     pareto_k = genpareto.fit((ordered[-tail:] - ordered[-tail - 1]) / ordered[-1], floc=0.0)[0]
     attrs = {"effective_sample_size": 1.0 / float(np.sum(weight**2)), "pareto_k": float(pareto_k)}
     groups = {
         "posterior": _dataset(likelihood, kept.reshape(chains, draws, -1)),
-        "sample_stats": xr.Dataset({"lp": variable(("chain", "draw"), lp, text, "1")}),
+        "sample_stats": xr.Dataset(lp),
     }
     return xr.DataTree.from_dict({name: group.assign_attrs(attrs) for name, group in groups.items()})
 
@@ -173,23 +172,17 @@ def _drawn(
 
 def _dataset(likelihood: FreeLikelihood, values: Array) -> xr.Dataset:
     """The group `posterior` from draws of all parameters, (chain, draw, parameter)."""
-    parameters, dims = likelihood.parameters, ("chain", "draw")
+    parameters = likelihood.parameters
     symbols, shapes = list(parameters.library.symbols), list(parameters.fit_shapes)
-    places = [parameters.index(name) for name in shapes]
-    variables: Variables = {
-        "coefficient": variable((*dims, "force"), values[..., : len(symbols)], "coefficient", PER_FORCE_UNIT)
-    }
+    drawn = {"coefficient": values[..., : len(symbols)]}
     if shapes:
-        words = "shape parameter"
-        variables["shape"] = variable((*dims, "shape_parameter"), values[..., places], words, "of the force")
+        drawn["shape"] = values[..., [parameters.index(name) for name in shapes]]
     if parameters.reference_frequency is None:
-        of_frequency = values[..., parameters.index(FREQUENCY)]
-        variables["reference_frequency"] = variable(dims, of_frequency, "reference frequency w", "rad/s")
+        drawn["reference_frequency"] = values[..., parameters.index(FREQUENCY)]
     per_run = values[..., len(parameters.common) :].reshape(*values.shape[:2], -1, len(PER_RUN))
-    runs = np.moveaxis(per_run, -1, 0)
-    for name, of_runs, units in zip(PER_RUN, runs, ("rad", "rad/s", "rad"), strict=True):
-        variables[name] = variable((*dims, "run"), of_runs, name.replace("_", " "), units)
-    return xr.Dataset(variables, {"force": symbols} | ({"shape_parameter": shapes} if shapes else {}))
+    drawn |= dict(zip(PER_RUN, np.moveaxis(per_run, -1, 0), strict=True))
+    coords = {"force": symbols} | ({"shape_parameter": shapes} if shapes else {})
+    return xr.Dataset(described("posterior", drawn), coords)
 
 
 @in_units_of_the_motion

@@ -21,7 +21,7 @@ from sysid_trib.records.smoothing import nominal_frequency
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import group_names, noise_of_run, variable
+from sysid_trib.results.variables import described, group_names, noise_of_run, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -118,12 +118,7 @@ def clock_of(record: xr.Dataset) -> float:
 
 # An identification, its motion in each run, and the sizes of what that leaves.
 Followed: TypeAlias = tuple[xr.Dataset, list[FittedMotion | None], xr.Dataset]
-SIZES = {
-    "residual_rms": ("RMS residual", "rad"),
-    "residual_over_noise": ("over the noise", "1"),
-    "residual_over_motion": ("over the RMS of the record", "1"),
-    "residual_p_value": ("p-value of white noise", "1"),
-}
+SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
 
 
 def _followed(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
@@ -140,13 +135,13 @@ def _followed(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
         record = root_mean_square([float(run.angle.std()) for run in runs])
         white = min(1.0, len(runs) * min(map(white_p_value, residuals)))
         sizes = np.array([rms, over_noise, rms / record, white])
-    columns = zip(SIZES.items(), sizes, strict=True)
-    return result, motions, xr.Dataset({name: variable((), size, *texts) for (name, texts), size in columns})
+    return result, motions, xr.Dataset(dict(zip(SIZES, sizes, strict=True)))
 
 
 def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
     names, (results, motions, sizes) = list(kept), zip(*kept.values(), strict=True)
-    compared = xr.concat(sizes, "model").assign_coords(model=names)
+    of_models = {name: [size[name].item() for size in sizes] for name in SIZES}
+    compared = xr.Dataset(described("driven", of_models), {"model": names})
     if len(names) == 2:
         compared = compared.merge(_difference(*results))
     best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
@@ -173,14 +168,8 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     # The same record: the larger error of both, which their difference has at most where neither is wrong.
     errors = np.maximum(*(np.sqrt(np.diag(stated_covariance(result, symbols))) for result in (first, second)))
     z = np.divide(difference, errors, out=np.zeros_like(difference), where=errors > 0.0)
-    return xr.Dataset(
-        {
-            "difference": variable("quantity", difference, "first minus second"),
-            "standard_error": variable("quantity", errors, "the larger error of both"),
-            "z": variable("quantity", z, "difference over error", "1"),
-        },
-        {"quantity": [*symbols, "asymptotic_frequency"]},
-    )
+    data = described("driven", {"difference": difference, "standard_error": errors, "z": z})
+    return xr.Dataset(data, {"quantity": [*symbols, "asymptotic_frequency"]})
 
 
 # Samples by which a start can be fitted.

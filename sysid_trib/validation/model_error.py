@@ -14,7 +14,7 @@ from sysid_trib.motion_fit.least_squares import sensitivities
 from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import PER_FORCE_UNIT, noise_of_run, variable
+from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.validation.holdout import carried_on
@@ -92,11 +92,8 @@ def with_error_of_model(
         result.frequency_covariance + of_model[:count, -1],
         np.hypot(own, model),
     )
-    return total.assign(
-        error_of_noise=variable("force", own[:count], "standard error by the noise", PER_FORCE_UNIT),
-        error_of_model=variable("force", model[:count], "standard error by the model", PER_FORCE_UNIT),
-        held_out_rms=variable((), held_out, "residual of parts that were held out", "rad"),
-    )
+    parts = {"error_of_noise": own[:count], "error_of_model": model[:count], "held_out_rms": held_out}
+    return total.assign(described("identification", parts))
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:

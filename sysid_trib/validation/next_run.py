@@ -13,7 +13,7 @@ from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, sile
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.results.files import is_of_driven
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, record_groups, signal_units, variable
+from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.validation import rivals as models
 from sysid_trib.validation.holdout import first_held_out
@@ -148,8 +148,8 @@ def _planned(
     if not any(np.isfinite(run[2]) for run in runs):
         raise DecayError("No run within these limits has a motion; take others.")
     data = _dataset(rivals, known, runs, wanted, signal_units(main))
-    data["samples"] = variable("run", (data.duration.values * rate).astype(int) + 1, "samples")
-    return data.assign_attrs(sampling_rate=rate, repeats=repeats)
+    samples = described("plan", {"samples": (data.duration.values * rate).astype(int) + 1})
+    return data.assign(samples).assign_attrs(sampling_rate=rate, repeats=repeats)
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
@@ -256,17 +256,16 @@ def _dataset(
         lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
         order += [np.where(meets, length, 0.0), np.where(meets, 0.0, lacking)]
     best = np.array([at for at in np.lexsort(order) if np.isfinite(entropy[at])])
-    variables: Variables = {
-        "amplitude": variable("run", release[best], "release", unit),
-        "duration": variable("run", length[best], "time that is recorded", "s"),
-        "entropy": variable("run", entropy[best], "entropy of the models that is left", "nat"),
-        "probability": variable("run", probability[best], "probability of odds for the right model", "1"),
-        "standard_error": variable(
-            ("run", "force"), errors[best], "standard error by all records", PER_FORCE_UNIT
-        ),
-        "meets": variable("run", meets[best], "whether it meets what is wanted"),
+    values = {
+        "amplitude": release[best],
+        "duration": length[best],
+        "entropy": entropy[best],
+        "probability": probability[best],
+        "standard_error": errors[best],
+        "meets": meets[best],
     }
-    data = xr.Dataset(variables, {"force": known.fitted})
+    data = xr.Dataset(described("plan", values), {"force": known.fitted})
+    data.amplitude.attrs["units"] = unit
     names = [rival.name for rival in rivals]
     data.attrs = {"models": names, "probabilities": [rival.probability for rival in rivals], "odds": ODDS}
     if len(rivals) == 1:
@@ -277,7 +276,6 @@ def _dataset(
     log_ratio = np.full(len(time), np.nan)
     if len(likeliest) == 2:
         log_ratio = 0.5 * models.parting_of(*(predictions[name] for name in likeliest))
-    data = data.assign_coords(time=time)
-    data["parting"] = variable("time", log_ratio, "logarithm of the likelihood ratio up to a time", "nat")
+    data = data.assign_coords(time=time).assign(described("plan", {"parting": log_ratio}))
     data.parting.attrs["models"] = likeliest
     return data

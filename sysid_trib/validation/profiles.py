@@ -17,7 +17,7 @@ from sysid_trib.motion_fit.least_squares import Fit, FreeLikelihood
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import PER_FORCE_UNIT, variable
+from sysid_trib.results.variables import described
 
 # Confidence of the intervals, and the root of the deviance at their ends.
 CONFIDENCE = 0.95
@@ -157,19 +157,17 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     for at, of in enumerate(profiles):
         points[:, at, : len(of.fits)] = of.roots[0], of.roots[1] ** 2
     low, high = (estimate + error * end for end in ends.T)
-    value, unit = estimate[:, None] + error[:, None] * points[0], PER_FORCE_UNIT
-    off = np.max(np.abs(np.abs(ends) - END_ROOT), axis=1) > OFF * END_ROOT
-    variables = {
-        "estimate": variable("parameter", estimate, "estimate", unit),
-        "standard_error": variable("parameter", error, "standard error", unit),
-        "low": variable("parameter", low, "lower end of the interval of 95 %", unit),
-        "high": variable("parameter", high, "upper end of the interval of 95 %", unit),
-        "asymmetric": variable("parameter", off, "whether the error misleads"),
-        "value": variable(("parameter", "point"), value, "value at which it was held", unit),
-        "deviance": variable(("parameter", "point"), points[1], "deviance there", "1"),
+    values = {
+        "estimate": estimate,
+        "standard_error": error,
+        "low": low,
+        "high": high,
+        "asymmetric": np.max(np.abs(np.abs(ends) - END_ROOT), axis=1) > OFF * END_ROOT,
+        "value": estimate[:, None] + error[:, None] * points[0],
+        "deviance": points[1],
     }
     attrs = {"confidence": CONFIDENCE, "threshold": float(chi2.ppf(CONFIDENCE, 1))}
-    return xr.Dataset(variables, {"parameter": list(names)}, attrs)
+    return xr.Dataset(described("profile", values), {"parameter": list(names)}, attrs)
 
 
 # Probabilities of contours, whose deviance is that of chi-square with two degrees; the step between points at
@@ -238,16 +236,10 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         deviance[row + reach, column + reach] = max(0.0, likelihood.deviance_of(fit))
     steps = np.arange(-reach, reach + 1)
     value = estimate[:, None, None] + np.einsum("pa,arc->prc", axes, np.meshgrid(steps, steps, indexing="ij"))
-    grid = ("row", "column")
-    variables = {
-        "estimate": variable("parameter", estimate, "estimate", PER_FORCE_UNIT),
-        "standard_error": variable("parameter", error, "standard error", PER_FORCE_UNIT),
-        "value": variable(("parameter", *grid), value, "value at which it was held", PER_FORCE_UNIT),
-        "deviance": variable(grid, deviance, "deviance there", "1"),
-        "correlation": variable((), correlation[0, 1], "correlation of both", "1"),
-    }
+    values = {"estimate": estimate, "standard_error": error, "value": value, "deviance": deviance}
     attrs = {"levels": list(CONTOURS), "thresholds": thresholds.tolist()}
-    return xr.Dataset(variables, {"parameter": list(names)}, attrs)
+    data = described("contour", values | {"correlation": correlation[0, 1]})
+    return xr.Dataset(data, {"parameter": list(names)}, attrs)
 
 
 def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()) -> FreeLikelihood:

@@ -180,11 +180,7 @@ class RandomEffects:
 
 # Two results of one kind differ by less than so many standard deviations in 95 of 100 cases (ISO 5725-6).
 LIMIT = 2.8
-DEVIATIONS = {
-    "repeatability": "standard deviation of repetitions within a laboratory",
-    "between_laboratory": "standard deviation between laboratories",
-    "reproducibility": "standard deviation of results of different laboratories",
-}
+DEVIATIONS = ("repeatability", "between_laboratory", "reproducibility")
 
 
 def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:

@@ -17,7 +17,7 @@ from scipy.stats import chi2, f as f_distribution, t as t_distribution
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
+from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.sensor_noise import memory_samples
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.bands import parameters_of
@@ -26,20 +26,14 @@ from sysid_trib.motion_fit.linearised import random_walk_about, trial_forces
 from sysid_trib.motion_fit.stochastic_step import likely_ratio
 from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import variable
+from sysid_trib.results.variables import described
 
 NULL_DRAWS = 60
 # Of longer records one sample of so many is taken, but no fewer than so many a period.
 MOST_SAMPLES, LEAST_PER_PERIOD = 8000, 20
 ON = ("angle", "speed", "amplitude", "time", "any")
 ASPECTS, SIZE_ON = ("force", "size"), ("amplitude", "speed", "time")
-NUMBERS = {
-    "p_value": ("p-value of a random force that depends on nothing", "1"),
-    "chi_square": ("gain of the likelihood by forces that go with the motion", "1"),
-    "degrees_of_freedom": ("degrees of freedom", "1"),
-    "likely_density": ("most likely density of the random force", DENSITY_UNITS),
-    "density_p_value": ("p-value of the density in the result", "1"),
-}
+NUMBERS = ("p_value", "chi_square", "degrees_of_freedom", "likely_density", "density_p_value")
 # Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm;
 # below these they double, down to so many e-folds; then comes none at all.
 NEAR, E_FOLDS = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]), 12.0
@@ -127,11 +121,8 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
 
 def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
     """What `random_force_dependence` returns, of `NUMBERS` and (aspect, on) p-values; these may be nan."""
-    pairs = zip(NUMBERS.items(), numbers, strict=True)
-    variables = {name: variable((), number, *texts) for (name, texts), number in pairs}
-    text = "p-value of no dependence of the random force"
-    variables["dependence_p_value"] = variable(("aspect", "on"), p_values, text, "1")
-    return xr.Dataset(variables, {"aspect": list(ASPECTS), "on": list(ON)})
+    values = dict(zip(NUMBERS, numbers, strict=True)) | {"dependence_p_value": p_values}
+    return xr.Dataset(described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
 
 
 def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> LinearModel:

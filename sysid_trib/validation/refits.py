@@ -19,7 +19,7 @@ from sysid_trib.records.equilibrium import with_half_periods
 from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import PER_FORCE_UNIT, Variables, text_variable, variable, with_error
+from sysid_trib.results.variables import Variables, described
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
@@ -108,22 +108,22 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     values, covariances = at_reference(results, symbols, reference)
     values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
-    estimate, unit, dims = result.coefficient.values, PER_FORCE_UNIT, ("fit", "force")
+    estimate = result.coefficient.values
     everything = np.vstack([estimate, values])
-    change = np.divide(values - estimate, errors, out=np.full_like(values, np.nan), where=errors > 0.0)
     kinds, labels = zip(*(label.split(": ", 1) for label, *_ in fits), strict=True)
-    variables: Variables = {
-        "coefficient": variable(dims, values, "coefficient of the fit", unit),
-        "standard_error": variable(dims, errors, "standard error of the fit", unit),
-        "change": variable(dims, change, "change over the error of the fit", "1"),
-        "reason": variable("fit", list(reasons), "why a fit failed"),
-        "kind": variable("fit", list(kinds), "what was changed"),
-        "estimate": variable("force", estimate, "coefficient of the result", unit),
-        "stated_error": variable("force", result.standard_error.values, "standard error of the result", unit),
-        "low": variable("force", np.nanmin(everything, axis=0), "least of all fits", unit),
-        "high": variable("force", np.nanmax(everything, axis=0), "largest of all fits", unit),
+    data = {
+        "coefficient": values,
+        "standard_error": errors,
+        "change": np.divide(values - estimate, errors, out=np.full_like(values, np.nan), where=errors > 0.0),
+        "reason": list(reasons),
+        "kind": list(kinds),
+        "estimate": estimate,
+        "stated_error": result.standard_error.values,
+        "low": np.nanmin(everything, axis=0),
+        "high": np.nanmax(everything, axis=0),
     }
-    return xr.Dataset(variables, {"fit": list(labels), "force": result.force.values, "unit": result.unit})
+    coords = {"fit": list(labels), "force": result.force.values, "unit": result.unit}
+    return xr.Dataset(described("sensitivity", data), coords)
 
 
 def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
@@ -216,7 +216,7 @@ def sliding_coefficients(
             f"{time[-1] - time[0]:.3g} s; take shorter ones."
         )
     windows = [decay.sel(time=slice(start - 1e-9, start + length + 1e-9)) for start in starts]
-    results, reasons = zip(*(refit(method, [window], library) for window in windows), strict=True)
+    results, reasons = map(list, zip(*(refit(method, [run], library) for run in windows), strict=True))
     decided = [result for result in results if result is not None]
     if not decided:
         raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
@@ -239,24 +239,19 @@ def sliding_coefficients(
     weights = w_errors[known] ** -2.0 if np.all(w_errors[known] > 0.0) else None
     common, symbols = float(np.average(w[known], weights=weights)), decided[0].force.values.tolist()
     values, covariances = at_reference(results, symbols, common)
-    errors, dims = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)), ("window", "force")
-    data: Variables = {
-        "coefficient": variable(dims, values[:, :-1], "coefficient", PER_FORCE_UNIT),
-        "standard_error": variable(dims, errors[:, :-1], "standard error of the coefficient", PER_FORCE_UNIT),
-        "common_frequency": variable((), common, "frequency they all refer to", "rad/s"),
-        **with_error("reference_frequency", "window", (w, w_errors), "frequency of the window", "rad/s"),
-        "decided": variable("window", known, "whether it could be decided"),
-        "reason": text_variable("window", reasons, "why the window could not be decided"),
-        "apart": variable("window", apart, "whether it enters the tests"),
+    data = {
+        "coefficient": values[:, :-1],
+        "standard_error": np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1],
+        "common_frequency": common,
+        "reference_frequency": (w, w_errors),
+        "decided": known,
+        "reason": reasons,
+        "apart": apart,
     }
-    coords = {
-        "force": symbols,
-        "unit": ("force", decided[0]["unit"].values),
-        "window": np.arange(starts.size),
-        "window_time": variable("window", starts + 0.5 * length, "centre of the window", "s"),
-        "amplitude": variable("window", amplitude, "mean amplitude in the window", "rad"),
-    }
-    table = xr.Dataset(data, coords, decided[0].attrs)
+    of_windows = {"window_time": starts + 0.5 * length, "amplitude": amplitude}
+    coords = {"force": symbols, "unit": ("force", decided[0].unit.values), "window": np.arange(starts.size)}
+    coords |= described("sliding", of_windows)
+    table = xr.Dataset(described("sliding", data), coords, decided[0].attrs)
     return table.assign(_constancy(table))
 
 
@@ -273,11 +268,10 @@ def _constancy(table: xr.Dataset) -> Variables:
         p_value, trend_p = chi2.sf(square, count - 1), 2.0 * norm.sf(np.abs(trend / trend_error))
     if count < 2:
         p_value, trend_p = np.full((2, len(square)), np.nan)
-    return {
-        "mean_coefficient": variable("force", mean, "weighted mean of the coefficient", PER_FORCE_UNIT),
-        "chi_square": variable("force", square, "chi-square of a constant coefficient", "1"),
-        "p_value": variable("force", p_value, "p-value of a constant coefficient", "1"),
-        **with_error("trend", "force", (trend, trend_error), "slope of the coefficient in time", "per s"),
-        "trend_p_value": variable("force", trend_p, "p-value of no slope", "1"),
-        "degrees_of_freedom": variable((), max(count - 1, 0), "degrees of freedom of each chi-square", "1"),
+    tests = {"mean_coefficient": mean, "chi_square": square, "p_value": p_value}
+    tests |= {
+        "trend": (trend, trend_error),
+        "trend_p_value": trend_p,
+        "degrees_of_freedom": max(count - 1, 0),
     }
+    return described("sliding", tests)

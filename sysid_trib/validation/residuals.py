@@ -16,7 +16,7 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.sensor import coarse_step, rounded_noise, slow_part
 from sysid_trib.records.smoothing import sensor_noise, swing_frequency
 from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import Variables, noise_of_run, text_variable, variable
+from sysid_trib.results.variables import Variables, described, noise_of_run
 from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     MEASURED_TIME,
@@ -33,15 +33,11 @@ from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
 DIVERGES = "its motion diverges"
-# Of each model: name of the variable, what it is, and its unit.
-RESIDUALS = {
-    "residual_rms": ("RMS of record minus model", "rad"),
-    "residual_over_noise": ("RMS of record minus model over the noise", "1"),
-    "departure_time": ("first time beyond the noise, nan if never", "s"),
-    "residual_p_value": ("p-value of white noise within the band of the motion", "1"),
-    "line_frequency": ("angular frequency of a line in the residual, nan if there is none", "rad/s"),
-    "line_amplitude": ("amplitude of the line", "rad"),
-}
+# What is said of each model.
+RESIDUALS = (
+    *("residual_rms", "residual_over_noise", "departure_time", "residual_p_value"),
+    *("line_frequency", "line_amplitude"),
+)
 NO_MOTION = (np.nan, np.nan)
 
 
@@ -90,10 +86,8 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     if inputs_of(decay):
         left = np.std(decay.angle.values - simulated, axis=1)
         noise = float(np.nanmin(left, initial=noise))
-    return decay.assign_coords(model=list(names)).assign(
-        simulated_angle=variable(("model", "time"), simulated, "angle of the model", "rad"),
-        noise=variable((), noise, "standard deviation of the sensor's noise", "rad"),
-    )
+    values = {"simulated_angle": simulated, "noise": noise}
+    return decay.assign_coords(model=list(names)).assign(described("record", values))
 
 
 def failures(records: Sequence[xr.Dataset]) -> Variables:
@@ -108,7 +102,7 @@ def failures(records: Sequence[xr.Dataset]) -> Variables:
         ]
         of_run = f" in run {failed[0] + 1}" if failed and len(records) > 1 else ""
         reasons.append(f"{DIVERGES}{of_run}" if failed else "")
-    return {"failure": text_variable("model", reasons, "why there is no motion of the model")}
+    return described("cross_check", {"failure": reasons})
 
 
 def residuals(
@@ -159,12 +153,10 @@ def residuals(
         np.minimum(1.0, count * p_value.min(axis=0)),
         *np.take_along_axis(line, highest[None, None], axis=1)[:, 0],
     ]
-    texts = RESIDUALS.items()
-    variables = {name: variable("model", of, *text) for (name, text), of in zip(texts, whole, strict=True)}
+    values = dict(zip(RESIDUALS, whole, strict=True))
     if count > 1:
-        pairs = zip(texts, columns, strict=True)
-        variables |= {f"run_{name}": variable(("run", "model"), of, *text) for (name, text), of in pairs}
-    return xr.Dataset(variables, {"model": list(followed)})
+        values |= {f"run_{name}": of for name, of in zip(RESIDUALS, columns, strict=True)}
+    return xr.Dataset(described("cross_check", values), {"model": list(followed)})
 
 
 def _fitted_numbers(result: xr.Dataset) -> int:

@@ -18,15 +18,7 @@ from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.references import in_model
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import (
-    PER_FORCE_UNIT,
-    Variables,
-    chi_square_test,
-    group_names,
-    signal_units,
-    variable,
-    with_error,
-)
+from sysid_trib.results.variables import Variables, chi_square_test, described, group_names, signal_units
 from sysid_trib.validation.agreement import HOMOGENEITY_LEVEL, weighted_mean
 from sysid_trib.validation.findings import main_result
 from sysid_trib.validation.identify import identify
@@ -106,16 +98,14 @@ def _difference(
     factors = {s: f for member in members for s, f in library_of(member).damping_factors.items()}
     damping = np.array([factors.get(symbol, 0.0) for symbol in symbols]) * reference
     stiffness = _stiffness_difference(values, by_noise + by_model, damping)
-    variables |= with_error("stiffness_difference", (), stiffness, "ratio of stiffnesses, less 1")
     errors = np.sqrt(np.diagonal(by_noise + by_model, axis1=1, axis2=2))
+    stated: dict[str, object] = {"stiffness_difference": stiffness}
     for at, (name, side) in enumerate(zip(SIDES, sides, strict=True)):
-        pair, text = (values[at, :-1], errors[at, :-1]), f"{name} at the reference frequency"
-        variables |= with_error(name, "force", pair, text, PER_FORCE_UNIT)
-        scatter = "standard deviation between runs beyond their errors"
-        variables[f"{name}_between_runs"] = variable("force", between[at, :-1], scatter, PER_FORCE_UNIT)
+        stated[name] = values[at, :-1], errors[at, :-1]
+        stated[f"{name}_between_runs"] = between[at, :-1]
         attrs[f"{name}_record"] = [source for result in side for source in result.attrs["record_source"]]
         attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(member.attrs["method"]) for member in side))
-    variables["reference_frequency"] = variable((), reference, "reference of the coefficients", "rad/s")
+    variables |= described("difference", stated | {"reference_frequency": reference})
     return xr.Dataset(variables, {"force": symbols, "other_force": symbols}, attrs)
 
 
@@ -227,16 +217,15 @@ def _contrast(
     statistic = float(scaled @ np.linalg.pinv(weights, hermitian=True) @ scaled)
     together = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
     together["p_value_of_all"] = together.pop("p_value")
-    unit, refused = PER_FORCE_UNIT, _holm(p_value, level)
-    return {
-        "difference": variable("force", contrast, "first minus second", unit),
-        "standard_error": variable("force", error, "standard error of the difference", unit),
-        "z": variable("force", z[:-1], "difference over its standard error", "1"),
-        "p_value": variable("force", p_value, "p-value of no difference", "1"),
-        "differs": variable("force", refused, "whether it differs, at a level that all forces share"),
-        "covariance": variable(("force", "other_force"), covariance, "covariance", unit),
-        **together,
+    values_of = {
+        "difference": contrast,
+        "standard_error": error,
+        "z": z[:-1],
+        "p_value": p_value,
+        "differs": _holm(p_value, level),
+        "covariance": covariance,
     }
+    return described("difference", values_of) | together
 
 
 def _holm(p_values: Array, level: float) -> Mask:

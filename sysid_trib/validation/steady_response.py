@@ -16,7 +16,7 @@ from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.records.inputs import INPUT, PER_KIND, KnownInput
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.signal_scale import SIZE_ATTR, UNIT_ATTR, in_units_of_the_motion
-from sysid_trib.results.variables import signal_units, variable
+from sysid_trib.results.variables import described, signal_units
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
@@ -27,20 +27,9 @@ PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
 # fallen to this part, and their amplitude is that of the last periods.
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
-# Long name and unit of what is said of each frequency, and of each simulation.
-RESPONSE = {
-    "amplitude": ("amplitude", "rad"),
-    "amplitude_low": ("low end of the 95 % band", "rad"),
-    "amplitude_high": ("high end of the 95 % band", "rad"),
-    "whole_low": ("low end of the band of a sweep", "rad"),
-    "whole_high": ("high end of the band of a sweep", "rad"),
-    "phase": ("phase ahead of the drive", "1"),
-}
-SIMULATED_CHECKS = {
-    "check_frequency": ("angular frequency of a motion that was simulated", "rad/s"),
-    "check_amplitude": ("its amplitude", "rad"),
-    "simulated_amplitude": ("that of the simulation", "rad"),
-}
+# What is said of each frequency, and of each simulation.
+RESPONSE = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
+SIMULATED_CHECKS = ("check_frequency", "check_amplitude", "simulated_amplitude")
 
 
 def forced_response(
@@ -148,17 +137,13 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]
-    curves_of = zip(RESPONSE.items(), (amplitude, *bands, phase), strict=True)
-    of_checks = zip(SIMULATED_CHECKS.items(), checks, strict=True)
-    data = {name: variable(("sweep", "frequency"), curve, *texts) for (name, texts), curve in curves_of}
-    data |= {name: variable("check", values, *texts) for (name, texts), values in of_checks}
-    natural, text = result.asymptotic_frequency.item(), "over that at small amplitudes"
-    data["frequency_ratio"] = variable("frequency", w / natural, text, "1")
-    data["left_open"] = variable((), left_open, "largest part by which simulations differ", "1")
-    coords = {"sweep": list(SWEEPS), "frequency": variable("frequency", w, "angular frequency", "rad/s")}
+    data = dict(zip(RESPONSE, (amplitude, *bands, phase), strict=True))
+    data |= dict(zip(SIMULATED_CHECKS, checks, strict=True))
+    data |= {"frequency_ratio": w / result.asymptotic_frequency.item(), "left_open": left_open}
+    coords = {"sweep": list(SWEEPS), **described("response", {"frequency": w})}
     kept = ("library", "library_source", "record_source", UNIT_ATTR, SIZE_ATTR)
     attrs = {key: result.attrs[key] for key in kept if key in result.attrs}
-    return xr.Dataset({"drive": given.drive, **data}, coords, attrs)
+    return xr.Dataset({"drive": given.drive, **described("response", data)}, coords, attrs)
 
 
 def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
