@@ -16,7 +16,7 @@ Variables: TypeAlias = dict[str, Variable]
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
 # What validation and physics return, by their names.
-TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
+RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
 def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
@@ -68,7 +68,7 @@ def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any
     values : mapping of str to array_like, or to a pair of them
         By names of the table; a pair is values and their standard errors.
     """
-    known, variables = TABLES[table] if isinstance(table, str) else table, Variables()
+    known, variables = RESULT_TABLES[table] if isinstance(table, str) else table, Variables()
     for name, value in values.items():
         dims, units, meaning = known[name]
         if isinstance(value, tuple):

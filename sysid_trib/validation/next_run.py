@@ -128,7 +128,7 @@ def _planned(
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
     in_part = str(result.attrs.get("held_out", "")).startswith("the last third")
-    runs = list[_Run]()
+    runs = list[PlannedRun]()
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
         given = (release, 0.0), noise, (known.model, push)
@@ -236,11 +236,11 @@ def _worth(
 
 
 # Release and duration, the three of `_worth`, what models predict of it by their name, and its times.
-_Run: TypeAlias = tuple[float, float, float, float, Array, dict[str, RunPrediction], Array]
+PlannedRun: TypeAlias = tuple[float, float, float, float, Array, dict[str, RunPrediction], Array]
 
 
 def _dataset(
-    rivals: Sequence[Rival], known: Rival, runs: Sequence[_Run], wanted: Mapping[str, float], unit: str
+    rivals: Sequence[Rival], known: Rival, runs: Sequence[PlannedRun], wanted: Mapping[str, float], unit: str
 ) -> xr.Dataset:
     """The Dataset of `plan`, the best run first."""
     release, length, entropy, probability, errors = (

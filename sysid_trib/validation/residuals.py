@@ -84,8 +84,8 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     """
     noise = sensor_noise(decay)
     if inputs_of(decay):
-        left = np.std(decay.angle.values - simulated, axis=1)
-        noise = float(np.nanmin(left, initial=noise))
+        remains = np.std(decay.angle.values - simulated, axis=1)
+        noise = float(np.nanmin(remains, initial=noise))
     values = {"simulated_angle": simulated, "noise": noise}
     return decay.assign_coords(model=list(names)).assign(described("record", values))
 

@@ -87,11 +87,11 @@ class Rival:
 
 
 def predicted(
-    rival: Rival, time: Array, start: tuple[float, float], noise: float, pushed: tuple[Model, float]
+    rival: Rival, time: Array, start: tuple[float, float], noise: float, forcing: tuple[Model, float]
 ) -> tuple[RunPrediction, float]:
     """What a rival predicts after a start (angle, rad, and rate, rad/s), in noise of this standard deviation.
 
-    Beside it when the motion stops (s), infinite if it does not. `pushed` : the model about whose motion a
+    Beside it when the motion stops (s), infinite if it does not. `forcing` : the model about whose motion a
     random force acts, and its ratio to the noise of a sample: then innovations are predicted.
 
     Raises
@@ -99,12 +99,12 @@ def predicted(
     SimulationError
         The model has no such motion.
     """
-    model, (pushed_model, ratio) = rival.model, pushed
+    model, (of_model, ratio) = rival.model, forcing
     names = [*model.coefficients, *model.shapes, FREQUENCY, BY_ANGLE, BY_RATE]
     motion = trajectory(model, time, *start, by=names)
     by = motion.derivatives["angle"]
     columns = np.column_stack([motion.angle, by, np.ones(len(time))]) / noise
-    columns = whitened(pushed_model, time, start, ratio, columns)
+    columns = whitened(of_model, time, start, ratio, columns)
     run = RunPrediction(columns[:, 0], columns[:, 1:-3] @ rival.directions, columns[:, -3:])
     return run, float(np.nan_to_num(motion.stop_time, nan=np.inf))
 
