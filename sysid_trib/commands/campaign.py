@@ -48,9 +48,10 @@ def campaign(tell: Tell, given: Given) -> Callable[[], None]:
     tell("what varies between the records")
     compared = _compared(store, table, given.laboratories)
     tell("report")
-    from sysid_trib.reporting.campaign import write_campaign
+    from sysid_trib.reporting.contents import campaign_contents
+    from sysid_trib.reporting.page import rendered, write_page
 
-    write_campaign(store, compared, table, page, command_line())
+    write_page(rendered(campaign_contents(store, compared, table, command_line())), page)
     result = store, counts_of(store), compared
 
     def say() -> None:

@@ -1,10 +1,9 @@
 # The figures and where each lives: the one list, read by type checkers and by the package itself.
-from sysid_trib.plots.compared import comparison as comparison
+from sysid_trib.plots.compared import against_condition as against_condition, comparison as comparison
 from sysid_trib.plots.looked import backbone as backbone, look as look
 from sysid_trib.plots.named_effects import ranking as ranking, story as story
-from sysid_trib.plots.runs import against_condition as against_condition, plan as plan
 from sysid_trib.plots.sureness import difference as difference, profile as profile, sensitivity as sensitivity
 
 from .at_a_glance import overview as overview
 from .paper import frequency_shift as frequency_shift, motions as motions, weights as weights
-from .random_force_figures import innovations as innovations, response as response
+from .predicted import innovations as innovations, plan as plan, response as response

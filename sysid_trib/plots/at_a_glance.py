@@ -213,13 +213,12 @@ def _coefficients(ax: Axes, results: Mapping[str, xr.Dataset], motion: MotionDat
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
     """A value with its interval; an arrow where the interval leaves the range that is drawn."""
-    (low, high), look = COEFFICIENT_RANGE, {"color": color, "markersize": 3, "clip_on": False}
-    ends = (value - error, value + error)
-    ax.plot(np.clip(ends, low, high), [row, row], color=color, linewidth=1.0)
-    for end in ends:
+    (low, high), look = COEFFICIENT_RANGE, {"color": color, "markersize": 3}
+    ends = np.array([value - error, value + error])
+    bar: dict[str, Any] = look | {"fmt": "o", "linewidth": 1.0}
+    style.interval(ax, row, value, np.abs(ends.clip(low, high) - value)[:, None], (low, high), **bar)
+    for end in ends if low <= value <= high else ():
         ax.plot(np.clip(end, low, high), row, "<" if end < low else ">" if end > high else "|", **look)
-    if low <= value <= high:
-        ax.plot(value, row, "o", **look)
 
 
 def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at: str) -> None:

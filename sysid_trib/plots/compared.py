@@ -1,4 +1,4 @@
-"""Figure of methods side by side: one panel a force, and how well each method predicts."""
+"""Methods side by side, one panel a force; and many runs against their conditions."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,10 +7,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
 from sysid_trib.plots.declared import shows
+from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE
 from sysid_trib.results.schema import library_of
 from sysid_trib.validation.comparison_table import column_power
 
@@ -121,11 +123,7 @@ def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.
         ax.axvspan(values[best] - errors[best], values[best] + errors[best], color="0.88", zorder=0)
     bars: dict[str, Any] = {"markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5, "linestyle": ""}
     for row, (value, error, mark) in enumerate(zip(values, errors, marks, strict=True)):
-        if not low <= value <= high and np.isfinite(value):
-            edge, arrow = (high, ">") if value > high else (low, "<")
-            ax.plot(edge, row, arrow, color=mark["color"], markersize=4, clip_on=False)
-        elif np.isfinite(value):
-            ax.errorbar(value, row, xerr=error, markersize=4, **mark, **bars)
+        style.interval(ax, row, value, error, (low, high), **{"markersize": 4} | bars | dict(mark))
     # A power of ten is in the label, not in the ticks.
     scale = [f"$10^{{{power}}}$"] * bool(power) + [style.unit_label(unit)] * (unit != "1")
     ax.set(xlabel=f"${symbol}$ ({' '.join(scale) or '1'})", xlim=(low, high))
@@ -163,3 +161,74 @@ def _symbol(tree: xr.DataTree, quantity: str) -> str:
         return r"\omega_\infty"
     result = next(node.ds for node in tree.children.values() if quantity in node.ds.get("force", ()))
     return library_of(result, whole=True)[quantity].latex_symbol
+
+
+ACROSS = 2
+# Beyond these runs bars hide the marks.
+MANY_RUNS = 300
+# Runs that stand out are drawn in another colour: standard deviations.
+FAR = 4.0
+# So many of them are named.
+MOST_NAMES_DRAWN = 8
+
+
+def against_condition(
+    compared: xr.Dataset, name: str, condition: ArrayLike, *, width: float = FULL_WIDTH
+) -> Figure:
+    """Each quantity of all runs against a condition, with standard errors; outliers in another colour.
+
+    Parameters
+    ----------
+    compared : Dataset
+        Of `between_runs`.
+    name : str
+        Of the condition.
+    condition : (run,) array_like
+        Its value in each run, numbers or texts.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
+    """
+    quantities = compared.quantity.values.tolist()
+    figure, panels = style.grid(len(quantities), ACROSS, width, 2.2)
+    for quantity, panel in zip(quantities, panels, strict=True):
+        _of_quantity(panel, compared, quantity, name, condition)
+    return figure
+
+
+def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condition: ArrayLike) -> None:
+    """One quantity of all runs, with standard errors; outliers in another colour."""
+    of_quantity = compared.sel(quantity=quantity)
+    at, ticks = places(np.asarray(condition))
+    far = np.abs(of_quantity.z.values) > FAR
+    few = len(at) <= MANY_RUNS
+    for chosen, color in ((~far, INK), (far, ORANGE)):
+        value, error = of_quantity.value.values[chosen], of_quantity.standard_error.values[chosen]
+        bars = {"yerr": error, "elinewidth": 0.8} if few else {}
+        ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
+    if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
+        _name_runs(ax, of_quantity.isel(run=far), at[far])
+    if ticks:
+        ax.set_xticks(range(len(ticks)), ticks)
+    unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""
+    ax.set(xlabel=name, ylabel=f"{quantity} ({style.unit_label(unit)})" if unit else quantity)
+
+
+def _name_runs(ax: Axes, named: xr.Dataset, at: np.ndarray) -> None:
+    """The name of each run beside its mark, towards the middle, where there is room."""
+    middle = np.mean(ax.get_xlim())
+    for x, value, name in zip(at, named.value.values, named.run.values, strict=True):
+        side, end = (5, "left") if x < middle else (-5, "right")
+        ax.annotate(str(name), (x, value), (side, 0), ha=end, fontsize=6, **style.LABEL_OFFSET)
+
+
+def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
+    """Where the runs stand on the axis of a condition, and the labels of texts."""
+    if condition.dtype.kind in "fiu":
+        return condition.astype(float), ()
+    labels, numbers = np.unique(condition.astype(str), return_inverse=True)
+    at = numbers.astype(float)
+    for group in range(len(labels)):
+        # Runs of a group side by side about its label, so that none hides another.
+        count = np.count_nonzero(numbers == group)
+        at[numbers == group] += (np.arange(count) + 0.5) / (2.0 * count) - 0.25
+    return at, labels.tolist()

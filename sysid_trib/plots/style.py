@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backend_bases import RendererBase
@@ -91,6 +92,18 @@ def line_with_band(ax: Axes, x: Array, value: Array, error: Array, series: Style
     """The line of a series in a band of one standard error."""
     ax.plot(x, value, label=label, **line(series))
     ax.fill_between(x, value - error, value + error, color=series["color"], alpha=0.2, linewidth=0)
+
+
+def interval(
+    ax: Axes, row: float, value: float, error: Any, limits: tuple[float, float], **look: Any
+) -> None:
+    """A value with its error in a row; an arrow at the edge where it is beyond the limits, nothing of nan."""
+    low, high = limits
+    if low <= value <= high:
+        ax.errorbar(value, row, xerr=error, **look)
+    elif np.isfinite(value):
+        at, arrow = (high, ">") if value > high else (low, "<")
+        ax.plot(at, row, arrow, color=look["color"], markersize=look["markersize"], clip_on=False)
 
 
 def in_latex(symbol: str) -> str:

@@ -133,13 +133,13 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
         row = data.sel(force=symbol)
         unit, label = _power_of_ten(row.coefficient.values, symbol)
-        estimate, error = row.estimate.item() / unit, row.stated_error.item() / unit
-        ax.axvspan(estimate - 2.0 * error, estimate + 2.0 * error, color=INK, alpha=0.12, linewidth=0)
+        estimate, stated = row.estimate.item() / unit, row.stated_error.item() / unit
+        ax.axvspan(estimate - 2.0 * stated, estimate + 2.0 * stated, color=INK, alpha=0.12, linewidth=0)
         ax.axvline(estimate, color=INK, linewidth=0.6)
         values, errors = row.coefficient.values / unit, row.standard_error.values / unit
-        for at in np.flatnonzero(np.isfinite(values)):
-            look: dict[str, Any] = {"fmt": "o", "color": colours[at], "markersize": 3, "linewidth": 0.8}
-            ax.errorbar(values[at], at, xerr=errors[at], **look)
+        for at, (value, error, colour) in enumerate(zip(values, errors, colours, strict=True)):
+            look: dict[str, Any] = {"fmt": "o", "color": colour, "markersize": 3, "linewidth": 0.8}
+            style.interval(ax, at, value, error, (-np.inf, np.inf), **look)
         ax.set_xlabel(label, fontsize=FONT + 1.0)
         ax.locator_params(axis="x", nbins=2)
         ax.tick_params(labelsize=FONT)
@@ -204,22 +204,20 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
     edge = min(MOST_ERRORS, float(np.nanmax(np.abs(z), initial=half))) + 1.1 * half
     ax.axvline(0.0, color=GREY, linewidth=0.6)
     for at, symbol in enumerate(symbols):
-        row, shown = data.sel(force=symbol), float(np.clip(z[at], -MOST_ERRORS, MOST_ERRORS))
-        if not np.isfinite(shown):
+        row = data.sel(force=symbol)
+        if not np.isfinite(z[at]):
             continue
         colour = INK if row.differs.item() else GREY
-        # What is off the axis points there.
-        marker = "<o>"[int(np.sign(z[at] - shown)) + 1]
-        width = half if marker == "o" else 0.0
-        ax.errorbar(shown, at, xerr=width, fmt=marker, color=colour, markersize=4, linewidth=1.0)
+        look: dict[str, Any] = {"fmt": "o", "color": colour, "markersize": 4, "linewidth": 1.0}
+        style.interval(ax, at, z[at], half, (-MOST_ERRORS, MOST_ERRORS), **look)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
         # Beside the row, or in a column above it.
         place, side = ((1.01, at), "center") if wide else ((0.02, at - 0.16), "bottom")
         note: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
-        look: dict[str, Any] = {"va": side, "color": colour, "fontsize": 8 if wide else FONT}
-        look["bbox"] = None if wide else style.WHITE
-        ax.annotate(" and ".join(pair) + outside, place, **note, **look)
+        note |= {"va": side, "color": colour, "fontsize": 8 if wide else FONT}
+        note["bbox"] = None if wide else style.WHITE
+        ax.annotate(" and ".join(pair) + outside, place, **note)
     ax.set_xlim(-edge, edge)
     style.name_rows(ax, [style.in_latex(symbol) for symbol in symbols])
     ax.set_xlabel("first minus second, over its standard error", fontsize=8)

@@ -117,7 +117,7 @@ def python_text(tree: xr.DataTree) -> str:
             "runs_of_first": sum(name.startswith("sample_first") for name in named),
             "options": _given({k: v for k, v in options.items() if v not in (None, {})}),
         },
-    )
+    ).rstrip()
 
 
 def _decay(tree: xr.DataTree) -> list[str]:
