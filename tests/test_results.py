@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import sysid_trib
 import sysid_trib as st
 from sysid_trib import load_library
-from sysid_trib.commands.predicted import write_record
+from sysid_trib.commands.shown import write_record
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page

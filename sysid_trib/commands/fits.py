@@ -1,22 +1,25 @@
-"""What `sysid-trib identify`, `compare` and `difference` do: fits of given forces."""
+"""What `sysid-trib identify`, `discover`, `compare` and `difference` do: fits, and what they lack."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.asked import asked_model
+from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.destination import deliver, texts_of
-from sysid_trib.commands.options import Given, parse_value_with_error
-from sysid_trib.commands.record_inputs import calibration_of, read_decays
+from sysid_trib.commands.options import EXAMPLE_FORCES, Given, parse_value_with_error, parse_window
+from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
-from sysid_trib.errors import Tell, UsageError
+from sysid_trib.discovery.discover import discover as searched
+from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import ALWAYS, Block, driven, exported, identification, json_results, sureness
 from sysid_trib.printing.comparison import comparison_blocks
+from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
@@ -121,6 +124,48 @@ def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) 
 def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
     whole = driven.driven_json(tree) if kind_of(tree) == "driven" else json_results.identification_json(tree)
     return whole | driven.prediction_json(predicted) | sureness.sureness_json(tree)
+
+
+def discover(tell: Tell, given: Given) -> Callable[[], None]:
+    """Search what a model lacks."""
+    driving = driving_of(given)
+    of_example = {} if given.records or given.forces else {"forces": EXAMPLE_FORCES}
+    start, offered, options = asked_search(given.but(**of_example), driving)
+    tell("reading")
+    decays, sources = read_decays(given, driven=True)
+    seen, held, said = _held_out(decays, given.holdout)
+    tree = searched(seen, start, offered, holdout=held, tell=tell, **options)
+    if said:
+        tree.attrs["held_out"] = said
+    if not driving:
+        keep_next(tree, given)
+    stretches = tree.attrs["stretches"]
+    sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
+    says = partial(discovery_blocks, tree, sentences), partial(json_results.discovery_json, tree)
+    return deliver(given, tell, says, tree, texts_of(given, tree))
+
+
+def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dataset], list[xr.Dataset], str]:
+    """What is learned from, what is kept for prediction: a window of each decay, and its words."""
+    if window is None:
+        return decays, [], ""
+    low, high = parse_window(window, "--holdout")
+    seen, held = [], []
+    for decay in decays:
+        time = decay.time.values
+        inside = np.ones(len(time), dtype=bool) if low is None else time >= low
+        inside &= True if high is None else time <= high
+        here = f"the decay is from {time[0]:.4g} s to {time[-1]:.4g} s"
+        if inside.all() or not inside.any():
+            part = "all" if inside.any() else "nothing"
+            raise DecayError(f"--holdout '{window}' holds out {part}: {here}.")
+        if not (inside[0] or inside[-1]):
+            raise UsageError(f"--holdout '{window}' must reach to the start or the end: {here}.")
+        seen.append(decay.isel(time=np.flatnonzero(~inside)))
+        held.append(decay.isel(time=np.flatnonzero(inside)))
+    said = f"up to {high:g} s" if low is None else f"from {low:g} s on" if high is None else ""
+    said = said or f"{low:g} s to {high:g} s"
+    return seen, held, said + (" of each run" if len(decays) > 1 else "")
 
 
 def compare(tell: Tell, given: Given) -> Callable[[], None]:

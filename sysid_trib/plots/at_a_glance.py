@@ -218,7 +218,8 @@ def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> N
     bar: dict[str, Any] = look | {"fmt": "o", "linewidth": 1.0}
     style.interval(ax, row, value, np.abs(ends.clip(low, high) - value)[:, None], (low, high), **bar)
     for end in ends if low <= value <= high else ():
-        ax.plot(np.clip(end, low, high), row, "<" if end < low else ">" if end > high else "|", **look)
+        tip = "<" if end < low else ">" if end > high else "|"
+        ax.plot(np.clip(end, low, high), row, tip, clip_on=False, **look)
 
 
 def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at: str) -> None:

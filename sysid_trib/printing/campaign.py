@@ -11,7 +11,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
-from sysid_trib.printing import USUALLY, Block, layout, plain_data
+from sysid_trib.printing import USUALLY, Block, layout
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
@@ -19,8 +19,8 @@ STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
 AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
-QUANTITY: dict[str, plain_data.Source] = {
-    **plain_data.same("verdict", "between_run", "between_run_lower", "between_run_upper"),
+QUANTITY: dict[str, layout.Source] = {
+    **layout.same("verdict", "between_run", "between_run_lower", "between_run_upper"),
     "effects": ("term", "effect±"),
 }
 
@@ -176,6 +176,6 @@ def campaign_json(
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
     if compared is not None:
-        made["between_records"] = plain_data.per_label(compared, "quantity", QUANTITY)
+        made["between_records"] = layout.per_label(compared, "quantity", QUANTITY)
         made["collinear_conditions"] = _collinear(compared)
     return made

@@ -9,7 +9,7 @@ from rich.table import Table
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
-from sysid_trib.printing.verdict import EFFECTIVE
+from sysid_trib.printing.verdict import EFFECTIVE, constraint_sentences, identifiability_warnings
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.comparison_table import applied_methods, column_power
 from sysid_trib.validation.cross_check import LARGE
@@ -121,8 +121,8 @@ def _ratio(value: float) -> str:
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """What is shown of a result of `compare`; `sources` say what each record is."""
     table, details = tree["comparison"].to_dataset(), Layer.EXPLAIN
-    constraints = layout.constraint_sentences(given_results(tree).values())
-    warnings = layout.identifiability_warnings(table.attrs)
+    constraints = constraint_sentences(given_results(tree).values())
+    warnings = identifiability_warnings(table.attrs)
     return [
         Block([_prediction(tree)], ALWAYS),
         Block(sources),

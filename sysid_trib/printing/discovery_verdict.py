@@ -14,8 +14,8 @@ from sysid_trib.printing.discovery_tables import (
     times_noise,
 )
 from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.layout import coefficient_text, constraint_sentences, p_value_text, quantity
-from sysid_trib.printing.verdict import heterogeneity_sentences
+from sysid_trib.printing.layout import coefficient_text, p_value_text, quantity
+from sysid_trib.printing.verdict import constraint_sentences, heterogeneity_sentences
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.effects import PAIRS, added_effects, determines, error_widening, misnamed_effects

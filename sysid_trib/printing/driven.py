@@ -10,8 +10,18 @@ from rich.table import Table
 from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.layout import by_label, coefficient_rows, text_table, value_with_error
-from sysid_trib.printing.plain_data import COEFFICIENT, Source, csv_of, mapped, per_label, same
+from sysid_trib.printing.layout import (
+    COEFFICIENT,
+    Source,
+    by_label,
+    coefficient_rows,
+    csv_of,
+    mapped,
+    per_label,
+    same,
+    text_table,
+    value_with_error,
+)
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units

@@ -20,7 +20,8 @@ from sysid_trib.printing.equation import (
     from_template,
     power_of_ten,
 )
-from sysid_trib.printing.plain_data import csv_of
+from sysid_trib.printing.layout import csv_of
+from sysid_trib.printing.verdict import reference_sentence
 from sysid_trib.results import files, schema, variables
 from sysid_trib.validation import findings
 
@@ -158,7 +159,7 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
     """What the table of a result holds, of which record, and how far it is explained."""
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
-    refers = "".join(layout.reference_sentence(result) for result in list(named.values())[-1:])
+    refers = "".join(reference_sentence(result) for result in list(named.values())[-1:])
     si = "".join(
         f"; {row['quantity']}: {_in_latex(layout.number_and_mark(row)[0])} {unit_in_latex(row['unit'])}"
         for row in _rows(tree)

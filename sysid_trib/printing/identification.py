@@ -54,7 +54,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
     ]
     if (main := findings.main_result(tree)) is not None:
         blocks += [
-            Block([layout.reference_sentence(findings.second_of(tree))], details, COEFFICIENTS),
+            Block([verdict.reference_sentence(findings.second_of(tree))], details, COEFFICIENTS),
             Block((), ALWAYS, COEFFICIENTS, identification_table(tree)),
             *si_block(tree),
             Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS),
@@ -83,7 +83,7 @@ def estimate_blocks(tree: xr.DataTree) -> list[Block]:
     noise |= {"formula": "standard deviation", method: f"{result.noise.item():.2g}"}
     rows = [*layout.coefficient_rows({method: result}).values(), noise]
     table = layout.text_table(rows, ("force", "formula"))
-    blocks = [Block([layout.reference_sentence(result)], title=COEFFICIENTS, table=table)]
+    blocks = [Block([verdict.reference_sentence(result)], title=COEFFICIENTS, table=table)]
     # The largest amplitude that is known: an identification without a cross-check keeps no record.
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
     if np.any(start > 0.0):
@@ -209,8 +209,8 @@ def _remarks(tree: xr.DataTree) -> list[str]:
             said = str(result.attrs.get(name, usual))
             if said != usual:
                 sentences.append(text.format(method, said[2:].strip(": .") or "as asked"))
-    warnings = layout.identifiability_warnings(tree["comparison"].to_dataset().attrs)
-    return [*sentences, *layout.constraint_sentences(results.values()), *warnings]
+    warnings = verdict.identifiability_warnings(tree["comparison"].to_dataset().attrs)
+    return [*sentences, *verdict.constraint_sentences(results.values()), *warnings]
 
 
 def _stiffness(tree: xr.DataTree) -> list[str]:

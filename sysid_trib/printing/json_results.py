@@ -10,8 +10,7 @@ from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.physics.si_units import MU, SI, si_of
 from sysid_trib.printing.discovery_tables import steps_of
 from sysid_trib.printing.identification import consequences
-from sysid_trib.printing.physics import physics_json
-from sysid_trib.printing.plain_data import (
+from sysid_trib.printing.layout import (
     COEFFICIENT,
     FREQUENCIES_JSON,
     Source,
@@ -21,6 +20,7 @@ from sysid_trib.printing.plain_data import (
     records_json,
     same,
 )
+from sysid_trib.printing.physics import physics_json
 from sysid_trib.printing.verdict import GROUP
 from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.results import effects

@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages, dissipated_power
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.printing import Block, layout, plain_data
+from sysid_trib.printing import Block, layout
 
 # What the table of a library refers to, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -109,9 +109,9 @@ FACTS = (
     *("drift", "noise", "sensor_step", "samples_per_period"),
 )
 SAID = ("source", "signal", "angle_unit_in_file", "angle_column", "time_column", "clock", "reading")
-RECORD_JSON: dict[str, plain_data.Source] = {name: f"@{name}" for name in SAID}
-DECAY_JSON: dict[str, plain_data.Source] = {
-    **plain_data.same(*FACTS),
+RECORD_JSON: dict[str, layout.Source] = {name: f"@{name}" for name in SAID}
+DECAY_JSON: dict[str, layout.Source] = {
+    **layout.same(*FACTS),
     "unit": lambda decay: decay.first_amplitude.attrs["units"],
     **{name: f"@{name}" for name in ("free_decay", "points_to_forces", "points_to_system")},
 }
@@ -121,10 +121,10 @@ CURVE_NAMES = ("frequency", "damping_ratio", "dissipative_force", "elastic_force
 CURVE_COLUMNS = tuple(
     f"{name}{end}" for name in CURVE_NAMES for end in ("", "_standard_error", "_low", "_high")
 )
-CURVES_JSON: dict[str, plain_data.Source] = {
+CURVES_JSON: dict[str, layout.Source] = {
     "source": "@source",
     "unit": lambda data: data.amplitude.attrs["units"],
-    **plain_data.same("amplitude", *CURVE_COLUMNS),
+    **layout.same("amplitude", *CURVE_COLUMNS),
 }
 EXPLANATION = (
     "±: half the band that holds the whole curve in 95 % of records, for noise of the sensor and a random "
@@ -155,8 +155,8 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     """The facts about a record as plain data, in the unit of the record."""
     records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
-        "records": [plain_data.mapped(record, RECORD_JSON) for record in records],
-        "decays": [plain_data.mapped(decay, DECAY_JSON) for decay in _decays(tree)],
+        "records": [layout.mapped(record, RECORD_JSON) for record in records],
+        "decays": [layout.mapped(decay, DECAY_JSON) for decay in _decays(tree)],
         "next": next_command,
     }
 
@@ -250,7 +250,7 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
 
 def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
     """The curves of each run as plain data, in the unit of the record."""
-    return {"runs": [plain_data.mapped(data, CURVES_JSON) for data in backbones.values()]}
+    return {"runs": [layout.mapped(data, CURVES_JSON) for data in backbones.values()]}
 
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
@@ -260,7 +260,7 @@ def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
         words = {"run": run, "unit": data.amplitude.attrs["units"]}
         table = zip(*(data[name].values.tolist() for name in heads), strict=True)
         rows += [words | dict(zip(heads, values, strict=True)) for values in table]
-    return plain_data.csv_of(["run", "unit", *heads], rows)
+    return layout.csv_of(["run", "unit", *heads], rows)
 
 
 def _table(data: xr.Dataset) -> Table:

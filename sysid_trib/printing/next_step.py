@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.printing import ALWAYS, Block, comparison, layout, plain_data
+from sysid_trib.printing import ALWAYS, Block, comparison, layout
 from sysid_trib.results.effects import candidates_of, credible_set, determines
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
@@ -198,7 +198,7 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
     """A plan as plain data, all runs."""
-    table = plain_data.same("amplitude", "duration", "samples", "probability", "entropy", "meets")
-    runs = plain_data.per_label(data, "run", table | {"errors": ("force", "standard_error")})
+    table = layout.same("amplitude", "duration", "samples", "probability", "entropy", "meets")
+    runs = layout.per_label(data, "run", table | {"errors": ("force", "standard_error")})
     models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
     return {"models": models, "odds": data.attrs["odds"], "runs": list(runs.values())}

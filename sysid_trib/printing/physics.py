@@ -13,8 +13,16 @@ from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import ALWAYS, Block
-from sysid_trib.printing.layout import by_label, quantity, text_table
-from sysid_trib.printing.plain_data import COEFFICIENT, Source, mapped, per_label, same
+from sysid_trib.printing.layout import (
+    COEFFICIENT,
+    Source,
+    by_label,
+    mapped,
+    per_label,
+    quantity,
+    same,
+    text_table,
+)
 from sysid_trib.results import effects, schema, variables
 
 # A share below this is not worth a word.

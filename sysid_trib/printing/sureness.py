@@ -9,7 +9,7 @@ import xarray as xr
 from rich.table import Table
 from scipy.stats import norm
 
-from sysid_trib.printing import ALWAYS, Block, Layer, layout, plain_data, verdict
+from sysid_trib.printing import ALWAYS, Block, Layer, layout, verdict
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS, sufficient_forces
 from sysid_trib.results.files import identifications_of
 from sysid_trib.validation.findings import verdict_of
@@ -86,18 +86,18 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
     return [Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)]
 
 
-SURE_JSON: dict[str, plain_data.Source] = {
-    PROFILE: ("parameter", plain_data.same("estimate", "standard_error", "low", "high", "asymmetric")),
+SURE_JSON: dict[str, layout.Source] = {
+    PROFILE: ("parameter", layout.same("estimate", "standard_error", "low", "high", "asymmetric")),
     SENSITIVITY: {
-        "forces": ("force", plain_data.same("estimate", "stated_error", "low", "high")),
-        "fits": ("fit", plain_data.same("kind", "reason") | {"coefficients": ("force", "coefficient")}),
+        "forces": ("force", layout.same("estimate", "stated_error", "low", "high")),
+        "fits": ("fit", layout.same("kind", "reason") | {"coefficients": ("force", "coefficient")}),
     },
 }
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
-    return plain_data.mapped(
+    return layout.mapped(
         tree, {name: (name, table) for name, table in SURE_JSON.items() if name in tree.children}
     )
 
@@ -252,19 +252,19 @@ def _table(tree: xr.DataTree, between: bool) -> Table:
 
 
 # By key of the JSON.
-CONTRAST_JSON: dict[str, plain_data.Source] = {
+CONTRAST_JSON: dict[str, layout.Source] = {
     **{side: f"{side}±" for side in SIDES},
-    **plain_data.same(*(f"{side}_between_runs" for side in SIDES)),
-    **plain_data.same("difference", "standard_error", "z", "p_value", "differs"),
+    **layout.same(*(f"{side}_between_runs" for side in SIDES)),
+    **layout.same("difference", "standard_error", "z", "p_value", "differs"),
 }
-JSON: dict[str, plain_data.Source] = {
+JSON: dict[str, layout.Source] = {
     **{name: f"@{name}" for name in ("verdict", "level", "first_record", "second_record")},
     "coefficients": ("force", CONTRAST_JSON),
     "stiffness_difference": "stiffness_difference±",
-    **plain_data.same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
+    **layout.same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
 }
 
 
 def difference_json(tree: xr.DataTree) -> dict[str, Any]:
     """A difference as plain data."""
-    return plain_data.mapped(tree.to_dataset(), JSON)
+    return layout.mapped(tree.to_dataset(), JSON)

@@ -1,5 +1,8 @@
 """The verdict in words: is the record explained, do its runs differ, and what that means."""
 
+from collections.abc import Iterable, Mapping
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from rich.table import Table
@@ -219,3 +222,46 @@ def line_sentences(tree: xr.DataTree) -> list[str]:
         f"The residual holds a line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, perhaps from above "
         "half the sampling rate, or another mode. Record without it, or filter it out."
     ]
+
+
+# Attributes of a comparison that warn, and their sentences.
+ENVELOPE = "Methods of the envelope and the frequency, such as averaging, cannot"
+UNIDENTIFIABLE = {
+    "no_method_identifies": "No method here identifies: {}.",
+    "no_method_can_tell_apart": "No method can separate: {}.",
+    "averaging_cannot_tell_apart": f"{ENVELOPE} separate: {{}}.",
+    "averaging_cannot_see": f"{ENVELOPE} identify: {{}}.",
+}
+
+
+def constraint_sentences(results: Iterable[xr.Dataset]) -> list[str]:
+    """Which coefficients of results are fixed, tied or at a bound, in a sentence; none if none is."""
+    parts = []
+    for result in results:
+        kinds = result.constraint.values.tolist() if "constraint" in result.coords else []
+        for symbol, kind in zip(result.force.values.tolist(), kinds, strict=False):
+            if kind:
+                value = f"{result.coefficient.sel(force=symbol).item():.6g}"
+                parts.append(kind if "=" in kind else f"{symbol} is {kind} ({value})")
+    if not parts:
+        return []
+    return [f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these."]
+
+
+def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
+    """What methods cannot identify or separate by principle, from the attributes of a comparison."""
+    return [text.format(attrs[key]) for key, text in UNIDENTIFIABLE.items() if attrs.get(key)]
+
+
+def reference_sentence(result: xr.Dataset) -> str:
+    """The frequency to which coefficients refer, and their units."""
+    w = result.reference_frequency.item()
+    refers = ["Coefficients refer to w of their method"]
+    units = ["They are dimensionless"]
+    forces = [result[name].values.tolist() for name in ("force", "refers_to", "unit")]
+    for symbol, frequency, unit in zip(*forces, strict=True):
+        if not np.isclose(frequency, w, rtol=1e-12):
+            refers.append(f"{symbol} to {frequency:.6g} rad/s")
+        if unit != "1":
+            units.append(f"{symbol} in {unit}")
+    return f"{'; '.join(refers)}. {'; '.join(units)}."
