@@ -44,6 +44,8 @@ MEASURED = (
 )
 PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 CONSOLE = re.compile(r"^```console\n\$ sysid-trib (.+?)\n(.*?)```$", re.MULTILINE | re.DOTALL)
+# Head of a column that is not kept.
+TIME = "  time (s)"
 # What the page of files calls a result with inputs.
 DRIVEN = "identify of a driven record"
 # Amplitudes (rad) between which signatures are compared.
@@ -66,7 +68,20 @@ def _today(command: str, before: str) -> str:
     words = shlex.split(command)
     pairs = zip(["", *words], words, strict=False)
     records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".txt"))]
-    return printed(*words) if all((_folder() / name).exists() for name in records) else before
+    return without_times(printed(*words)) if all((_folder() / name).exists() for name in records) else before
+
+
+def without_times(text: str) -> str:
+    """What a command prints, without the times that methods take: those of each run are others."""
+    lines, column = [], slice(0)
+    for line in text.splitlines():
+        if column.stop and line:
+            line = f"{line[: column.start]}{'…':>{len(TIME)}}{line[column.stop :]}".rstrip()
+        else:
+            start = line.find(TIME)
+            column = slice(start, start + len(TIME)) if start >= 0 else slice(0)
+        lines.append(line)
+    return "\n".join(lines)
 
 
 def _part(name: str, *arguments: str) -> str:
