@@ -18,10 +18,10 @@ import xarray as xr
 
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.lock import sole_writer
-from sysid_trib.campaigns.rows import Row
-from sysid_trib.campaigns.store import Store, as_dataset, lost_row
+from sysid_trib.campaigns.rows import FAILED, LOST, REFUSED, Row
+from sysid_trib.campaigns.store import Store, as_dataset
 from sysid_trib.campaigns.study import CampaignRecords, record_at
-from sysid_trib.campaigns.task import Task, rows_of
+from sysid_trib.campaigns.task import Task, empty_row, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -108,7 +108,8 @@ def campaign(
         store = Store(path, task, records, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
         changed = store.changed(records)
         blocks = store.unfinished(changed)
-        done, bad = count - sum(len(at) for at in blocks), store.without_result(changed)
+        done = count - sum(len(at) for at in blocks)
+        bad = int((np.isin(store.status, (REFUSED, FAILED)) & ~changed).sum())
         tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
         for at, rows in _finished_blocks(
             task, blocks, partial(record_at, records), workers=workers, memory=memory
@@ -176,7 +177,7 @@ def _through(
                 running.add(submit(np.array([at])))
         else:
             reason = f"its worker died {DEATHS + 1} times ({future.exception()}); it may need more memory"
-            yield block, [lost_row(task, reason)]
+            yield block, [empty_row(task) | {"status": LOST, "message": reason}]
         future.release()
         for following in islice(waiting, 1):
             running.add(submit(following))

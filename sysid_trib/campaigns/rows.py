@@ -193,13 +193,15 @@ def _place(folder: Path, array: Any, number: int) -> Path:
     return folder / ".".join(["0"] * array.ndim).replace("0", str(number), 1)
 
 
+def read_block(path: Path, arrays: Mapping[str, Any], number: int, count: int) -> dict[str, Array]:
+    """The rows of a block, of so many records, by name (see `row_arrays`)."""
+    return {name: read_chunk(path / name, array, number)[:count] for name, array in arrays.items()}
+
+
 def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
     """The arrays that hold the rows of the records, in the order of the checksum."""
-    coordinates = ("record", CHECKSUM)
     return {
-        name: array
-        for name, array in sorted(arrays.items())
-        if is_per_record(array) and name not in coordinates
+        name: array for name, array in sorted(arrays.items()) if is_per_record(array) and name != "record"
     }
 
 
@@ -224,7 +226,7 @@ def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: in
     labels : int
         See `labels_checksum`.
     """
-    rows = np.hstack([_bytes(column) for column in columns.values()])
+    rows = np.hstack([_bytes(column) for name, column in columns.items() if name != CHECKSUM])
     sums = [crc32(row, crc32(name.encode(), labels)) for name, row in zip(names, rows, strict=True)]
     return np.array(sums, dtype="int64")
 

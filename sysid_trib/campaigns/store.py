@@ -19,20 +19,8 @@ import xarray as xr
 
 from sysid_trib._version import __version__
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.campaigns import rows as on_disk
-from sysid_trib.campaigns.rows import (
-    CHECKSUM,
-    EDGES,
-    FAILED,
-    FILL,
-    LOST,
-    REFUSED,
-    STATUS,
-    TRUTH,
-    VARIABLES,
-    WAITING,
-    Row,
-)
+from sysid_trib.campaigns import rows as stored
+from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
 from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
 from sysid_trib.campaigns.task import Task, checksum_of, empty_row, shape_names
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
@@ -88,37 +76,36 @@ class Store:
                 "go on."
             )
         # Opened once: each time takes as long as to write a record.
-        self.arrays, self.rows = arrays, on_disk.row_arrays(arrays)
+        self.arrays, self.rows = arrays, stored.row_arrays(arrays)
         self.block = int(arrays["status"].chunks[0])
-        self._labels = on_disk.labels_checksum(arrays)
-        for partial in path.rglob(f"*{on_disk.UNFINISHED}"):
+        self._labels = stored.labels_checksum(arrays)
+        for partial in path.rglob(f"*{stored.UNFINISHED}"):
             partial.unlink(missing_ok=True)
+
+    @property
+    def status(self) -> Array:
+        """What became of each record (see `STATUS`)."""
+        return np.asarray(self.arrays["status"][:])
 
     def unfinished(self, changed: Mask) -> list[Index]:
         """The records of each block that are still to be done; those whose worker died are tried again.
 
         `changed` : (record,) array of bool; what was done of these is done anew.
         """
-        status = self.arrays["status"][:]
+        status = self.status
         blocks = np.arange(len(status)) // self.block
-        todo = np.flatnonzero((status == WAITING) | (status == LOST) | changed)
+        todo = np.flatnonzero((status == WAITING) | (status == stored.LOST) | changed)
         return [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
 
     def changed(self, records: CampaignRecords) -> Mask:
         """Which records that were done, or refused, have another file now, (record,)."""
         changed = np.zeros(len(records), dtype=bool)
-        if "record_checksum" not in self.arrays:
-            return changed
         known = np.asarray(self.arrays["record_checksum"][:]).astype(str)
-        for at in np.flatnonzero(self.arrays["status"][:] != WAITING).tolist():
+        for at in np.flatnonzero(self.status != WAITING).tolist():
             checksum = checksum_of(record_at(records, at))
             # One that is no longer there, or that only the workers see, is what it was.
             changed[at] = bool(checksum) and checksum != known[at]
         return changed
-
-    def without_result(self, changed: Mask) -> int:
-        """How many records were refused, or failed, without those that are done anew."""
-        return int((np.isin(self.arrays["status"][:], (REFUSED, FAILED)) & ~changed).sum())
 
     def write(self, at: Index, rows: Sequence[Row]) -> None:
         """Write the rows of records of one block.
@@ -132,42 +119,30 @@ class Store:
         first = number * self.block
         places, names = at - first, self._names[first : first + self.block]
         try:
-            columns = {
-                name: on_disk.read_chunk(self.path / name, array, number)[: len(names)]
-                for name, array in self.rows.items()
-            }
+            columns = stored.read_block(self.path, self.rows, number, len(names))
             if columns["status"][places].any():
                 # What is done anew does not count until all of it is there.
                 columns["status"][places] = WAITING
-                self._write("status", number, columns["status"])
+                stored.write_chunk(self.path / "status", self.arrays["status"], number, columns["status"])
             for name in columns.keys() & rows[0].keys():
                 columns[name][places] = np.stack([np.asarray(row[name]) for row in rows])
-            known = on_disk.read_chunk(self.path / CHECKSUM, self.arrays[CHECKSUM], number)[: len(names)]
             rows_done = {name: column[places] for name, column in columns.items()}
-            known[places] = on_disk.row_checksums(rows_done, [names[place] for place in places], self._labels)
-            columns[CHECKSUM] = known
+            names_done = [names[place] for place in places]
+            columns[CHECKSUM][places] = stored.row_checksums(rows_done, names_done, self._labels)
             # Status last: a block counts when all of it is there.
             for name in sorted(columns, key=lambda name: name == "status"):
-                self._write(name, number, columns[name])
+                stored.write_chunk(self.path / name, self.arrays[name], number, columns[name])
         except OSError as error:
             raise RecordError(
                 f"{self.path}: cannot be written ({error.strerror or error}); what was done is "
                 "kept: make room, and repeat the command to go on."
             ) from None
 
-    def _write(self, name: str, number: int, values: Array) -> None:
-        on_disk.write_chunk(self.path / name, self.arrays[name], number, values)
-
 
 def counts_of(store: xr.Dataset) -> dict[str, int]:
     """How many records of a store are of each status."""
     counted = np.bincount(store.status.values, minlength=len(STATUS))
     return dict(zip(STATUS, counted.tolist(), strict=True))
-
-
-def lost_row(task: Task, reason: str) -> Row:
-    """The row of a record whose worker died."""
-    return empty_row(task) | {"status": LOST, "message": reason}
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -223,7 +198,7 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any]]:
     count, block = arrays["status"].shape[0], arrays["status"].chunks[0]
     for name, array in arrays.items():
         good = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
-        if on_disk.is_per_record(array):
+        if stored.is_per_record(array):
             good &= array.shape[0] == count and (name == "record" or array.chunks[0] == block)
         elif array.nbytes > LARGEST_LABELS:
             good = False
@@ -234,19 +209,13 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any]]:
 
 def _check_rows(path: Path, arrays: Mapping[str, Any]) -> None:
     """Refuse a store in which a record is not as it was written, with the first such record."""
-    every, block = on_disk.row_arrays(arrays), arrays["status"].chunks[0]
-    names, labels = arrays["record"][:].astype(str).tolist(), on_disk.labels_checksum(arrays)
+    every, block = stored.row_arrays(arrays), arrays["status"].chunks[0]
+    names, labels = arrays["record"][:].astype(str).tolist(), stored.labels_checksum(arrays)
     for number, first in enumerate(range(0, len(names), block)):
         of_block = names[first : first + block]
-        columns = {
-            name: on_disk.read_chunk(path / name, array, number)[: len(of_block)]
-            for name, array in every.items()
-        }
-        status = columns["status"]
-        if not status.any():
-            continue
-        known = on_disk.read_chunk(path / CHECKSUM, arrays[CHECKSUM], number)[: len(of_block)]
-        wrong = (status != WAITING) & (known != on_disk.row_checksums(columns, of_block, labels))
+        columns = stored.read_block(path, every, number, len(of_block))
+        status, known = columns["status"], columns[CHECKSUM]
+        wrong = (status != WAITING) & (known != stored.row_checksums(columns, of_block, labels))
         wrong |= (status < 0) | (status >= len(STATUS))
         if wrong.any():
             raise _damaged(path, f"record {of_block[np.argmax(wrong)]} is not as it was written")
@@ -326,7 +295,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         "unit": ("force", labels["unit"][1]),
         "speed_degree": ("force", labels["speed_degree"][1]),
         "shape_parameter": ("shape_parameter", shape_names(task)),
-        "edge": ("edge", EDGES),
+        "edge": ("edge", stored.EDGES),
     }
     for name, (dim, texts) in coordinates.items():
         values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
@@ -334,11 +303,11 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
             _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
     if isinstance(records, Study):
-        row[TRUTH] = np.full(len(task.symbols), np.nan)
+        row[stored.TRUTH] = np.full(len(task.symbols), np.nan)
     for name, empty in row.items():
         if not empty.size:
             continue
-        known, shape = VARIABLES[name], (len(records), *empty.shape)
+        known, shape = stored.VARIABLES[name], (len(records), *empty.shape)
         array = _array(group, name, ("record", *known.dims), shape, empty.dtype, block)
         flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
         attrs = {"long_name": known.long_name} | ({"units": known.units} if known.units else {})
@@ -351,7 +320,9 @@ def _array(
     group: Any, name: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, block: int
 ) -> Any:
     chunks = (max(1, min(block, shape[0])), *(max(1, size) for size in shape[1:]))
-    array = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, fill_value=FILL[dtype.kind])
+    array = group.create_array(
+        name, shape=shape, dtype=dtype, chunks=chunks, fill_value=stored.FILL[dtype.kind]
+    )
     array.attrs["_ARRAY_DIMENSIONS"] = list(dims)
     return array
 
@@ -370,7 +341,7 @@ def _copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
     place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
     known = np.array([place.get(name, -1) for name in names])
     for name, array in old.arrays():
-        if not on_disk.is_per_record(array) or name == "record":
+        if not stored.is_per_record(array) or name == "record":
             continue
         for first in range(0, len(known), block):
             at = known[first : first + block]

@@ -120,9 +120,8 @@ class Study:
         white = np.random.default_rng(noisy).standard_normal(len(time))
         angle = motion["angle"].values + noise["deviation"] * _coloured(white, noise["correlation"])
         attrs = {"source": f"record {at} of {self.title}", "synthetic": "drawn from a study"}
-        record = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": time}, attrs)
-        record.time.attrs["units"] = "s"
-        return free_decay(record)
+        at_time = ("time", time, {"units": "s"})
+        return free_decay(xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": at_time}, attrs))
 
 
 # Files, decays in memory, or simulated records.
@@ -150,8 +149,6 @@ def record_at(records: CampaignRecords, at: int) -> Any:
 
 def _coloured(white: np.ndarray, correlation: float) -> np.ndarray:
     """Autoregressive noise of first order with unit variance."""
-    if not correlation:
-        return white
     from scipy.signal import lfilter
 
     innovation = np.sqrt(1.0 - correlation**2) * white
@@ -191,33 +188,28 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     name = Path(path).name
     check_is_file(Path(path))
     try:
-        text = Path(path).read_text(encoding="utf-8")
-        data = tomllib.loads(text)
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise RecordError(f"{name}: not a study in TOML ({error}).") from None
     _refuse_unknown(data, TOP, f"{name}: a study")
-    for key in NEEDED_PARTS:
-        if key not in data:
-            raise RecordError(f"{name}: a study needs '{key}'.")
-    values = {"motion": {"reference_frequency": data["reference_frequency"]}}
-    for part, known in PART_NAMES.items():
-        if part not in data:
-            continue
-        if not isinstance(data[part], Mapping) or not data[part]:
+    if lacking := [key for key in NEEDED_PARTS if key not in data]:
+        raise RecordError(f"{name}: a study needs '{lacking[0]}'.")
+    parts = {part: data[part] for part in PART_NAMES if part in data}
+    for part, table in parts.items():
+        if not isinstance(table, Mapping) or not table:
             raise RecordError(f"{name}: '{part}' must be a table of values.")
-        _refuse_unknown(data[part], known or data[part], f"{name}: '{part}'")
-        values[part] = dict(data[part])
-    for part, names in values.items():
-        for key, value in names.items():
+        _refuse_unknown(table, PART_NAMES[part] or table, f"{name}: '{part}'")
+    values = {"motion": {"reference_frequency": data["reference_frequency"]}, **parts}
+    for part, table in values.items():
+        for key, value in table.items():
             _check(value, RANGES.get((part, key)), f"{name}: '{key}' of '{part}'")
     counts = [data.get("records", 100), data.get("seed", 0)]
     if not all(isinstance(count, int) and 0 <= count < 2**63 for count in counts) or not counts[0]:
         raise RecordError(f"{name}: 'records' and 'seed' must be whole numbers, the first above zero.")
-    for key in ("duration", "rate"):
-        if key not in values["sampling"]:
-            raise RecordError(f"{name}: 'sampling' needs '{key}'.")
+    if lacking := [key for key in PART_NAMES["sampling"] if key not in values["sampling"]]:
+        raise RecordError(f"{name}: 'sampling' needs '{lacking[0]}'.")
     library = str(data.get("library", "contact_forces"))
-    study = Study(str(data.get("title", Path(path).stem)), counts[0], counts[1], library, values)
+    study = Study(str(data.get("title", Path(path).stem)), *counts, library, values)
     sampling = study.drawn(0)["sampling"]
     if not 1.0 < sampling["duration"] * sampling["rate"] <= LONGEST_RECORD:
         raise RecordError(f"{name}: {SAMPLES_ALLOWED}.")

@@ -209,10 +209,9 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     row = {name: empty[name] for name in of_methods}
     labels = {"force": task.symbols, "shape_parameter": shape_names(task)}
     for at, label in enumerate(task.labels):
-        if label not in tree.children or "covariance" not in tree[label]:
-            continue
         # What a record's text withholds is not kept either.
-        if not (task.judged and label in failures(tree)):
+        given = label in tree.children and "covariance" in tree[label]
+        if given and not (task.judged and label in failures(tree)):
             stored.filled(row, at, tree[label].to_dataset(), labels)
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]

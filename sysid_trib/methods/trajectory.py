@@ -23,13 +23,7 @@ from sysid_trib.likelihood.sensor_noise import (
 )
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.motion_fit.least_squares import (
-    Fit,
-    FreeLikelihood,
-    fitted,
-    grown,
-    stopped_by_bounds,
-)
+from sysid_trib.motion_fit.least_squares import Fit, FreeLikelihood, fitted, grown, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import RandomMotionFit, fit_random_motion, stochastic_identification
