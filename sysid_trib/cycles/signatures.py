@@ -145,14 +145,6 @@ def _panels(
         yield from _panels(force, shapes, middle, high, last)
 
 
-def dissipated_power(
-    force: Force, amplitude: ArrayLike, shapes: ShapeValues | None = None, *, time: ArrayLike = 0.0
-) -> Array:
-    """Mean power <h v> = -a <h sin phi> (rad^2) taken from the cycle by a unit coefficient; >0 is a loss."""
-    a = np.atleast_1d(np.asarray(amplitude, dtype=float))
-    return np.asarray(-a * averages(force, a, shapes, time)[0]).reshape(np.shape(amplitude))
-
-
 @lru_cache(maxsize=1024)
 def _unit_averages(force: Force) -> tuple[float, float]:
     """Averages at a = 1, from which those of a homogeneous force follow by scaling."""

@@ -162,8 +162,7 @@ def model_identification(
     method = Direct(frequency, shapes=dict(identified.shapes), constraints=fixed, random_force="estimated")
     library = identified.library
     result = identification(method, one_or_all(list(runs)), library, estimate, offered=library)
-    if fixed:
-        result = result.assign_coords(constraint=("force", Constraints(fixed).kinds(library.symbols)))
+    result = Constraints(fixed).marked(result)
     filters = [rows.path.sensor.filter_ for rows in model.rows]
     result = result.assign(random_force_variables(random_forces(model)) | colour_variables(filters))
     if "shape" in result:

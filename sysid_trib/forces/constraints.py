@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -119,24 +119,27 @@ class Constraints:
         """Parameters that are constrained."""
         return (*self.fixed, *self.bounds, *self.ties)
 
-    def kinds(self, symbols: Iterable[str], at_bound: Iterable[str] = ()) -> list[str]:
-        """How each coefficient is constrained, for the coordinate `constraint(force)` of a result.
+    def marked(self, result: Any, at_bound: Iterable[str] = ()) -> Any:
+        """A result with how each coefficient is constrained, `constraint(force)`, where any is.
 
         Parameters
         ----------
-        symbols : iterable of str
-            The coefficients.
+        result : Dataset
+            An identification.
         at_bound : iterable of str
-            Those that a fit holds at one of their bounds.
+            Coefficients that a fit holds at one of their bounds.
 
         Returns
         -------
-        list of str
-            `fixed`, `at its bound`, the formula of a tie (`nu=-2.356*delta`), or nothing.
+        Dataset
+            The coordinate has `fixed`, `at its bound`, the formula of a tie (`nu=-2.356*delta`), or nothing.
         """
+        if not self:
+            return result
         held = dict.fromkeys(at_bound, "at its bound") | dict.fromkeys(self.fixed, "fixed")
         held |= {name: f"{name}={text}" for name, text in self.ties.items()}
-        return [held.get(symbol, "") for symbol in symbols]
+        kinds = [held.get(symbol, "") for symbol in result.force.values.tolist()]
+        return result.assign_coords(constraint=("force", kinds))
 
     def check(self, library: ForceLibrary) -> None:
         """Refuse what does not fit to the parameters of a library.

@@ -129,11 +129,7 @@ class Averaging(Constrained):
                     "fix other values, or fewer."
                 )
         result = as_identification(method, decay, asked, estimate, library)
-        if constraints:
-            at_bound = constraints.fixed.keys() - wanted.fixed.keys()
-            kinds = wanted.kinds(asked.symbols, at_bound)
-            result = result.assign_coords(constraint=("force", kinds))
-        return result
+        return wanted.marked(result, constraints.fixed.keys() - wanted.fixed.keys())
 
     @property
     def scope(self) -> MethodScope:

@@ -181,10 +181,8 @@ class Direct(Constrained):
         )
         if self._fits_random_force:
             result = result.assign(_random_force(regression, self.random_force))
-        if asked:
-            reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
-            kinds = asked.kinds(offered.symbols, [offered.symbols[i] for i in reached])
-            result = result.assign_coords(constraint=("force", kinds))
+        reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
+        result = asked.marked(result, [offered.symbols[i] for i in reached])
         return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
 
     @property

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -32,8 +33,7 @@ from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import variable
-from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.initial_conditions import first_guess, fit_start
 from sysid_trib.simulation.simulate import trajectory
 
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
@@ -120,16 +120,14 @@ def indirect_estimate(
         pairs = list(zip(measured, ratios, strict=True))
         before = forces
         forces = [random_force_of_ratio(ratio, swing_frequency(run), random_force) for run, ratio in pairs]
-        if before and all(map(_settled, before, forces)):
+        # Densities that hardly differ from those of the round before; one that is held does not.
+        steps = [abs(new.density - old.density) for new, old in zip(forces, before, strict=False)]
+        errors = [SETTLED_DENSITY * np.nan_to_num(force.standard_error) for force in forces]
+        if steps and all(step <= error for step, error in zip(steps, errors, strict=True)):
             break
         stochastic = [with_random_force(envelope, ratio) for envelope, ratio in pairs]
         estimate, last = _estimate(auxiliary, decays, stochastic, correct=correct)
     return replace(estimate, random_forces=forces)
-
-
-def _settled(before: RandomForce, after: RandomForce) -> bool:
-    """True if a density hardly differs from that of the round before; one that is held does not."""
-    return abs(after.density - before.density) <= SETTLED_DENSITY * np.nan_to_num(after.standard_error)
 
 
 def _estimate(
@@ -166,16 +164,24 @@ def _corrected(
     """
     biased = values = auxiliary.values(first)
     frequency = float(biased[-1])
-    beginnings = [_first_swings(decay, frequency) for decay in decays]
-    begun: Sequence[FittedMotion | None] = [None] * len(decays)
+    # Two periods fix the start; a model that is still biased may slip out of phase later.
+    counts = [np.searchsorted(t, t[0] + 4.0 * np.pi / frequency) + 1 for t in (d.time.values for d in decays)]
+    begins = [
+        tuple(decay[name].values[:count].astype(float) for name in ("time", "angle"))
+        for decay, count in zip(decays, counts, strict=True)
+    ]
+    starts: list[tuple[Any, Any]] = [(first_guess(*begin, frequency), None) for begin in begins]
     errors = np.sqrt(np.diag(auxiliary.covariance(first, birge_ratios(first))))
     settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(biased)
     tried: list[Array] = []
     steps: list[Array] = []
     for _ in range(20):
         model = auxiliary.model(values)
-        motions = [_begun(model, part, frequency, last) for part, last in zip(beginnings, begun, strict=True)]
-        begun = motions
+        motions = [
+            fit_start(model, *begin, start, offset=None, sensitivity=sensitivity)
+            for begin, (start, sensitivity) in zip(begins, starts, strict=True)
+        ]
+        starts = [((motion.angle, motion.rate), motion.sensitivity) for motion in motions]
         simulated = []
         for decay, motion, envelope in zip(decays, motions, measured, strict=True):
             time = decay.time.values.astype(float)
@@ -192,15 +198,6 @@ def _corrected(
     raise SysidTribError("the correction did not settle")
 
 
-def _begun(
-    model: Model, part: tuple[Array, Array], frequency: float, last: FittedMotion | None
-) -> FittedMotion:
-    """The motion of a model from the start that the first swings of a record have, from the last one on."""
-    if last is None:
-        return fit_start(model, *part, first_guess(*part, frequency), offset=None)
-    return fit_start(model, *part, (last.angle, last.rate), offset=None, sensitivity=last.sensitivity)
-
-
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
     """Where steps that are nearly linear in the values vanish (Anderson 1965); the first step as it is.
 
@@ -211,13 +208,6 @@ def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) ->
     by_values, by_steps = (np.diff(np.array(known[recent]), axis=0).T for known in (tried, steps))
     part = np.linalg.lstsq(by_steps / unit[:, None], steps[-1] / unit, rcond=None)[0]
     return np.asarray(tried[-1] + steps[-1] - (by_values + by_steps) @ part)
-
-
-def _first_swings(decay: xr.Dataset, frequency: float) -> tuple[Array, Array]:
-    """Two periods fix the start; a model that is still biased may slip out of phase later."""
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    count = int(np.searchsorted(time, time[0] + 4.0 * np.pi / frequency)) + 1
-    return time[:count], angle[:count]
 
 
 def _as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:

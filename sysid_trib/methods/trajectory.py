@@ -347,10 +347,7 @@ def _identification(method: Trajectory, problem: FitProblem, fit: Fit) -> xr.Dat
         extra["birge_ratio"] = (ratio, "1", "Birge ratio by the sensor's noise")
     result = problem.identification(method, fit.values, covariance, noises, extra)
     constraints = Constraints(method.constraints).of_each_run(method.own, len(runs))
-    if constraints:
-        at_bound = parameters.constraints.fixed.keys() & constraints.bounds.keys()
-        kinds = constraints.kinds(parameters.library.symbols, at_bound)
-        result = result.assign_coords(constraint=("force", kinds))
+    result = constraints.marked(result, parameters.constraints.fixed.keys() & constraints.bounds.keys())
     if MEASURED in runs[0]:
         result = result.assign(offset=0.0 * result.offset)
         result.attrs["compared_in"] = problem.records[0].observation.quantity
