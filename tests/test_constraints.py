@@ -12,7 +12,7 @@ from sysid_trib import Model, compare, free_decay, identify, load_library, simul
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
+from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.validation.agreement import run_agreement
 
 FORCES = load_library()
@@ -184,9 +184,6 @@ def test_old_arguments_are_parts_of_the_one_with_a_warning():
         method = Direct(**old)
     assert caught[0].filename == __file__
     assert method == Direct(constraints={"lambda": 0.0, "zeta": (0.0, None), "nu": "2*delta"})
-    options = {"fix": {"lambda": 0.0}, "bounds": {"zeta": [0.0, None]}, "tie": {}}
-    before = xr.Dataset(attrs={"method": "direct", "options": json.dumps(options)})
-    assert method_of(before) == Direct(constraints={"lambda": 0.0, "zeta": [0.0, None]})
 
 
 @pytest.mark.slow

@@ -209,7 +209,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     if lacking := [key for key in PART_NAMES["sampling"] if key not in values["sampling"]]:
         raise RecordError(f"{name}: 'sampling' needs '{lacking[0]}'.")
     library = str(data.get("library", "contact_forces"))
-    study = Study(str(data.get("title", Path(path).stem)), *counts, library, values)
+    study = Study(str(data.get("title", Path(path).stem)), counts[0], counts[1], library, values)
     sampling = study.drawn(0)["sampling"]
     if not 1.0 < sampling["duration"] * sampling["rate"] <= LONGEST_RECORD:
         raise RecordError(f"{name}: {SAMPLES_ALLOWED}.")

@@ -9,7 +9,6 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.constraints import Constraints
 from sysid_trib.methods.classical import feeny_liang_decrement as feeny_liang_decrement
 from sysid_trib.methods.scope import MethodScope as MethodScope
 from sysid_trib.methods.windowed_era import windowed_modes as windowed_modes
@@ -52,10 +51,6 @@ def method_of(result: xr.Dataset) -> Any:
     if name not in kinds:
         raise UsageError(f"'{name}' is no method of this package; run it yourself on the record.")
     options = json.loads(result.attrs["options"])
-    # As results before 0.2 have them.
-    old = [options.pop(name, None) for name in ("fix", "bounds", "tie")]
-    if any(old):
-        options["constraints"] = Constraints.merged(*old).table
     # An optimiser or a start model is not kept in a result: the method goes without it.
     kept = {k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)}
     # JSON knows lists but no tuples.

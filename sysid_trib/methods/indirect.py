@@ -167,7 +167,7 @@ def _corrected(
     # Two periods fix the start; a model that is still biased may slip out of phase later.
     counts = [np.searchsorted(t, t[0] + 4.0 * np.pi / frequency) + 1 for t in (d.time.values for d in decays)]
     begins = [
-        tuple(decay[name].values[:count].astype(float) for name in ("time", "angle"))
+        (decay.time.values[:count].astype(float), decay.angle.values[:count].astype(float))
         for decay, count in zip(decays, counts, strict=True)
     ]
     starts: list[tuple[Any, Any]] = [(first_guess(*begin, frequency), None) for begin in begins]
