@@ -13,8 +13,8 @@ import pytest
 from command_line import linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns import lock
-from sysid_trib.campaigns.lock import sole_writer
+from sysid_trib.campaigns import rows as lock
+from sysid_trib.campaigns.rows import sole_writer
 from sysid_trib.errors import RecordError
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")

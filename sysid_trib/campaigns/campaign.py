@@ -17,8 +17,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
-from sysid_trib.campaigns.lock import sole_writer
-from sysid_trib.campaigns.rows import FAILED, LOST, REFUSED, Row
+from sysid_trib.campaigns.rows import FAILED, LOST, REFUSED, Row, sole_writer
 from sysid_trib.campaigns.store import Store, as_dataset
 from sysid_trib.campaigns.study import CampaignRecords, record_at
 from sysid_trib.campaigns.task import Task, empty_row, rows_of

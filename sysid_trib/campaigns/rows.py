@@ -1,19 +1,22 @@
-"""What a store holds of each record, a row of variables; and rows as chunks of Zarr arrays on this machine.
+"""What a store holds of each record, a row of variables; and rows on disk: chunks, checksums, one writer.
 
 Zarr itself takes each chunk through threads of its own, which takes ten times as long as the file does.
 """
 
+import errno
 import os
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 from zlib import crc32
 
 import numpy as np
-import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.errors import RecordError
 
 # What a killed process leaves of a chunk ends so, as with zarr.
 UNFINISHED = ".partial"
@@ -24,8 +27,6 @@ EDGES = ("lowest", "highest")
 OUTLINE_PARTS = 60
 FORCE_UNIT = "see the coordinate unit"
 TRUTH, TIED, EFFECT_P_VALUE = "true_coefficient", "tied", "effect_p_value"
-
-
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
 # What may become of a record, by the number that the store has of it.
 STATUS = ("waiting", "done", "refused", "failed", "lost")
@@ -98,40 +99,6 @@ VARIABLES |= {
     name: replace(VARIABLES[of], long_name=f"standard error of the {VARIABLES[of].long_name}")
     for name, of in STATED_ERRORS.items()
 }
-
-
-def filled(row: Row, at: int, result: xr.Dataset, labels: dict[str, list[str]]) -> None:
-    """Put the numbers of an identification, the one of number `at`, in their places of a row.
-
-    Parameters
-    ----------
-    row : dict
-    at : int
-    result : Dataset
-        The identification.
-    labels : dict of str to list of str
-        Of all forces and shape parameters of the store; those that the result lacks stay nan.
-    """
-    for name, known in VARIABLES.items():
-        if "method" in known.dims and name in result and row[name].size:
-            for dim in known.dims[1:]:
-                row[name][at] = result[name].reindex({dim: labels[dim]}).values
-            if len(known.dims) == 1:
-                row[name][at] = float(np.mean(result[name].values))
-
-
-def outline_of(decay: xr.Dataset) -> Array:
-    """Lowest and highest value in each part of a decay's time: (edge, part), in its unit.
-
-    A part without a sample is nan.
-    """
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    edges = np.full((len(EDGES), OUTLINE_PARTS), np.nan)
-    firsts = np.searchsorted(time, np.linspace(time[0], time[-1], OUTLINE_PARTS + 1)[:-1])
-    holds = np.diff(np.append(firsts, len(time))) > 0
-    for at, of_all in enumerate((np.minimum, np.maximum)):
-        edges[at, holds] = of_all.reduceat(angle, firsts[holds])
-    return edges
 
 
 def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
@@ -241,3 +208,75 @@ def _bytes(column: Array) -> Array:
     if column.dtype.kind == "f":
         column = np.where(np.isnan(column), np.nan, column)
     return np.ascontiguousarray(column).reshape(len(column), -1).view(np.uint8)
+
+
+# What says that another process has locked a file: EDEADLK is of Windows.
+TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
+
+
+@contextmanager
+def sole_writer(path: Path) -> Iterator[None]:
+    """Hold the lock of a store: a file next to it, locked until this process lets it go or dies.
+
+    Raises
+    ------
+    RecordError
+        Another campaign holds it.
+    """
+    place = path.with_name(f".{path.name}.lock")
+    held = _held(place, path)
+    try:
+        yield
+    finally:
+        if held is not None:
+            # Removed while it is held: whoever opened it before finds that it is gone. Windows removes no
+            # file that anyone has open.
+            if sys.platform != "win32":
+                place.unlink(missing_ok=True)
+            os.close(held)
+            if sys.platform == "win32":
+                with suppress(OSError):
+                    place.unlink()
+
+
+def _held(place: Path, path: Path) -> int | None:
+    """The lock, as an open file; None where files cannot be locked."""
+    while True:
+        try:
+            file = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:
+            # A place that cannot be written is refused by what writes the store.
+            return None
+        try:
+            _lock(file)
+        except OSError as error:
+            os.close(file)
+            if error.errno not in TAKEN:
+                return None
+            raise RecordError(
+                f"{path}: another campaign writes to this store; repeat the command when it has ended, or "
+                "choose another store with -o."
+            ) from None
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(file), place.stat()):
+                return file
+        # The campaign that held it has removed it.
+        os.close(file)
+
+
+def _lock(file: int) -> None:
+    """Lock an open file at once; an OSError with one of `TAKEN` where another process has locked it."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        # File systems of a network may have locks of records alone.
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -180,7 +180,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
             decays: Sequence[xr.Dataset] = [study.decay(at)]
         else:
             decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
-        row |= {"signal_units": signal_units(decays[0]), "outline": stored.outline_of(decays[0])}
+        row |= {"signal_units": signal_units(decays[0]), "outline": _outline(decays[0])}
         row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
     except SysidTribError as error:
         row |= {"status": stored.REFUSED, "message": str(error)}
@@ -188,6 +188,20 @@ def _row_of(task: Task, record: Any) -> stored.Row:
         # One bad record ends no campaign; what it was is kept with it.
         row |= {"status": stored.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
+
+
+def _outline(decay: xr.Dataset) -> np.ndarray:
+    """Lowest and highest value in each part of a decay's time: (edge, part), in its unit.
+
+    A part without a sample is nan.
+    """
+    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    edges = np.full((len(stored.EDGES), stored.OUTLINE_PARTS), np.nan)
+    firsts = np.searchsorted(time, np.linspace(time[0], time[-1], stored.OUTLINE_PARTS + 1)[:-1])
+    holds = np.diff(np.append(firsts, len(time))) > 0
+    for at, of_all in enumerate((np.minimum, np.maximum)):
+        edges[at, holds] = of_all.reduceat(angle, firsts[holds])
+    return edges
 
 
 def checksum_of(record: Any) -> str:
@@ -204,15 +218,18 @@ def checksum_of(record: Any) -> str:
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     """The numbers of a result in the places of the store."""
-    of_methods = (name for name, known in stored.VARIABLES.items() if "method" in known.dims)
     empty = empty_row(task)
-    row = {name: empty[name] for name in of_methods}
+    row = {name: empty[name] for name, known in stored.VARIABLES.items() if "method" in known.dims}
     labels = {"force": task.symbols, "shape_parameter": shape_names(task)}
     for at, label in enumerate(task.labels):
         # What a record's text withholds is not kept either.
         given = label in tree.children and "covariance" in tree[label]
         if given and not (task.judged and label in failures(tree)):
-            stored.filled(row, at, tree[label].to_dataset(), labels)
+            result = tree[label].to_dataset()
+            for name in (name for name, empty in row.items() if name in result and empty.size):
+                # Forces and shape parameters that the result lacks stay nan.
+                of_store = {dim: labels[dim] for dim in stored.VARIABLES[name].dims[1:]}
+                row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]
         row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
