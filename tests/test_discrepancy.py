@@ -27,8 +27,8 @@ from helpers import FIVE, NOISE, W, decay, rms, rms_range, share_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import discover
-from sysid_trib.discovery.discover import verdict_of
 from sysid_trib.discovery.omnibus_test import independent_tests
+from sysid_trib.discovery.parts import verdict_of
 from sysid_trib.discovery.screen import screen
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
@@ -265,7 +265,7 @@ def test_slow_noise_is_not_named(seed):
 
 
 def test_rounding_does_not_decide_how_many_tests_are_independent():
-    """Of candidates that are alike: a change of the correlation far below what matters changes little."""
+    """Of candidates that are alike: a perturbation far below what matters changes little."""
     random = np.random.default_rng(3)
     columns = random.standard_normal((60, 20)) @ random.standard_normal((20, 150))
     columns = np.column_stack([columns, columns + 1e-9 * random.standard_normal(columns.shape)])

@@ -268,7 +268,7 @@ class DescribingFunctions:
             sine, cosine = np.einsum("i,ika->ka", coefficients, self.at(row, a))
             return sine, a * (1.0 - self.ratio[row] ** 2) + cosine
 
-        def surplus(a: Array, row: Array = frequency) -> Array:
+        def surplus(a: Array, row: Array) -> Array:
             sine, along = sums(a, row.astype(int))
             return np.asarray(along**2 + sine**2 - np.abs(drive[row.astype(int)]) ** 2)
 

@@ -2,34 +2,32 @@
 
 import json
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discovery.final_models import Growth
 from sysid_trib.discovery.fits import Fits
-from sysid_trib.discovery.search import Search, may_gain, search, with_steps
+from sysid_trib.discovery.parts import closing_effect, not_improving, verdict_of
+from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.discovery.to_xarray import groups_of
-from sysid_trib.discovery.unseen import Prediction, SearchParts, improvements, predicted, search_parts
+from sysid_trib.discovery.unseen import Prediction, RecordPart, predicted, search_parts, start_forces
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import forces_to_identify, further_forces, is_free_to_move, viscous_model
+from sysid_trib.forces.selection import further_forces, is_free_to_move, offered_forces, viscous_model
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.start_model import (
     colour_penalty,
-    default_shapes,
     fit_start_model,
     recoloured,
     refitted,
     with_sensor_noises,
 )
-from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.methods.scope import without_old_arguments
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
@@ -152,8 +150,8 @@ def _discovery(
     reference_frequency, refit, time_limit, settings, tell = how
     deadline = time.monotonic() + time_limit
     whole = as_runs(decay, driven=True)
-    model, free, held = _start_forces(model_forces, reference_frequency, Constraints(constraints))
-    offered, left_out = _offered(model_forces, candidates, inputs_of(whole[0]))
+    model, free, held = start_forces(model_forces, reference_frequency, Constraints(constraints))
+    offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
     if not len(offered):
         raise UsageError("No candidate is left beside the forces of the model; offer another library.")
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
@@ -161,22 +159,21 @@ def _discovery(
     if any(inputs_for(run, taken) for run in (*whole, *unseen)):
         # A driven record may have few samples a period: so many points between them no force asks for.
         settings = replace(settings, points_per_period=settings.points_per_period // 2)
-    parts = search_parts(whole, unseen, settings.samples_per_period)
-    seen = [part.record for part in parts.learnt]
+    runs, learnt, later = search_parts(whole, unseen, settings.samples_per_period)
+    seen = [part.record for part in learnt]
     tell("fit of the start model")
-    pasts = [(part.origin, part.before) for part in parts.learnt]
+    pasts = [(part.origin, part.before) for part in learnt]
     start = fit_start_model(seen, free, reference_frequency, settings, held, pasts)
-    growth = Growth(seen, _foresight(start, parts))
-    done = _or_coloured_noise(Fits(start, offered.forces, deadline), growth, tell)
-    done = _best_by_holdout(done, growth, tell)
-    closing = _closing_effect(done, growth)
+    fits = Fits(start, offered.forces, deadline, runs=seen, predict=_foresight(start, learnt, later))
+    done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
+    closing = closing_effect(done)
     if refit and not unseen:
         tell("fit to the whole runs")
-        done = replace(done, models=[_refitted(model, parts) for model in done.models])
-        seen = parts.runs
+        done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
+        seen = runs
     tell("where model and record differ")
     groups = groups_of(seen, done, offered, reference_frequency)
-    of_seen = range(len(whole)) if seen is parts.runs else [part.run for part in parts.learnt]
+    of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
     for name, at in zip(group_names("record", len(seen)), of_seen, strict=True):
         groups[name].attrs["kept_window"] = whole[at].time.values[[0, -1]]
     tree = xr.DataTree.from_dict(groups)
@@ -184,14 +181,14 @@ def _discovery(
     options |= {"refit": refit, "reference_frequency": reference_frequency, "constraints": dict(constraints)}
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
-        **provenance(None, one_or_all(parts.runs), model),
+        **provenance(None, one_or_all(runs), model),
         "method": "discover",
         "options": json.dumps(options),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         "verdict": verdict_of(done, closing),
         "closing_effect": closing,
-        "not_improving": _not_improving(done),
+        "not_improving": not_improving(done),
         "noise_p_value": done.noise_p_value,
         "converged": str(done.converged),
         "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
@@ -199,35 +196,44 @@ def _discovery(
         "left_out": left_out,
         "failed_fits": done.failed,
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
-        "stretches": "" if seen is parts.runs else parts.sentence,
-        "decimated": [run.attrs["decimated"] for run in parts.runs if "decimated" in run.attrs],
+        "stretches": "" if seen is runs else _stretches_of(learnt, len(runs)),
+        "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
     if misnamed_effects(tree):
         tree.attrs["verdict"] = "unknown effect"
     return tree
 
 
-def _best_by_holdout(done: Search, growth: Growth, tell: Tell) -> Search:
+def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
+    """What of long records the models are fitted to; empty where that is all of them."""
+    ends = [part.record.time.values[[0, -1]] for part in learnt]
+    spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in ends)
+    said = f"A long driven record: models are fitted to stretches ({spans}), each with its own noise."
+    return said if len(learnt) > runs else ""
+
+
+def _best_by_holdout(done: Search, tell: Tell) -> Search:
     """The search with its steps and their predictions; without what does not improve what was held out."""
+    fits = done.fits
     while True:
         steps = with_steps(done, tell)
         tell("hold-out")
-        predictions = [growth.foretold(model) for model in steps.models]
-        fewer = int(np.argmin([np.nan_to_num(made.rms, nan=np.inf) for made in predictions]))
-        if fewer == len(done.effects) or growth.is_complete(steps.models[-1]):
-            noise_p_value = np.nan if done.out_of_time else growth.noise_p_value(steps.models[-1])
+        predictions = [fits.foretold(model) for model in steps.models]
+        fewer = int(np.argmin([np.nan_to_num(rms, nan=np.inf) for _, rms in predictions]))
+        if fewer == len(done.effects) or fits.is_complete(steps.models[-1]):
+            noise_p_value = np.nan if done.out_of_time else fits.noise_p_value(steps.models[-1])
             return replace(steps, predictions=predictions, noise_p_value=noise_p_value)
-        done = search(done.fits, begin=steps.models[fewer], most=fewer, tell=tell)
+        done = search(fits, begin=steps.models[fewer], most=fewer, tell=tell)
 
 
-def _or_coloured_noise(fits: Fits, growth: Growth, tell: Tell) -> Search:
+def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     """The search, or that with noise of the likeliest colour, if that explains the record better.
 
     What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
     all of them; else the colour with what was named is tried, of which that of the search is outside.
     """
-    done = search(fits, growth=growth, tell=tell)
+    done = search(fits, growing=True, tell=tell)
     if verdict_of(done) == "nothing missing":
         return done
     tell("colour of the sensor's noise")
@@ -249,107 +255,23 @@ def _or_coloured_noise(fits: Fits, growth: Growth, tell: Tell) -> Search:
         begin = with_names
     else:
         return done
-    other_fits = Fits(coloured, fits.candidates, fits.deadline)
-    again = search(other_fits, begin=begin, growth=Growth(growth.runs, growth.predict), tell=tell)
+    other_fits = Fits(coloured, fits.candidates, fits.deadline, runs=fits.runs, predict=fits.predict)
+    again = search(other_fits, begin=begin, growing=True, tell=tell)
     fewer = outside * (len(again.effects) < len(done.effects))
     return again if with_colour(again.models[-1]) < with_colour(last) + fewer else done
 
 
-def _foresight(start: FittedModel, parts: SearchParts) -> Callable[[FittedModel], Prediction]:
+def _foresight(
+    start: FittedModel, learnt: Sequence[RecordPart], later: Sequence[RecordPart]
+) -> Callable[[FittedModel], Prediction]:
     """How a model predicts parts that it has not seen, with the noise of what it has seen of their runs."""
-    learnt = [part.run for part in parts.learnt]
-    noises = [max(at for at, run in enumerate(learnt) if run == unseen.run) for unseen in parts.later]
+    noises = [max(at for at, part in enumerate(learnt) if part.run == unseen.run) for unseen in later]
     frequency = start.rows[0].path.frequency
-    return lambda model: predicted(model, parts.later, noises, frequency)
+    return lambda model: predicted(model, later, noises, frequency)
 
 
-def _refitted(model: FittedModel, parts: SearchParts) -> FittedModel:
-    nears = {part.run: rows.path for part, rows in zip(parts.learnt, model.rows, strict=True)}
-    return refitted(
-        model,
-        [nears[at].of_run(run, nears[at].frequency, nears[at].origin) for at, run in enumerate(parts.runs)],
-    )
-
-
-def _closing_effect(done: Search, growth: Growth) -> str:
-    """The effect that no more were asked for left out, if nothing is missing with it; else empty."""
-    settings, model = done.models[-1].settings, done.next_best
-    if model is None or not len(done.effects) == settings.max_effects > 0:
-        return ""
-    last = done.fits.screened(model)
-    missing = last.omnibus_p_value < settings.level or may_gain(last)
-    return "" if missing or not growth.is_complete(refitted(model)) else done.fits.effects_of(model)[-1]
-
-
-def _not_improving(done: Search) -> str:
-    """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
-    model = done.next_best
-    asked = model is not None and done.converged and len(done.effects) < model.settings.max_effects
-    return done.fits.effects_of(model)[-1] if model is not None and asked else ""
-
-
-def verdict_of(done: Search, closing: str = "") -> str:
-    """`explained`, `unknown effect` or `nothing missing`.
-
-    `closing` : the effect that is missing because no more were asked for, and nothing besides.
-    """
-    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
-    # a model that does not move as the record does explains nothing; what was not compared is not known.
-    last, settings = done.screenings[-1], done.models[0].settings
-    refuted = np.any(improvements(done.predictions) < -settings.refuted)
-    unphysical = bool(done.effects) and not done.followed
-    if done.collinear or refuted or unphysical or not done.converged:
-        return "unknown effect"
-    noisy = done.noise_p_value >= settings.level and last.omnibus_p_value >= settings.level
-    if closing or (noisy and not done.outstanding):
-        return "explained" if done.effects else "nothing missing"
-    return "unknown effect"
-
-
-def _start_forces(
-    asked: ForceLibrary, reference_frequency: float | None, constraints: Constraints
-) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
-    """The forces of the start model: all, those that are fitted, those held with their coefficients."""
-    if not len(asked):
-        raise UsageError("The start model has no force; give at least one, such as a viscous one.")
-    model = forces_to_identify(asked, reference_frequency)
-    fix = constraints.fixed
-    if other := [name for name in constraints.names if name not in fix]:
-        raise UsageError(f"discover holds coefficients alone; leave out what bounds or ties {other[0]}.")
-    able = [force.symbol for force in model if force.kind == "force"]
-    for symbol in fix:
-        if symbol not in able:
-            raise UsageError(f"No force '{symbol}' of the model can be held; there are {', '.join(able)}.")
-    free = [force for force in model if force.symbol not in fix]
-    if not free:
-        raise UsageError("Every force of the start model is held; give one that is fitted, a viscous one.")
-    held = [(TrialEffect(f, default_shapes(f)), float(fix[f.symbol])) for f in model if f.symbol in fix]
-    return model, free, held
-
-
-def _offered(
-    model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
-) -> tuple[ForceLibrary, list[str]]:
-    """The candidates that the model does not have, of these inputs, and the symbols of the others."""
-    kept: list[Force] = []
-    left_out = []
-    for force in candidates:
-        same = any(_same(force, other) for other in model) or not set(force.inputs) <= set(inputs)
-        if same or any(force.symbol == other.symbol for other in (*model, *kept)):
-            left_out.append(force.symbol)
-        else:
-            kept.append(force)
-    return replace(candidates, forces=tuple(kept)), left_out
-
-
-def _same(force: Force, other: Force) -> bool:
-    """True if two forces are the same function."""
-    if force.kind != other.kind:
-        return False
-    if force.memoryless and not force.shape and force.kind == "force" and not force.channels:
-        return other.matches(force.formula.text)
-    texts = [
-        (f.formula.text, *(p.text for table in (f.state, f.memory) for p in table.values()))
-        for f in (force, other)
-    ]
-    return texts[0] == texts[1]
+def _refitted(model: FittedModel, runs: Sequence[xr.Dataset], learnt: Sequence[RecordPart]) -> FittedModel:
+    """A model fitted to the whole runs."""
+    nears = {part.run: rows.path for part, rows in zip(learnt, model.rows, strict=True)}
+    places = ((run, nears[at]) for at, run in enumerate(runs))
+    return refitted(model, [near.of_run(run, near.frequency, near.origin) for run, near in places])

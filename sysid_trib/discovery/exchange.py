@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.fits import Fits, least_penalty
+from sysid_trib.discovery.fits import Fits, least_penalty, log_rows
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import correlation_of, each_column, projected
 from sysid_trib.likelihood.fitted_model import FittedModel
@@ -23,7 +23,7 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
     """
     model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
-    without, penalty = bare.deviance - current.whole.deviance, _of_effect(model)
+    without, penalty = bare.deviance - current.whole.deviance, log_rows(model)
     # Of a magnet with a cubic force there is hardly more than a quintic one: a part that is too small to be
     # tested, but no error of the path, which would not be like an effect that is seen.
     effects = [1 + model.columns_of(symbol)[0] for symbol in gone]
@@ -77,15 +77,10 @@ def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[Scored]:
     for pair in (pair for pair in likeliest.values() if known.issuperset(pair)):
         likelier = likelihood(current.products, [*kept, *(current.first_trial + at for at in pair)])
         able = all(current.allows(at, c) for at, c in zip(pair, likelier.coefficients[-2:], strict=True))
-        score = likelier.deviance - current.whole.deviance + (2 - len(gone)) * _of_effect(model)
+        score = likelier.deviance - current.whole.deviance + (2 - len(gone)) * log_rows(model)
         if able and score < model.settings.far:
             scores.append((score, pair))
     return scores
-
-
-def _of_effect(model: FittedModel) -> float:
-    """What an effect costs in the evidence, its sign and its shapes aside."""
-    return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
 
 
 def _testable(current: Screening, part: Array) -> list[int]:
@@ -250,11 +245,8 @@ def pairs_of(current: Screening, fits: Fits, symbol: str) -> dict[tuple[str, str
 
 def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:
     """True if each of two trials in the place of an effect explains more with the other than chance."""
-    kept = current.model.columns_without((symbol,))
-    p_values = [
-        current.p_value_with([*kept, current.first_trial + other], current.first_trial + at)
-        for at, other in (pair, reversed(pair))
-    ]
+    kept, columns = current.model.columns_without((symbol,)), [current.first_trial + at for at in pair]
+    p_values = [current.p_value_with([*kept, other], at) for at, other in (columns, columns[::-1])]
     return max(p_values) < current.model.settings.level
 
 
@@ -271,3 +263,30 @@ def likelier_pair(current: Screening, fits: Fits, most: int) -> FittedModel | No
             if excess < -current.model.settings.outside_of_set and after not in fits.by_chance:
                 return fits.kept[after]
     return None
+
+
+def not_beyond_chance(current: Screening, fits: Fits) -> FittedModel | None:
+    """The model without the effect that chance would do as well as most likely; None if there is none."""
+    model, level = current.model, current.model.settings.level
+    chances = [current.p_value_of_effect(symbol) for symbol in current.effects]
+    if max(chances, default=0.0) < level:
+        return None
+    worst = current.effects[int(np.argmax(chances))]
+    # Along the present path it is as likely: a fit that is less so came to a worse optimum.
+    fitted = fits.of(model, (worst,), (), model.deviance + current.gain_of((worst,)))
+    if fitted is None or current.p_value_of_effect(worst, fitted.deviance - model.deviance) < level:
+        return None
+    fits.by_chance.add(frozenset(current.effects))
+    return fitted
+
+
+def chance_in_set(
+    effects: Sequence[str], rivals: Mapping[str, Mapping[str, float]], fits: Fits
+) -> FittedModel | None:
+    """The model without the effect whose credible set chance is in; None if there is none."""
+    cost, symbol = min(((costs.get("", np.inf), at) for at, costs in rivals.items()), default=(np.inf, ""))
+    in_set = cost < fits.start.settings.outside_of_set
+    fitted = fits.kept.get(frozenset(effects) - {symbol}) if in_set else None
+    if fitted is not None:
+        fits.by_chance.add(frozenset(effects))
+    return fitted

@@ -5,14 +5,17 @@ from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
-from scipy.special import log_ndtr
+import xarray as xr
+from scipy.special import log_ndtr, softmax
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discovery.screen import Screening, screen
 from sysid_trib.discovery.single_columns import are_physical, strengths
+from sysid_trib.discovery.unseen import Prediction, noise_p_value
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.model_fit import NOT_FITTED, ROUNDS_AGREE, fit_model
+from sysid_trib.likelihood.start_model import refitted
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
 
 
@@ -78,10 +81,14 @@ def _at_end(beyond_end: float, error: float) -> float:
     )
 
 
+def log_rows(model: FittedModel) -> float:
+    """What an effect costs in the evidence, its sign and its shapes aside."""
+    return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
+
+
 def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
     """What so many effects add to the evidence of a model of the same rows, their shapes aside."""
-    rows = sum(rows.path.form.rows for rows in model.rows)
-    return float(sum(np.log(rows) - 2.0 * np.log(2.0) * force.passive for force in forces))
+    return float(sum(log_rows(model) - 2.0 * np.log(2.0) * force.passive for force in forces))
 
 
 def probabilities(costs: Sequence[float]) -> Array:
@@ -89,9 +96,7 @@ def probabilities(costs: Sequence[float]) -> Array:
 
     `costs` : (model,) minus twice the logarithm of the evidence of each, up to a common constant.
     """
-    values = np.asarray(costs, dtype=float)
-    weight = np.exp(-0.5 * (values - values.min()))
-    return np.asarray(weight / weight.sum())
+    return np.asarray(softmax(-0.5 * np.asarray(costs, dtype=float)))
 
 
 def credible(probability: Array, part: float) -> Mask:
@@ -123,6 +128,12 @@ class Fits:
     tried : dict
         From where each fit started, and the deviance that it was asked to reach if it was given up above
         that: for a higher one it is tried again.
+    runs : sequence of Dataset
+        To which the models are fitted.
+    predict : callable
+        How a model predicts what was held out.
+    best : tuple of FittedModel and Prediction, or None
+        Of the models that a search came to by adding.
     """
 
     start: FittedModel
@@ -133,10 +144,19 @@ class Fits:
     failed: list[str] = field(default_factory=list)
     by_chance: set[frozenset[str]] = field(default_factory=set)
     tried: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
+    runs: Sequence[xr.Dataset] = ()
+    predict: Callable[[FittedModel], Prediction] | None = None
+    best: tuple[FittedModel, Prediction] | None = None
+    # Whether a model of these forces goes on, and models in a row that were no better; by the coefficients
+    # predictions and p-values of noise.
+    _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
+    _refused: int = 0
+    _predictions: dict[bytes, Prediction] = field(default_factory=dict)
+    _tested: dict[bytes, float] = field(default_factory=dict)
 
     def effects_of(self, model: FittedModel) -> tuple[str, ...]:
         """Symbols of what a model has besides the start model's forces."""
-        return tuple(self._symbols(model.trials))
+        return self._symbols(model.trials)
 
     def evidence(self, model: FittedModel) -> float:
         """Minus twice the logarithm of the evidence of a model."""
@@ -213,20 +233,52 @@ class Fits:
             self.failed += [trial.force.symbol for trial in added]
         return model.without_caches() if model is not None and settled else None
 
-    def _symbols(self, trials: Sequence[TrialEffect]) -> list[str]:
+    def _symbols(self, trials: Sequence[TrialEffect]) -> tuple[str, ...]:
         """Symbols of the trials besides the start model's."""
         of_start = {trial.force.symbol for trial in self.start.trials}
-        return [trial.force.symbol for trial in trials if trial.force.symbol not in of_start]
+        return tuple(trial.force.symbol for trial in trials if trial.force.symbol not in of_start)
 
     def _is_local_optimum(self, model: FittedModel | None) -> bool:
         """True if a fit has settled where it is less likely than a model that it contains."""
         if model is None or not model.settled:
             return False
-        key = frozenset(self._symbols(model.trials))
-        contained = min(
-            (kept.deviance for symbols, kept in self.kept.items() if symbols <= key), default=np.inf
-        )
-        return model.deviance > contained + ROUNDS_AGREE
+        effects = {*self.effects_of(model)}
+        contained = [kept.deviance for symbols, kept in self.kept.items() if symbols <= effects]
+        return model.deviance > min(contained, default=np.inf) + ROUNDS_AGREE
+
+    def foretold(self, model: FittedModel) -> Prediction:
+        """How a model predicts what was held out."""
+        assert self.predict is not None
+        key = model.coefficients.tobytes()
+        if key not in self._predictions:
+            self._predictions[key] = self.predict(model)
+        return self._predictions[key]
+
+    def goes_on(self, model: FittedModel) -> bool:
+        """True if a model may grow: not so many in a row were no better; else `best` is that to end with."""
+        symbols = tuple(trial.force.symbol for trial in model.trials)
+        if symbols not in self._known:
+            referred = refitted(model)
+            after = self.foretold(referred)
+            # It predicts better than another one, or leaves nothing that another could explain.
+            better = self.best is None or bool(after[1] < self.best[1][1]) or self.is_complete(referred)
+            self._refused = 0 if better else self._refused + 1
+            # A right effect may predict worse while another is missing: one does not end a search.
+            self._known[symbols] = self._refused <= 1
+            if better:
+                self.best = model, after
+        return self._known[symbols]
+
+    def noise_p_value(self, model: FittedModel) -> float:
+        """`noise_p_value` of a model, once."""
+        key = model.coefficients.tobytes()
+        if key not in self._tested:
+            self._tested[key] = noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
+        return self._tested[key]
+
+    def is_complete(self, model: FittedModel) -> bool:
+        """True if a model leaves nothing of any run but noise."""
+        return self.noise_p_value(model) >= model.settings.level
 
 
 def _fitted(

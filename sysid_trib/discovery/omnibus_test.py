@@ -212,14 +212,10 @@ def _p_value_by_simulation(
     alone (parametric bootstrap; Satterthwaite 1946).
     """
     random = np.random.default_rng(model.settings.seed)
-    deviations = np.sqrt(null.variances)
     tables = [np.column_stack(pair) for pair in zip(model.tables, tested, strict=True)]
-    drawn = [
-        _of_noise(rows, table, of_run, float(ratio), float(deviation), random)
-        for rows, table, of_run, ratio, deviation in zip(
-            model.rows, tables, products, null.ratios, deviations, strict=True
-        )
-    ]
+    noises = zip(null.ratios.tolist(), np.sqrt(null.variances).tolist(), strict=True)
+    runs = zip(model.rows, tables, products, noises, strict=True)
+    drawn = [_of_noise(rows, table, of_run, *noise, random) for rows, table, of_run, noise in runs]
     every = range(1, 1 + tables[0].shape[1])
     gains = []
     for draw in zip(*drawn, strict=True):
@@ -250,10 +246,8 @@ def _of_noise(
         whole.append(white.T @ white)
     of_draws, columns = np.array(whole), np.arange(table.shape[1])
     # The level that the spectrum gives scatters as well.
-    level_rows = products.level_rows
-    scatter = (
-        random.chisquare(level_rows, ROWS_OF_NOISE) / level_rows if level_rows else np.ones(ROWS_OF_NOISE)
-    )
+    count = products.level_rows
+    scatter = random.chisquare(count, ROWS_OF_NOISE) / count if count else np.ones(ROWS_OF_NOISE)
     drawn = []
     for draw, level in enumerate((deviation * np.sqrt(scatter)).tolist()):
         at = np.append(draw, ROWS_OF_NOISE + columns)

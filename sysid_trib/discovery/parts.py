@@ -1,4 +1,4 @@
-"""What a record could show, whether its runs differ, and what names and coefficients its parts give."""
+"""What a search says: its verdict, what a record could show, whether runs or parts of it differ."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -11,9 +11,11 @@ from scipy.stats import chi2
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.fits import probabilities
 from sysid_trib.discovery.screen import Screening
-from sysid_trib.discovery.search import Search
+from sysid_trib.discovery.search import Search, may_gain
+from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.start_model import refitted
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.effects import NAMED
 
@@ -137,11 +139,9 @@ def _rows(table: Array, low: float, high: float) -> slice:
 
 def _deviances(model: FittedModel) -> Array:
     """Deviance of a model on the rows of each part, (part,), in the noises of the whole."""
-    tables = model.white_tables()
-    logarithms = [
-        2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance)
-        for rows, (ratio, variance) in zip(model.rows, map(model.noises, range(len(tables))), strict=True)
-    ]
+    tables, of_fit = model.white_tables(), model.likelihood
+    runs = zip(model.rows, of_fit.ratios.tolist(), of_fit.variances, strict=True)
+    logarithms = [2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance) for rows, ratio, variance in runs]
     deviances = []
     for part in RECORD_PARTS.values():
         inside = np.concatenate([table[_rows(table, *part)] for table in tables])
@@ -204,3 +204,38 @@ def _best(screening: Screening, symbol: str) -> int:
     good = [i for i in of_force if not screening.reasons[i]]
     size = screening.errors * screening.relative_force
     return min(good, key=lambda i: float(size[i])) if good else of_force[0]
+
+
+def closing_effect(done: Search) -> str:
+    """The effect that no more were asked for left out, if nothing is missing with it; else empty."""
+    settings, model = done.models[-1].settings, done.next_best
+    if model is None or not len(done.effects) == settings.max_effects > 0:
+        return ""
+    last = done.fits.screened(model)
+    missing = last.omnibus_p_value < settings.level or may_gain(last)
+    return "" if missing or not done.fits.is_complete(refitted(model)) else done.fits.effects_of(model)[-1]
+
+
+def not_improving(done: Search) -> str:
+    """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
+    model = done.next_best
+    asked = model is not None and done.converged and len(done.effects) < model.settings.max_effects
+    return done.fits.effects_of(model)[-1] if model is not None and asked else ""
+
+
+def verdict_of(done: Search, closing: str = "") -> str:
+    """`explained`, `unknown effect` or `nothing missing`.
+
+    `closing` : the effect that is missing because no more were asked for, and nothing besides.
+    """
+    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
+    # a model that does not move as the record does explains nothing; what was not compared is not known.
+    last, settings = done.screenings[-1], done.models[0].settings
+    refuted = np.any(improvements(done.predictions) < -settings.refuted)
+    unphysical = bool(done.effects) and not done.followed
+    if done.collinear or refuted or unphysical or not done.converged:
+        return "unknown effect"
+    noisy = done.noise_p_value >= settings.level and last.omnibus_p_value >= settings.level
+    if closing or (noisy and not done.outstanding):
+        return "explained" if done.effects else "nothing missing"
+    return "unknown effect"

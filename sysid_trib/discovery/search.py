@@ -1,25 +1,23 @@
 """The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid_trib.discovery.exchange import (
-    better_rival,
-    extended,
-    likelier_exchange,
-    likelier_pair,
-    pairs_of,
-    rivals_of,
-)
-from sysid_trib.discovery.final_models import Growth, nested_models, plainest
+from sysid_trib.discovery import exchange
 from sysid_trib.discovery.fits import Fits
+from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import projected
 from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import Tell, silent
+from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.likelihood.model_fit import fit_model, fitted_along
+from sysid_trib.likelihood.start_model import refitted
+
+Rivals = dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -60,14 +58,14 @@ class Search:
     predictions : sequence of Prediction
         Of what was held out, by its models.
     noise_p_value : float
-        Of what the final model leaves (see `Growth`); nan where the time ran out.
+        Of what the final model leaves (see `noise_p_value`); nan where the time ran out.
     """
 
     screenings: list[Screening]
     models: list[FittedModel]
     effects: tuple[str, ...]
     p_values: list[float]
-    rivals: dict[str, dict[str, float]]
+    rivals: Rivals
     pairs: dict[str, dict[tuple[str, str], float]]
     outstanding: list[str]
     next_best: FittedModel | None
@@ -82,8 +80,7 @@ class Search:
     @property
     def failed(self) -> list[str]:
         """Candidates whose fits failed."""
-        compared = {name for of_effect in self.rivals.values() for name in of_effect}
-        return sorted({*self.fits.failed} - {*self.effects} - compared)
+        return sorted({*self.fits.failed}.difference(self.effects, *self.rivals.values()))
 
 
 def search(
@@ -91,7 +88,7 @@ def search(
     *,
     begin: FittedModel | None = None,
     most: int | None = None,
-    growth: Growth | None = None,
+    growing: bool = False,
     tell: Tell = silent,
 ) -> Search:
     """Add, exchange and drop effects until no move raises the evidence of the model.
@@ -107,8 +104,8 @@ def search(
         The first model, in the noise of the start model; by default that.
     most : int, optional
         Effects at most, by default as the settings say.
-    growth : Growth, optional
-        Lets there be no more effects than improve what was held out.
+    growing : bool
+        Let there be no more effects than improve what was held out.
     tell : Tell
     """
     model = start = fits.start
@@ -116,49 +113,50 @@ def search(
     fits.kept[frozenset()] = start
     if begin is not None and (fitted := fits.of(begin, (), ())) is not None:
         model = fitted
-    rivals: dict[str, dict[str, float]] = {}
+    rivals: Rivals = {}
     converged = False
     for _ in range(start.settings.most_fits):
         tell(f"candidates beside {', '.join(fits.effects_of(model)) or 'the start model'}")
         current = fits.screened(model)
-        step = likelier_exchange(current, fits)
+        step = exchange.likelier_exchange(current, fits)
         if step is None and len(current.effects) < most and may_gain(current):
-            if growth is None or growth.goes_on(model):
-                step = min(extended(current, fits), key=fits.evidence, default=None)
-            elif growth.best is not None:
-                step = growth.best[0]
+            if not growing or fits.goes_on(model):
+                step = min(exchange.extended(current, fits), key=fits.evidence, default=None)
+            elif fits.best is not None:
+                step = fits.best[0]
                 most = len(fits.effects_of(step))
         if step is None:
-            step = _not_beyond_chance(current, fits)
+            step = exchange.not_beyond_chance(current, fits)
         if step is None:
             tell("rivals of each effect")
-            rivals = {symbol: rivals_of(current, fits, symbol) for symbol in current.effects}
-            step = better_rival(current, fits, rivals) or _chance_in_set(current.effects, rivals, fits)
+            rivals = {symbol: exchange.rivals_of(current, fits, symbol) for symbol in current.effects}
+            step = exchange.better_rival(current, fits, rivals)
+            step = step or exchange.chance_in_set(current.effects, rivals, fits)
         if step is None:
-            step = likelier_pair(current, fits, most)
+            step = exchange.likelier_pair(current, fits, most)
         converged = step is None and not fits.ended
         if step is None:
             break
         model = step
     if not converged:
         current = fits.screened(model)
-        rivals = {symbol: rivals_of(current, fits, symbol) for symbol in current.effects}
+        rivals = {symbol: exchange.rivals_of(current, fits, symbol) for symbol in current.effects}
     return _ended(model, rivals, fits, converged)
 
 
-def _ended(model: FittedModel, rivals: dict[str, dict[str, float]], fits: Fits, converged: bool) -> Search:
+def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> Search:
     """A search that ends with a model, or one that is as likely."""
     model, referred, rivals, followed = plainest(model, rivals, fits)
     last = fits.screened(model)
     effects = _by_weight(last)
-    further = extended(last, fits)
+    further = exchange.extended(last, fits)
     return Search(
         [last],
         [referred if referred.follows else model],
         effects,
         [_decisive_p_value(last, symbol, fits) for symbol in effects],
         rivals,
-        {symbol: pairs_of(last, fits, symbol) for symbol in effects},
+        {symbol: exchange.pairs_of(last, fits, symbol) for symbol in effects},
         _outstanding(last, further, fits),
         min(further, key=fits.evidence, default=None),
         _collinear(last),
@@ -181,8 +179,7 @@ def _by_weight(last: Screening) -> tuple[str, ...]:
     """The effects in the order in which each lowers the deviance most with those before it."""
     ordered, rest = list[str](), list(last.effects)
     while rest:
-        gains = {symbol: last.gain_of([other for other in rest if other != symbol]) for symbol in rest}
-        ordered.append(min(rest, key=gains.__getitem__))
+        ordered.append(min(rest, key=lambda symbol: last.gain_of([s for s in rest if s != symbol])))
         rest.remove(ordered[-1])
     return tuple(ordered)
 
@@ -198,35 +195,6 @@ def _outstanding(last: Screening, further: Sequence[FittedModel], fits: Fits) ->
 def may_gain(current: Screening) -> bool:
     """True if the column of any candidate gains more than chance."""
     return any(current.p_values[at] < current.model.settings.level for at in current.best())
-
-
-def _not_beyond_chance(current: Screening, fits: Fits) -> FittedModel | None:
-    """The model without the effect that chance would do as well as most likely; None if there is none."""
-    model, level = current.model, current.model.settings.level
-    chances = [current.p_value_of_effect(symbol) for symbol in current.effects]
-    if max(chances, default=0.0) < level:
-        return None
-    worst = current.effects[int(np.argmax(chances))]
-    # Along the present path it is as likely: a fit that is less so came to a worse optimum.
-    fitted = fits.of(model, (worst,), (), model.deviance + current.gain_of((worst,)))
-    if fitted is None or current.p_value_of_effect(worst, fitted.deviance - model.deviance) < level:
-        return None
-    fits.by_chance.add(frozenset(current.effects))
-    return fitted
-
-
-def _chance_in_set(
-    effects: Sequence[str], rivals: Mapping[str, Mapping[str, float]], fits: Fits
-) -> FittedModel | None:
-    """The model without the effect whose credible set chance is in; None if there is none."""
-    single = {symbol: costs.get("", np.inf) for symbol, costs in rivals.items()}
-    symbol = min(single, key=single.__getitem__, default="")
-    if not symbol or single[symbol] >= fits.start.settings.outside_of_set:
-        return None
-    fitted = fits.kept.get(frozenset(effects) - {symbol})
-    if fitted is not None:
-        fits.by_chance.add(frozenset(effects))
-    return fitted
 
 
 def _decisive_p_value(current: Screening, symbol: str, fits: Fits) -> float:
@@ -257,3 +225,66 @@ def _collinear(last: Screening) -> list[str]:
         if with_others < settings.independent * without_others and z < settings.determined:
             collinear.append(symbol)
     return collinear
+
+
+def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedModel, FittedModel, Rivals, bool]:
+    """The plainest of the models that are as likely; where that is not followed, the likeliest that is.
+
+    Of those in a credible set with the model. A force of the user's own is plainer than one of the usual
+    candidates, and then one of fewer shapes.
+
+    Returns
+    -------
+    The model as the search has it; with its frequency as the reference; the rivals of its effects; and
+    whether it is followed.
+    """
+    referred, settings, effects = refitted(model), model.settings, fits.effects_of(model)
+    followed = not effects or _is_followed(referred)
+    others = list[tuple[tuple[bool, int], float, str, str, FittedModel]]()
+    for symbol, costs in rivals.items():
+        for name, excess in costs.items():
+            fitted = fits.kept.get(frozenset(effects) - {symbol} | {name})
+            if name in ("", symbol) or excess >= settings.outside_of_set or fitted is None:
+                continue
+            plain = _plainness(fitted, name) if followed else (False, 0)
+            if not followed or (excess < settings.tie and plain < _plainness(model, symbol)):
+                others.append((plain, excess, symbol, name, fitted))
+    for _, excess, symbol, name, fitted in sorted(others, key=lambda other: other[:2]):
+        other = refitted(fitted)
+        if _is_followed(other):
+            costs = {tied: its_excess - excess for tied, its_excess in rivals[symbol].items()}
+            kept = {s: of_effect for s, of_effect in rivals.items() if s != symbol} | {name: costs}
+            return plainest(fitted, kept, fits) if followed else (fitted, other, kept, True)
+    return model, referred, rivals, followed
+
+
+def _plainness(model: FittedModel, symbol: str) -> tuple[bool, int]:
+    """True of a usual candidate, and the number of its shapes: the least is plainest."""
+    force = model.trials[model.columns_of(symbol)[0]].force
+    usual = {(other.symbol, other.formula.text) for other in load_library("candidate_effects")}
+    return (force.symbol, force.formula.text) in usual, len(force.shape)
+
+
+def _is_followed(model: FittedModel) -> bool:
+    """True if the fit has settled, and without a random force moves as its path does.
+
+    Rows say how a motion deviates, and not that it stops before the record does.
+    """
+    if not model.settled or np.any(model.likelihood.ratios > 0.0):
+        return model.settled
+    return all(motion.over_noise < model.settings.free_residual for motion in free_motions(model))
+
+
+def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
+    """The models with none, one, ... all of the effects, in this order."""
+    models = [final]
+    for symbol in reversed(effects):
+        last = models[0]
+        kept = [at for at, trial in enumerate(last.trials) if trial.force.symbol != symbol]
+        first = np.append(last.coefficients[kept], last.stiffness)
+        paths = [rows.path for rows in last.rows]
+        trials = [last.trials[at] for at in kept]
+        fewer = refitted(fit_model(paths, trials, frequency_free=last.frequency_free, first=first))
+        # With so much missing it may have no motion of its own: then along that of the model with more.
+        models.insert(0, fewer if fewer.follows else fitted_along(paths, trials, first, last.frequency_free))
+    return models

@@ -11,6 +11,7 @@ import xarray as xr
 from scipy.stats import norm
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery import parts
 from sysid_trib.discovery.demodulation import demodulate
 from sysid_trib.discovery.fits import credible, probabilities
 from sysid_trib.discovery.free_motion import (
@@ -21,14 +22,6 @@ from sysid_trib.discovery.free_motion import (
     total_covariance,
 )
 from sysid_trib.discovery.omnibus_test import trial_names
-from sysid_trib.discovery.parts import (
-    costs_in_parts,
-    detectability,
-    error_of_model,
-    homogeneity,
-    probabilities_in_parts,
-    squares_left,
-)
 from sysid_trib.discovery.search import Search
 from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -51,14 +44,14 @@ def groups_of(
     # Where the final model leaves more than noise, sets and errors allow for how names and coefficients move
     # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
-    error = None if complete else error_of_model(final)
+    error = None if complete else parts.error_of_model(final)
     names, records = group_names("record", len(seen)), _records(seen, motions)
     groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
     for when, at in (("", 0), ("_after", -1)):
         spans, attrs = demodulate(motions[at])
         groups[f"discrepancy{when}"] = _group("discrepancy", spans, attrs=attrs)
     for when, at in (("", 0), ("_after", -1)):
-        candidates, forces = detectability(search.screenings[at])
+        candidates, forces = parts.detectability(search.screenings[at])
         symbols = [force.symbol for force in forces]
         labels = _labels(forces, ("name", "family", "formula", "unit"))
         coords = {"candidate": symbols, "other": symbols, **labels}
@@ -71,7 +64,7 @@ def groups_of(
         groups[name] = model_identification(*of_model, seen, frequency, widening, error if at else None)
     groups["holdout"] = _holdout(search, motions[-1])
     if len(seen) > 1:
-        groups["homogeneity"] = _group("homogeneity", homogeneity(search.models))
+        groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
     return groups
 
 
@@ -197,7 +190,7 @@ def _whitened(search: Search) -> list[float]:
     final = search.screenings[-1].model
     tables = np.concatenate(final.white_tables())
     kept = [final.columns_without(search.effects[count:]) for count in range(len(search.effects) + 1)]
-    squares = [squares_left(tables[:, columns], tables[:, 0], 1e-12)[0] for columns in kept]
+    squares = [parts.squares_left(tables[:, columns], tables[:, 0], 1e-12)[0] for columns in kept]
     return [float(np.sqrt(rest / len(tables))) for rest in squares]
 
 
@@ -217,8 +210,10 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
     by_chance, stands, likeliest = np.zeros(len(search.effects)), [], []
     settings = search.models[0].settings
     for at, symbol in enumerate(search.effects):
-        rivals, costs = search.rivals[symbol], costs_in_parts(search, symbol)
-        likely = probabilities([*rivals.values()]) if complete else probabilities_in_parts(costs, rivals)
+        rivals, costs = search.rivals[symbol], parts.costs_in_parts(search, symbol)
+        likely = (
+            probabilities([*rivals.values()]) if complete else parts.probabilities_in_parts(costs, rivals)
+        )
         inside = credible(likely, settings.credible)
         for name, excess, p, tied in zip(rivals, rivals.values(), likely, inside, strict=True):
             if not name:
@@ -279,12 +274,11 @@ def _omnibus(search: Search) -> xr.Dataset:
 
 def _holdout(search: Search, final: Sequence[FreeMotion]) -> xr.Dataset:
     noise = root_mean_square([run.noise.standard_deviation for run in final])
-    rms = np.array([prediction.rms for prediction in search.predictions])
-    above = rms**2 - noise**2
-    # Parts that are shorter than a period have no score.
-    of_periods = [prediction.scores for prediction in search.predictions]
+    of_periods, rms = zip(*search.predictions, strict=True)
+    above = np.square(rms) - noise**2
     values = {
-        "rms": rms,
+        "rms": np.array(rms),
+        # Parts that are shorter than a period have no score.
         "log_score": [float(np.mean(scores)) if len(scores) else np.nan for scores in of_periods],
         "residual_noise": noise,
         "residual_above_noise": above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan),

@@ -1,23 +1,56 @@
-"""What a search has not seen: the parts of records that it leaves out, and their prediction."""
+"""What a search is given, how models predict what they have not seen, and whether they leave but noise."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.free_motion import free_motion, model_of_fit
-from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.discovery.free_motion import free_motion, free_motions, model_identification, model_of_fit
+from sysid_trib.discovery.omnibus_test import FAMILIES
+from sysid_trib.errors import DecayError, SysidTribError, UsageError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_rows import decimated, run_rows
+from sysid_trib.likelihood.sensor_noise import white_p_value
+from sysid_trib.likelihood.start_model import default_shapes
+from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.likelihood.weak_form import whiten
+from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, swing_frequency
+from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_frequency
 from sysid_trib.validation.holdout import first_held_out, stretches, up_to_held_out
+from sysid_trib.validation.random_force_test import dependence_on_motion
+
+# Mean logarithm of the predictive density of the rows of each period of all parts, given those before; and
+# the RMS residual (rad) of the free motion, its start and the sensor's zero fitted.
+Prediction = tuple[Array, float]
+
+
+def start_forces(
+    asked: ForceLibrary, reference_frequency: float | None, constraints: Constraints
+) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
+    """The forces of the start model: all, those that are fitted, those held with their coefficients."""
+    if not len(asked):
+        raise UsageError("The start model has no force; give at least one, such as a viscous one.")
+    model = forces_to_identify(asked, reference_frequency)
+    fix = constraints.fixed
+    if other := [name for name in constraints.names if name not in fix]:
+        raise UsageError(f"discover holds coefficients alone; leave out what bounds or ties {other[0]}.")
+    able = [force.symbol for force in model if force.kind == "force"]
+    for symbol in fix:
+        if symbol not in able:
+            raise UsageError(f"No force '{symbol}' of the model can be held; there are {', '.join(able)}.")
+    free = [force for force in model if force.symbol not in fix]
+    if not free:
+        raise UsageError("Every force of the start model is held; give one that is fitted, a viscous one.")
+    held = [(TrialEffect(f, default_shapes(f)), float(fix[f.symbol])) for f in model if f.symbol in fix]
+    return model, free, held
 
 
 class RecordPart(NamedTuple):
@@ -34,29 +67,12 @@ class RecordPart(NamedTuple):
     before: xr.Dataset | None = None
 
 
-class SearchParts(NamedTuple):
-    """Runs with as many samples as a search needs, what models are fitted to, and what they predict."""
+def search_parts(
+    runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset], per_period: int
+) -> tuple[list[xr.Dataset], list[RecordPart], list[RecordPart]]:
+    """Runs with as many samples as a search needs, what models are fitted to, and what they predict.
 
-    runs: list[xr.Dataset]
-    learnt: list[RecordPart]
-    later: list[RecordPart]
-
-    @property
-    def in_stretches(self) -> bool:
-        """True if models are fitted to stretches of the runs."""
-        return len(self.learnt) > len(self.runs)
-
-    @property
-    def sentence(self) -> str:
-        """What of long records the models are fitted to; empty where that is all of them."""
-        ends = [part.record.time.values[[0, -1]] for part in self.learnt]
-        spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in ends)
-        said = f"A long driven record: models are fitted to stretches ({spans}), each with its own noise."
-        return said if self.in_stretches else ""
-
-
-def search_parts(runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset], per_period: int) -> SearchParts:
-    """Parts of the runs and of what is held out; a driven record is as dense as its inputs ask for.
+    A driven record is as dense as its inputs ask for.
 
     Models are fitted to the runs and predict records that are held out; where there are none, they are fitted
     to the first two thirds of each run and predict the last one.
@@ -64,24 +80,24 @@ def search_parts(runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset], per_p
     kept, records = (
         [run if inputs_of(run) else decimated(run, per_period) for run in those] for those in (runs, unseen)
     )
-    parts = SearchParts(kept, [], [])
+    learnt, later = list[RecordPart](), list[RecordPart]()
     for at, run in enumerate(kept):
         time = run.time.values.astype(float)
         end = len(time) if records else first_held_out(time)
         for part in _stretches(run, slice(0, end)):
-            parts.learnt.append(RecordPart(part, at, float(time[0]), _before(run, part)))
+            learnt.append(RecordPart(part, at, float(time[0]), _before(run, part)))
         for part in [] if records else _stretches(run, slice(end, None)):
             is_whole = part.sizes["time"] == len(time) - end
             before = up_to_held_out(run) if is_whole else _before(run, part)
-            parts.later.append(RecordPart(part, at, float(time[0]), before))
+            later.append(RecordPart(part, at, float(time[0]), before))
     for at, record in enumerate(records):
         # The noise of each is that of a run; `t` counts from the first sample of the record that it is from.
         name = record.attrs.get("record_checksum")
         same = [run for run in kept if name and run.attrs.get("record_checksum") == name]
         origin = float((same or [record])[0].time.values[0])
         run_of_noise = min(at, len(kept) - 1)
-        parts.later.extend(RecordPart(part, run_of_noise, origin) for part in _stretches(record, slice(None)))
-    return parts
+        later.extend(RecordPart(part, run_of_noise, origin) for part in _stretches(record, slice(None)))
+    return kept, learnt, later
 
 
 def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
@@ -110,22 +126,6 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         # Where a record begins it is not known what forces remember: a few periods tell.
         part = part.sel(time=slice(time[0] + 0.1 * duration, None))
     yield from stretches(part, duration, 3.0 * duration)
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """How a model predicts what it has not seen.
-
-    Attributes
-    ----------
-    scores : (period,) array of float
-        Mean logarithm of the predictive density of the rows of each period of all parts, given those before.
-    rms : float, rad
-        Residual of the free motion, its start and the sensor's zero fitted.
-    """
-
-    scores: Array
-    rms: float
 
 
 def predicted(
@@ -162,7 +162,7 @@ def predicted(
             residuals.append(root_mean_square(motion.residual))
         except SysidTribError:
             residuals.append(float("nan"))
-    return Prediction(np.concatenate(scores), root_mean_square(residuals))
+    return np.concatenate(scores), root_mean_square(residuals)
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
@@ -243,10 +243,38 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
     better = []
     for before in predictions[:-1]:
         with np.errstate(invalid="ignore"):
-            difference = predictions[-1].scores - before.scores
+            difference = predictions[-1][0] - before[0]
         # Without periods in which a model's errors are not finite.
         difference = difference[np.isfinite(difference)]
         known = len(difference) >= 3 and np.ptp(difference)
         error = difference.std(ddof=1) / np.sqrt(len(difference)) if known else np.nan
         better.append(difference.mean() / error if known else np.nan)
     return np.array(better)
+
+
+def noise_p_value(model: FittedModel, runs: Sequence[xr.Dataset], unseen: Callable[[], float]) -> float:
+    """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
+
+    1 where the free motion follows them and what was held out to the noise (`unseen`: the RMS of that), 0
+    where it does not follow them and nothing pushes it. With a random force a free motion wanders off and
+    predicts what is far by chance, and noise of a colour of its own may hide a force: there the record must
+    leave nothing that goes with angle, speed or time (`dependence_on_motion`; Bonferroni). A driven motion
+    may have what no spline follows, so that no noise is known without a model: what is left is white then.
+    """
+    motions, most = free_motions(model), model.settings.free_residual
+    if any(map(inputs_of, runs)):
+        return min(1.0, len(motions) * min(white_p_value(motion.residual) for motion in motions))
+    stochastic = model.likelihood.ratios > 0.0
+    if any(not motion.over_noise < most and not stochastic[at] for at, motion in enumerate(motions)):
+        return 0.0
+    noises = [sensor_noise(run) for run in runs]
+    sizes = zip([root_mean_square(motion.residual) for motion in motions], noises, strict=True)
+    follows = all(size < most * noise for size, noise in sizes)
+    if follows and unseen() < most * root_mean_square(noises):
+        return 1.0
+    followed = FollowedRuns(dict(enumerate(runs)), model_identification(model, motions, runs, None))
+    try:
+        tested = [dependence_on_motion(followed, at).p_value.item() for at in range(len(runs))]
+    except SysidTribError:
+        return 0.0
+    return float(min(1.0, FAMILIES * len(tested) * min(tested)))

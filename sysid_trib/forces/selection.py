@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid_trib.errors import DecayError, LibraryError, UsageError, did_you_mean
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import is_number, library_folder, load_library
 
 # The forces that systems name, by library.
@@ -122,6 +122,33 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
     # One's own force of a symbol goes before the usual effect of the same.
     others += [force for force in effects if force.symbol not in taken]
     return replace(effects, forces=tuple(others))
+
+
+def offered_forces(
+    model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
+) -> tuple[ForceLibrary, list[str]]:
+    """The candidates that the model does not have, of these inputs, and the symbols of the others."""
+    kept, left_out = list[Force](), list[str]()
+    for force in candidates:
+        same = any(_same(force, other) for other in model) or not set(force.inputs) <= set(inputs)
+        if same or any(force.symbol == other.symbol for other in (*model, *kept)):
+            left_out.append(force.symbol)
+        else:
+            kept.append(force)
+    return replace(candidates, forces=tuple(kept)), left_out
+
+
+def _same(force: Force, other: Force) -> bool:
+    """True if two forces are the same function."""
+    if force.kind != other.kind:
+        return False
+    if force.memoryless and not force.shape and force.kind == "force" and not force.channels:
+        return other.matches(force.formula.text)
+    texts = [
+        (f.formula.text, *(p.text for table in (f.state, f.memory) for p in table.values()))
+        for f in (force, other)
+    ]
+    return texts[0] == texts[1]
 
 
 @dataclass(frozen=True)

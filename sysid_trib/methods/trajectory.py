@@ -26,7 +26,7 @@ from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.motion_fit.least_squares import Fit, FreeLikelihood, fitted, grown, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
-from sysid_trib.motion_fit.random_motion import RandomMotionFit, fit_random_motion, stochastic_identification
+from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import inputs_for
 from sysid_trib.records.smoothing import sensor_noise
@@ -141,7 +141,7 @@ class Trajectory(Constrained):
         quick = _quick(self, problem, runs) if self.start is None or stochastic_too else None
         first = _first_values(self, problem, quick)
         if stochastic_too:
-            return stochastic_identification(self, problem, _with_random_force(self, problem, first, quick))
+            return stochastic_identification(self, problem, *_with_random_force(self, problem, first, quick))
         problem, fit = self._fitted_freely(problem, first)
         while stopped := stopped_by_bounds(problem.parameters, fit, problem.parameters.constraints.bounds):
             problem = replace(problem, parameters=problem.parameters.fix(stopped))
@@ -260,7 +260,7 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
 
 def _with_random_force(
     method: Trajectory, problem: FitProblem, values: Array, quick: xr.Dataset | None
-) -> RandomMotionFit:
+) -> tuple[Fit, Array, Iterate]:
     """The fit of the innovations; a parameter that a bound stops is held there."""
     if quick is not None:
         # Direct identification has the colours by frequencies above the motion's.
@@ -268,15 +268,15 @@ def _with_random_force(
         problem = problem.with_filters(filters)
     while True:
         parameters = problem.parameters
-        fit = _likelier_of(problem, values, method)
+        fit, covariance, at = _likelier_of(problem, values, method)
         stopped = stopped_by_bounds(parameters, fit, parameters.constraints.bounds)
         if not stopped:
-            return fit
+            return fit, covariance, at
         problem = replace(problem, parameters=parameters.fix(stopped))
         values = problem.parameters.expand(fit.values[problem.parameters.free])
 
 
-def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> RandomMotionFit:
+def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tuple[Fit, Array, Iterate]:
     """The fit in noise of the colours of the records or in white noise, whose innovations are likelier."""
     fit = fit_random_motion(problem, values, method.random_force)
     white = [np.ones(1)] * len(problem.records)
@@ -286,7 +286,7 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> Rand
         in_white = fit_random_motion(problem.with_filters(white), values, method.random_force)
     except DecayError:
         return fit
-    return min(fit, in_white, key=lambda tried: tried.at.penalised_deviance())
+    return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
 
 
 def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:

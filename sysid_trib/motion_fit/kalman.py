@@ -5,6 +5,7 @@ the data: they are statsmodels'. With them the filter is linear in what it is gi
 columns (start, sensor's zero, coefficients) go through it in one banded triangular solution (de Jong 1991).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +15,8 @@ from scipy.linalg import solve_discrete_lyapunov
 from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.variance_ratio import WhiteRows
+from sysid_trib.errors import DecayError
+from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, ratio_span, variance_ratio
 from sysid_trib.simulation.steps import Steps
 
 
@@ -265,6 +267,33 @@ class LinearModel:
         samples, size = self.path.shape
         covariance = self._filtered(ratio).predicted_state_cov[:size, :, :samples]
         return np.asarray(predicted[:, :size] + np.einsum("abn,nbc->nac", covariance, surprise))
+
+
+def likely_ratio(
+    linear: LinearModel, rows: Callable[[float], WhiteRows] | None = None, start: float | None = None
+) -> VarianceRatio:
+    """The ratio per_tau / variance of most restricted likelihood.
+
+    Parameters
+    ----------
+    linear : LinearModel
+    rows : callable, optional
+        White rows of a ratio, in the place of the model's with all its columns.
+    start : float, optional
+        Where the ratio was last.
+
+    Raises
+    ------
+    DecayError
+        Friction holds the body all the time.
+    """
+    impulses = linear.steps.diffusion[:, 1, 1]
+    # A body that friction holds is not pushed.
+    impulses = impulses[impulses > 0.0]
+    if not len(impulses):
+        raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
+    low, high = ratio_span(float(np.sum(impulses)), float(np.median(impulses)))
+    return variance_ratio(linear.rows if rows is None else rows, low, high, start)
 
 
 def _block_diagonal(matrices: Array, further: Array) -> Array:

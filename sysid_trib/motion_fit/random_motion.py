@@ -12,8 +12,9 @@ Where friction holds the body or nearly so, the linear model jumps with the path
 back and forth between branches. Then path and parameters go only a part of the step (relaxation).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,16 +23,21 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError
+from sysid_trib.likelihood.colour import most_likely_colour
 from sysid_trib.likelihood.random_force import (
+    RandomForce,
     RandomForceOption,
     random_force_of_ratio,
     random_force_variables,
 )
+from sysid_trib.likelihood.ratio_posterior import average_over_ratios
 from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
+from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
+from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
 from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
+from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
-from sysid_trib.motion_fit.stochastic_step import Iterate
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.variables import variable
@@ -43,26 +49,170 @@ LEAST_PART = 0.05
 
 
 @dataclass(frozen=True)
-class RandomMotionFit(Fit):
-    """Parameters of most likelihood with a random force.
+class Iterate:
+    """Where the iteration is, and the step that it would take.
 
     Attributes
     ----------
-    residual, sensitivity
-        Normalised innovations of all runs, the predicted minus the measured.
-    covariance : (parameter, parameter) array of float
-    at : Iterate
-        The last one.
+    parameters : Parameters
+    values : (parameter,) array of float
+        Where the runs are linear.
+    linear : sequence of LinearModel
+        The runs about their filtered paths, with the columns of all common parameters, then of the run's own.
+    ratios : sequence of VarianceRatio
+        Of each run: per_tau of the random force over the variance of the sensor's noise.
     """
 
-    covariance: Array
-    at: Iterate
+    parameters: Parameters
+    values: Array
+    linear: Sequence[LinearModel]
+    ratios: Sequence[VarianceRatio] = ()
+
+    def with_ratios(self, density: float | None, before: "Iterate | None") -> "Iterate":
+        """Iterate with the ratio of each run, by its own restricted likelihood or by a given density.
+
+        Parameters
+        ----------
+        density : float or None, (rad/s^2)^2/Hz
+            None where it is estimated.
+        before : Iterate or None
+            The last one, near which the ratios are.
+        """
+        frequency, ratios = self.parameters.model(self.values).reference_frequency, []
+        for run, linear in enumerate(self.linear):
+            rows, last = self._rows_by_ratio(run), before.ratios[run] if before else None
+            if density is None:
+                ratios.append(likely_ratio(linear, rows, last.ratio if last else None))
+            else:
+                per_tau = RandomForce(density).per_tau(frequency)
+                ratios.append(held_ratio(rows, per_tau, last.variance if last else None))
+        return replace(self, ratios=ratios)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivative of all parameters by the free ones, (parameter, free)."""
+        return self.parameters.by_free(np.eye(len(self.values)), self.values)
+
+    @cached_property
+    def _blocks(self) -> list[Array]:
+        """Derivative of the columns' parameters of each run by the free ones, (column, free)."""
+        common = self.jacobian[: len(self.parameters.common)]
+        own = [self.jacobian[self.parameters.of_run(run)] for run in range(len(self.linear))]
+        return [np.concatenate([common, part]) for part in own]
+
+    @cached_property
+    def rows(self) -> WhiteRows:
+        """Normalised innovations of all runs as one regression on the free parameters."""
+        of_runs = [model.rows(ratio.ratio) for model, ratio in zip(self.linear, self.ratios, strict=True)]
+        sizes = [np.sqrt(ratio.variance) for ratio in self.ratios]
+        target = np.concatenate([rows.target / size for rows, size in zip(of_runs, sizes, strict=True)])
+        design = [
+            rows.design @ block / size for rows, block, size in zip(of_runs, self._blocks, sizes, strict=True)
+        ]
+        return WhiteRows(target, np.concatenate(design), 0.0)
+
+    @cached_property
+    def solution(self) -> tuple[Array, Array]:
+        """Step of the free parameters within their limits, and their covariance without limits.
+
+        Parameters that would pass a limit go to it, and the others are solved again.
+        """
+        rows, free = self.rows, self.parameters.free
+        step, inverse = rows.solution()
+        low, high = (limit[free] - self.values[free] for limit in self.parameters.limits)
+        passed = (step < low) | (step > high)
+        if passed.any():
+            limited = np.clip(step, low, high)
+            target = rows.target - rows.design[:, passed] @ limited[passed]
+            rest = replace(rows, target=target, design=rows.design[:, ~passed])
+            limited[~passed] = np.clip(rest.solution()[0], low[~passed], high[~passed])
+            step = limited
+        return step, inverse
+
+    @property
+    def remaining(self) -> float:
+        """The step in standard errors, of the parameter where it is largest."""
+        step, covariance = self.solution
+        return float(np.max(np.abs(step) / np.sqrt(np.diag(covariance))))
+
+    def filtered_motion(self, run: int) -> tuple[Array, Array]:
+        """The path by the samples up to each one (sample, state), and the standard error of v (sample,), rad.
+
+        At the parameters of most likelihood.
+        """
+        linear, ratio = self.linear[run], self.ratios[run]
+        change, covariance = linear.filtered_motion(ratio.ratio, self._blocks[run] @ self.solution[0])
+        return linear.path + change[..., 0], np.sqrt(ratio.variance * np.maximum(covariance[:, 1, 1], 0.0))
+
+    def innovations(self, run: int) -> Array:
+        """What is predicted wrongly one sample ahead, (sample,), rad."""
+        ratio, deviation = self.ratios[run].ratio, self._blocks[run] @ self.solution[0]
+        return self.linear[run].innovations(ratio, deviation)[1][:, 0]
+
+    def stepped(self, step: Array) -> Array:
+        """The parameters after a step of the free ones, within their limits."""
+        free = self.parameters.free
+        low, high = (limit[free] for limit in self.parameters.limits)
+        return self.parameters.expand(np.clip(self.values[free] + step, low, high))
+
+    def average_by_ratio(self, run: int) -> tuple[Array, Array]:
+        """The step of the free parameters over the ratios of a run that its record leaves open."""
+
+        def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
+            return replace(self, ratios=[*self.ratios[:run], ratio, *self.ratios[run + 1 :]]).solution
+
+        samples = len(self.linear[run].record)
+        return average_over_ratios(self._rows_by_ratio(run), self.ratios[run], samples, solved)
+
+    def with_gains_over_colours(self) -> "Iterate":
+        """Iterate with each random force's gain over the sensor's noise alone, in a colour of its own.
+
+        Both colours are of most likelihood, of the order that the sensor's noise has. With the random force
+        the ratio is held where it is: the gain is no larger than with both free.
+        """
+        ratios = list(self.ratios)
+        for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
+            if len(linear.sensor_filter) > 1 and ratio.gain != 0.0:
+                without, least = (self._least_deviance(run, of) for of in (0.0, ratio.ratio))
+                ratios[run] = replace(ratio, gain=max(0.0, without - least))
+        return replace(self, ratios=ratios)
+
+    def _least_deviance(self, run: int, ratio: float) -> float:
+        """Deviance of a run's innovations at a ratio, in the colour of most likelihood."""
+        linear = self.linear[run]
+
+        def deviance(colour: Array) -> float:
+            return self._rows_by_ratio(run, colour)(ratio).restricted_deviance()[0]
+
+        return most_likely_colour(deviance, [linear.sensor_filter], samples=len(linear.record))[1]
+
+    def penalised_deviance(self) -> float:
+        """Deviance of the innovations with the Bayesian information criterion's price of the colours."""
+        total = 0.0
+        for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
+            deviance, _ = self._rows_by_ratio(run)(ratio.ratio).restricted_deviance()
+            total += deviance + (len(linear.sensor_filter) - 1) * np.log(len(linear.record))
+        return total
+
+    def _rows_by_ratio(self, run: int, colour: Array | None = None) -> Callable[[float], WhiteRows]:
+        """Innovations of a run by the ratio of its variances, as a regression on the parameters it has."""
+        block, linear = self._blocks[run], self.linear[run]
+        linear = linear if colour is None else replace(linear, sensor_filter=colour)
+
+        def rows(ratio: float) -> WhiteRows:
+            white = linear.rows(ratio)
+            design = white.design @ block
+            return replace(white, design=design[:, np.any(design != 0.0, axis=0)])
+
+        return rows
 
 
 def fit_random_motion(
-    problem: FitProblem, values: Array, random_force: RandomForceOption | Sequence[float] = "estimated"
-) -> RandomMotionFit:
-    """Fit a motion with a random force.
+    problem: FitProblem, values: Array, random_force: RandomForceOption = "estimated"
+) -> tuple[Fit, Array, Iterate]:
+    """Fit a motion with a random force: normalised innovations of all runs, predicted minus measured.
+
+    With the fit stand the covariance of all parameters, and what the last step was taken from.
 
     Parameters
     ----------
@@ -71,7 +221,7 @@ def fit_random_motion(
         noise.
     values : (parameter,) array of float
         First guess.
-    random_force : "estimated", "off", float or one float for each run, (rad/s^2)^2/Hz
+    random_force : "estimated", "off" or float, (rad/s^2)^2/Hz
         One-sided density; estimated in each run with `estimated`.
 
     Raises
@@ -82,13 +232,15 @@ def fit_random_motion(
     model = problem.parameters.model(values)
     # Each path with the standard error of v on it.
     paths = [(spline_path(model, run.time, run.angle), np.zeros(len(run.time))) for run in problem.records]
-    densities = [_density(random_force, run) for run in range(len(paths))]
+    # None where it is to be estimated.
+    held = 0.0 if isinstance(random_force, str) else float(random_force)
+    density = None if random_force == "estimated" else held
     now: Iterate | None = None
     best: Iterate | None = None
     part = 1.0
     for number in range(24):
         try:
-            before, now = now, _linear(problem, values, paths).with_ratios(densities, now)
+            before, now = now, _linear(problem, values, paths).with_ratios(density, now)
         except SimulationError as error:
             raise DecayError(f"No motion of these forces follows the record ({error})") from None
         best = now if best is None or now.remaining < best.remaining else best
@@ -96,7 +248,7 @@ def fit_random_motion(
         # What may be left after so many iterations, where they hop between branches; it is then among the
         # errors.
         if best.remaining <= (0.02 if number < PATIENCE else 0.2):
-            return _fit(best, densities)
+            return _fit(best, density)
         part = _relaxed(part, before, now)
         filtered = [(model.path, *now.filtered_motion(run)) for run, model in enumerate(now.linear)]
         paths = [(last + part * (path - last), rate_error) for last, path, rate_error in filtered]
@@ -106,21 +258,16 @@ def fit_random_motion(
     )
 
 
-def _fit(best: Iterate, densities: Sequence[float | None]) -> RandomMotionFit:
+def _fit(best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
     """The fit after the last step, which is among its errors; so is a density that is not known exactly."""
     step, covariance = best.solution
     covariance = covariance + np.outer(step, step)
-    for run, density in enumerate(densities):
-        if density is None:
-            shift, further = best.average_by_ratio(run)
-            covariance, step = covariance + further, step + shift
-    return RandomMotionFit(
-        best.stepped(step),
-        best.rows.design @ step - best.rows.target,
-        best.rows.design,
-        best.jacobian @ covariance @ best.jacobian.T,
-        best.with_gains_over_colours(),
-    )
+    for run in range(len(best.linear)) if density is None else ():
+        shift, further = best.average_by_ratio(run)
+        covariance, step = covariance + further, step + shift
+    rows, of_all = best.rows, best.jacobian @ covariance @ best.jacobian.T
+    fit = Fit(best.stepped(step), rows.design @ step - rows.target, rows.design)
+    return fit, of_all, best.with_gains_over_colours()
 
 
 def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
@@ -148,46 +295,25 @@ def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Arr
     return Iterate(parameters, values, linear)
 
 
-def _density(random_force: RandomForceOption | Sequence[float], run: int) -> float | None:
-    """The density that is given for a run; None where it is to be estimated."""
-    if random_force == "estimated":
-        return None
-    if random_force in ("auto", "off"):
-        return 0.0
-    return float(random_force) if isinstance(random_force, int | float) else float(random_force[run])
-
-
-INNOVATION_LAGS = 20
-
-
-def stochastic_identification(method: Any, problem: FitProblem, fit: RandomMotionFit) -> xr.Dataset:
-    """A fit with a random force as every method returns it.
-
-    Parameters
-    ----------
-    method : dataclass with `shapes` and `random_force`
-        The method, for the provenance.
-    problem : FitProblem
-        Records and parameters.
-    fit : RandomMotionFit
-    """
+def stochastic_identification(
+    method: Any, problem: FitProblem, fit: Fit, covariance: Array, at: Iterate
+) -> xr.Dataset:
+    """A fit with a random force as every method returns it."""
     frequency = problem.parameters.model(fit.values).reference_frequency
-    filters, ratios = [run.sensor_filter for run in fit.at.linear], fit.at.ratios
-    noises = [
-        NoiseModel(float(np.sqrt(ratio.variance)), filter_).standard_deviation
-        for ratio, filter_ in zip(ratios, filters, strict=True)
-    ]
+    filters, ratios = [run.sensor_filter for run in at.linear], at.ratios
+    sensors = [NoiseModel(float(np.sqrt(r.variance)), f) for r, f in zip(ratios, filters, strict=True)]
+    noises = [sensor.standard_deviation for sensor in sensors]
     e, chi_square = fit.residual, float(fit.residual @ fit.residual)
     birge = birge_ratio(chi_square, len(e) - fit.sensitivity.shape[1])
-    rms = [root_mean_square(fit.at.innovations(run)) for run in range(len(filters))]
+    rms = [root_mean_square(at.innovations(run)) for run in range(len(filters))]
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (birge, "1", "Birge ratio of the innovations"),
         "innovation_rms": (rms, "rad", "RMS of what one step ahead is predicted wrongly"),
     }
-    result = problem.identification(method, fit.values, fit.covariance, noises, extra)
+    result = problem.identification(method, fit.values, covariance, noises, extra)
     forces = [random_force_of_ratio(ratio, frequency, method.random_force) for ratio in ratios]
     result = result.assign({**random_force_variables(forces), **colour_variables(filters)})
-    lags = np.arange(1, 1 + min(INNOVATION_LAGS, len(e) - 1))
+    lags = np.arange(1, 1 + min(20, len(e) - 1))
     correlation = [float(e[lag:] @ e[:-lag]) / chi_square for lag in lags]
     name = "autocorrelation of the innovations"
     result = result.assign(autocorrelation=variable("lag", correlation, name, "1")).assign_coords(lag=lags)

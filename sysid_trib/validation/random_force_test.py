@@ -21,9 +21,8 @@ from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.sensor_noise import memory_samples
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.motion_fit.bands import parameters_of
-from sysid_trib.motion_fit.kalman import LinearModel
+from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
 from sysid_trib.motion_fit.linearised import random_walk_about, trial_forces
-from sysid_trib.motion_fit.stochastic_step import likely_ratio
 from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described

@@ -119,8 +119,8 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     amplitude, phase, by_lines = (picked(values, chosen) for values in (*motions, by_lines))
     drawn = _drawn(result, model, seed)
     sums, curves = functions.over(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
-    for at, (frequency, coefficients) in enumerate(drawn):
-        other = w / frequency
+    for at, (reference, coefficients) in enumerate(drawn):
+        other = w / reference
         forcing = size * (coefficients @ by_force + (at_rest if not base or name else other**2))
         surplus = excess(sums, coefficients, other, forcing, amplitudes)
         row, there = crossings(surplus, amplitudes)
