@@ -11,7 +11,7 @@ import sysid_trib as st
 from sysid_trib.printing.exported import csv_text, latex_text
 from sysid_trib.printing.json_results import identification_json
 from sysid_trib.validation.answer import identifications
-from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.findings import error_parts
 
 NOISE = 3e-4
 TIME = np.arange(0.0, 20.0, 0.02)

@@ -29,7 +29,7 @@ from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import PAIR, PAIRS
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation.residuals import with_noise_and_models
+from sysid_trib.validation.findings import with_noise_and_models
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))

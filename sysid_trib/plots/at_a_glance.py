@@ -24,8 +24,7 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.effects import determines
 from sysid_trib.results.files import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
-from sysid_trib.validation.cross_check import LARGE
-from sysid_trib.validation.findings import answer_of, holds, kept_results
+from sysid_trib.validation.findings import LARGE, answer_of, holds, kept_results
 from sysid_trib.validation.lack_of_fit import residual_force
 
 # Of a row of panels, and of one of residuals, over the page and in a column, inch.

@@ -14,7 +14,7 @@ from sysid_trib.plots import style
 from sysid_trib.plots.declared import shows
 from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE
 from sysid_trib.results.schema import library_of
-from sysid_trib.validation.comparison_table import column_power
+from sysid_trib.validation.findings import column_power
 
 # Marks of the families that methods state (see `MethodScope`).
 OTHER_FAMILY = "other"

@@ -12,8 +12,14 @@ from sysid_trib.results.effects import candidates_of, credible_set, determines
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
-from sysid_trib.validation.cross_check import LARGE
-from sysid_trib.validation.findings import LAST_THIRD, fewer_forces, held_out_excess, second_of, verdict_of
+from sysid_trib.validation.findings import (
+    LARGE,
+    LAST_THIRD,
+    fewer_forces,
+    held_out_excess,
+    second_of,
+    verdict_of,
+)
 
 # A file that the user is to measure first.
 SECOND_RECORD = "SECOND_RECORD.csv"

@@ -11,7 +11,7 @@ from sysid_trib.printing import layout
 from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation import findings, lack_of_fit, model_error
+from sysid_trib.validation import findings, lack_of_fit
 
 # The test of each model of a discovery, and its variables in the JSON.
 GROUP = "homogeneity"
@@ -132,7 +132,7 @@ def test_sentences(tree: xr.DataTree) -> list[str]:
 
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     """The two parts of each error of an identification."""
-    parts = zip(result.force.values.tolist(), *model_error.error_parts(result), strict=True)
+    parts = zip(result.force.values.tolist(), *findings.error_parts(result), strict=True)
     # What is held, or follows from the frequency, has no parts of its own.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
     return f"Errors of {name} by the noise and by the model: {texts}."
@@ -143,7 +143,7 @@ def calibration_sentences(tree: xr.DataTree) -> list[str]:
     result = answer_result(tree)
     if result is None or "error_of_calibration" not in result:
         return []
-    others = np.hypot(*model_error.error_parts(result))
+    others = np.hypot(*findings.error_parts(result))
     parts = zip(result.force.values, others, result.error_of_calibration.values, strict=True)
     texts = [f"{name} {part:.2g} (by all else {other:.2g})" for name, other, part in parts if part > 0.0]
     return [f"Errors hold that of the scale: {', '.join(texts) or 'it moves none'}."]
@@ -187,7 +187,7 @@ def effective_sentences(tree: xr.DataTree) -> list[str]:
     if findings.verdict_of(tree) not in UNEXPLAINED or not results:
         return []
     result = results.get(findings.answer_of(tree), next(reversed(results.values())))
-    noise, model = model_error.error_parts(result)
+    noise, model = findings.error_parts(result)
     if not np.any(model > 0.0):
         if "error_of_model" in result:
             return [f"{EFFECTIVE}; parts of the record move them by no more than their errors."]

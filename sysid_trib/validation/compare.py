@@ -26,8 +26,8 @@ from sysid_trib.validation.answer import check_method, with_common_noise, with_m
 from sysid_trib.validation.comparison_table import Trial, method_table
 from sysid_trib.validation.cross_check import ties
 from sysid_trib.validation.driven import is_driven
+from sysid_trib.validation.findings import DIVERGES, with_noise_and_models
 from sysid_trib.validation.holdout import in_all_runs, split, up_to_held_out
-from sysid_trib.validation.residuals import DIVERGES, with_noise_and_models
 from sysid_trib.validation.verdict import no_nearer_than_rest
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")

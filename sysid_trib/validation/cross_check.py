@@ -22,9 +22,10 @@ from sysid_trib.results.variables import chi_square_test, described, group_names
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation.agreement import verdict_of
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
+from sysid_trib.validation.findings import LARGE, failure_of_models
 from sysid_trib.validation.holdout import compared_part, fitted_motions
 from sysid_trib.validation.lack_of_fit import lack_of_fit
-from sysid_trib.validation.residuals import failures, residuals, with_motions
+from sysid_trib.validation.residuals import residuals, with_motions
 from sysid_trib.validation.simulated_pairs import nothing_known, scatter
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
@@ -94,8 +95,6 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     }
 
 
-# Beyond so many noise levels (RMS) a residual is large.
-LARGE = 1.5
 # Simulated records by which the difference of two methods is judged.
 SIMULATED_RECORDS = 32
 
@@ -200,7 +199,7 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     compared.attrs["answer"] = answer = names[better_of(first, second)]
     of_runs = zip(runs, zip(*motions, strict=True), strict=True)
     records = [with_motions(run, names, of_run) for run, of_run in of_runs]
-    compared = compared.assign(failures(records))
+    compared = compared.assign(failure_of_models(records))
     over_motion = _residual_over_motion(records)
     compared = compared.assign(described("cross_check", {"residual_over_motion": over_motion}))
     compared.attrs["verdict_on_record"] = verdict_on_record(

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,7 @@ from sysid_trib.motion_fit.least_squares import FreeLikelihood
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described, variable, with_error
+from sysid_trib.results.variables import described
 from sysid_trib.simulation.motions import FREQUENCY
 from sysid_trib.validation.profiles import free_likelihood
 
@@ -29,13 +29,7 @@ PROPOSAL_TAILS, FIRST_DRAWS, LEAST_DRAWS, NEW_PART = 10.0, (600, 600), 2000, 0.3
 SHAPE_STEP, SHAPE_GROWTH, FARTHEST_DEVIANCE, MOST_SHAPE_STEPS = 0.5, 1.15, 16.0, 30
 # Draws of a band's factor, and points of the curves that are no motion.
 CURVE_DRAWS, CURVE_GRID = 4000, 60
-# Name, dimension, long name and unit of each curve.
-MODEL_CURVES = (
-    ("angle", "time", "angle of the model", "rad"),
-    ("envelope", "envelope_time", "amplitude of the model", "rad"),
-    ("frequency", "amplitude", "angular frequency of the model", "rad/s"),
-    ("damping_ratio", "amplitude", "damping ratio of the model", "1"),
-)
+MODEL_CURVES = ("angle", "envelope", "frequency", "damping_ratio")
 # Centre and covariance of the free parameters in a part of the proposal, a multivariate t.
 ProposalPart: TypeAlias = tuple[Array, Array]
 
@@ -239,22 +233,20 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
         )
     except SysidTribError as why:
         raise DecayError(f"Within its errors this model need not have a motion: {why}") from None
-    amplitudes = variable("amplitude", best[-1], "amplitude", "rad")
-    coords = {"time": time, "envelope_time": coarse, "amplitude": amplitudes}
-    made = xr.Dataset(coords=coords, attrs={"confidence": BAND_PROBABILITY})
+    coords = {"time": time, "envelope_time": coarse, **described("curve_bands", {"amplitude": best[-1]})}
+    made: dict[str, Any] = {}
+    attrs = {"confidence": BAND_PROBABILITY}
     normal = np.random.default_rng(seed).standard_normal((CURVE_DRAWS, len(steps)))
-    for at, (name, dim, words, units) in enumerate(MODEL_CURVES):
+    for at, name in enumerate(MODEL_CURVES):
         root = 0.5 * np.array([more[at] - less[at] for more, less in zip(up, down, strict=True)])
         error = np.linalg.norm(root, axis=0)
         unit = root / np.where(error > 0.0, error, np.inf)
         # Draw by draw: a table of all draws of a long record would not fit.
         factor = simultaneous_factor(np.array([[np.max(np.abs(draw @ unit))] for draw in normal]))
-        made = made.assign(with_error(name, dim, (best[at], error), words, units))
-        for end, sign in (("low", -1.0), ("high", 1.0)):
-            text = f"{end} end of the 95 % band of the whole {words}"
-            made[f"{name}_{end}"] = variable(dim, best[at] + sign * factor * error, text, units)
-        made.attrs[f"factor_{name}"] = factor
-    return made
+        made[name] = best[at], error
+        made |= {f"{name}_low": best[at] - factor * error, f"{name}_high": best[at] + factor * error}
+        attrs[f"factor_{name}"] = factor
+    return xr.Dataset(described("curve_bands", made), coords, attrs)
 
 
 def _curves(

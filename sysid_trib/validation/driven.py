@@ -26,7 +26,8 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, 
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.answer import with_noise
-from sysid_trib.validation.residuals import failures, fitted_motion, with_motions
+from sysid_trib.validation.findings import failure_of_models
+from sysid_trib.validation.residuals import fitted_motion, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
@@ -155,7 +156,9 @@ def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
     }
     of_runs = zip(runs, zip(*motions, strict=True), strict=True)
     records = [with_motions(run, names, of_run) for run, of_run in of_runs]
-    groups = dict(zip(names, results, strict=True)) | {"comparison": compared.assign(failures(records))}
+    groups = dict(zip(names, results, strict=True)) | {
+        "comparison": compared.assign(failure_of_models(records))
+    }
     groups |= dict(zip(group_names("record", len(runs)), records, strict=True))
     return xr.DataTree.from_dict(groups)
 

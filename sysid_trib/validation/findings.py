@@ -1,6 +1,8 @@
-"""What a result has found, read from its tree: residuals, the answer, methods that failed."""
+"""What a result knows of itself: written in it once when it is made, and read from its tree."""
 
 import json
+from collections.abc import Sequence
+from math import floor, log10
 
 import numpy as np
 import xarray as xr
@@ -8,15 +10,45 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.files import identifications_of, kind_of
-from sysid_trib.results.variables import group_names, record_groups
-from sysid_trib.validation.comparison_table import applied_methods
-from sysid_trib.validation.cross_check import LARGE
-from sysid_trib.validation.model_error import error_parts
+from sysid_trib.results.variables import Variables, described, group_names, record_groups
 
+# Beyond so many noise levels (RMS) a residual is large.
+LARGE = 1.5
+DIVERGES = "its motion diverges"
 # What `discover` holds out where nothing else is asked for.
 LAST_THIRD = "the last third"
+
+
+def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
+    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
+
+    It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
+    record, whose motion no spline follows, no more than a model leaves.
+    """
+    noise = sensor_noise(decay)
+    if inputs_of(decay):
+        remains = np.std(decay.angle.values - simulated, axis=1)
+        noise = float(np.nanmin(remains, initial=noise))
+    values = {"simulated_angle": simulated, "noise": noise}
+    return decay.assign_coords(model=list(names)).assign(described("record", values))
+
+
+def failure_of_models(records: Sequence[xr.Dataset]) -> Variables:
+    """Why there is no motion of a model, in a few words; empty where there is one, even a far one."""
+    reasons = []
+    for model in records[0].model.values:
+        simulated = [np.abs(record.simulated_angle.sel(model=model)).max(skipna=False) for record in records]
+        # Of the largest angle of the record; a motion that grows beyond is none of it.
+        pairs = zip(simulated, records, strict=True)
+        failed = [
+            at for at, (largest, run) in enumerate(pairs) if not largest <= 3.0 * np.abs(run.angle).max()
+        ]
+        of_run = f" in run {failed[0] + 1}" if failed and len(records) > 1 else ""
+        reasons.append(f"{DIVERGES}{of_run}" if failed else "")
+    return described("cross_check", {"failure": reasons})
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
@@ -150,3 +182,32 @@ def times_of_amplitudes(tree: xr.DataTree) -> Array:
     groups = record_groups(tree)
     pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
     return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])
+
+
+def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
+    """Errors of the coefficients by the noise and by the model, (force,) each."""
+    if "error_of_model" not in result:
+        calibration = result["error_of_calibration"].values if "error_of_calibration" in result else 0.0
+        stated = np.sqrt(np.maximum(result.standard_error.values**2 - calibration**2, 0.0))
+        return stated, np.zeros(result.sizes["force"])
+    return result.error_of_noise.values, result.error_of_model.values
+
+
+def applied_methods(table: xr.Dataset) -> xr.Dataset:
+    """The methods of a comparison that gave a coefficient or a frequency, and whose models did not fail.
+
+    The one that predicts best stays, whatever it does on the whole: the others are held against it.
+    """
+    applied = table.coefficient.notnull().any("force") | table.asymptotic_frequency.notnull()
+    failed = (table.failure != "") & (table.method != table.attrs["best"])
+    return table.isel(method=np.flatnonzero((applied & ~failed).values))
+
+
+def column_power(column: xr.Dataset) -> int:
+    """Power of ten of a column: of the best method's value or error, of all if it has none."""
+    best = column.sel({"method": column.attrs["best"]})
+    size = max(abs(best.coefficient.item()), best.standard_error.item())
+    if not (np.isfinite(size) and size > 0.0):
+        size = float(np.nanmedian(np.abs(column.coefficient.values)))
+    power = floor(log10(size)) if np.isfinite(size) and size > 0.0 else 0
+    return 0 if -2 < power < 4 else power

@@ -119,15 +119,6 @@ def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], state
     return np.asarray(movement * np.outer(factor, factor))
 
 
-def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
-    """Errors of the coefficients by the noise and by the model, (force,) each."""
-    if "error_of_model" not in result:
-        calibration = result["error_of_calibration"].values if "error_of_calibration" in result else 0.0
-        stated = np.sqrt(np.maximum(result.standard_error.values**2 - calibration**2, 0.0))
-        return stated, np.zeros(result.sizes["force"])
-    return result.error_of_noise.values, result.error_of_model.values
-
-
 def part_fit(
     method: Method, runs: RunList, library: ForceLibrary, limits: tuple[float, float], result: xr.Dataset
 ) -> xr.Dataset | None:

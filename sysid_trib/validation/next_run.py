@@ -16,8 +16,8 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.validation import rivals as models
+from sysid_trib.validation.findings import error_parts
 from sysid_trib.validation.holdout import first_held_out
-from sysid_trib.validation.model_error import error_parts
 from sysid_trib.validation.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
 
 Span: TypeAlias = tuple[float | None, float | None]

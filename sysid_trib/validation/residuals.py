@@ -14,9 +14,9 @@ from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.sensor import coarse_step, rounded_noise, slow_part
-from sysid_trib.records.smoothing import sensor_noise, swing_frequency
+from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import Variables, described, noise_of_run
+from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     MEASURED_TIME,
@@ -28,11 +28,11 @@ from sysid_trib.simulation.initial_conditions import (
 )
 from sysid_trib.simulation.integrate import STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.validation.findings import with_noise_and_models
 from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
-DIVERGES = "its motion diverges"
 # What is said of each model.
 RESIDUALS = (
     *("residual_rms", "residual_over_noise", "departure_time", "residual_p_value"),
@@ -74,35 +74,6 @@ def with_motions(
     no_motion = np.full(decay.sizes["time"], np.nan)
     simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
     return with_noise_and_models(decay, names, simulated)
-
-
-def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
-    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
-
-    It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
-    record, whose motion no spline follows, no more than a model leaves.
-    """
-    noise = sensor_noise(decay)
-    if inputs_of(decay):
-        remains = np.std(decay.angle.values - simulated, axis=1)
-        noise = float(np.nanmin(remains, initial=noise))
-    values = {"simulated_angle": simulated, "noise": noise}
-    return decay.assign_coords(model=list(names)).assign(described("record", values))
-
-
-def failures(records: Sequence[xr.Dataset]) -> Variables:
-    """Why there is no motion of a model, in a few words; empty where there is one, even a far one."""
-    reasons = []
-    for model in records[0].model.values:
-        simulated = [np.abs(record.simulated_angle.sel(model=model)).max(skipna=False) for record in records]
-        # Of the largest angle of the record; a motion that grows beyond is none of it.
-        pairs = zip(simulated, records, strict=True)
-        failed = [
-            at for at, (largest, run) in enumerate(pairs) if not largest <= 3.0 * np.abs(run.angle).max()
-        ]
-        of_run = f" in run {failed[0] + 1}" if failed and len(records) > 1 else ""
-        reasons.append(f"{DIVERGES}{of_run}" if failed else "")
-    return described("cross_check", {"failure": reasons})
 
 
 def residuals(

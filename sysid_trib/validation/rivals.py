@@ -25,8 +25,7 @@ from sysid_trib.results.variables import noise_of_run, record_groups
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.findings import main_result
-from sysid_trib.validation.model_error import error_parts
+from sysid_trib.validation.findings import error_parts, main_result
 from sysid_trib.validation.random_force_test import orthonormal
 
 # Models are distinguished where the odds of the right one are so high.

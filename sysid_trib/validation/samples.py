@@ -20,9 +20,9 @@ from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, chi_square_test, described, group_names, signal_units
 from sysid_trib.validation.agreement import HOMOGENEITY_LEVEL, weighted_mean
-from sysid_trib.validation.findings import main_result
+from sysid_trib.validation.findings import error_parts, main_result
 from sysid_trib.validation.identify import identify
-from sysid_trib.validation.model_error import covariance_by_parts, error_parts, part_fit
+from sysid_trib.validation.model_error import covariance_by_parts, part_fit
 from sysid_trib.validation.random_effects import RandomEffects
 from sysid_trib.validation.refits import at_reference
 

@@ -16,8 +16,8 @@ from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import determines
 from sysid_trib.results.variables import group_names, noise_of_run, text_variable
+from sysid_trib.validation.findings import DIVERGES
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
-from sysid_trib.validation.residuals import DIVERGES
 
 PARTS_OF_RECORD = ("first", "second", "last")
 NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
