@@ -192,24 +192,17 @@ def _refuse_memory(model: Model) -> None:
             )
 
 
-def _values(force: Force, model: Model, x: float, v: float, time: float, inner: Any) -> list[float]:
-    """Value of h and of the rates of a force's internal states."""
-    hidden = dict(zip(force.state, np.asarray(inner).tolist(), strict=True))
-    names = {"x": x, "v": v, "t": time, **hidden, **force.shape_values(model.shapes)}
-    h = force.value(x, v, time, shapes=model.shapes, hidden=hidden)
-    return [float(h), *(float(formula.evaluate(names)) for formula in force.state.values())]
-
-
 def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:
     """Rates of theta, theta_dot and the internal states (per s), without the input."""
-    w, at = model.reference_frequency, 2
-    rates = [state[1], -(w**2) * state[0]]
+    w = model.reference_frequency
+    x, rate, *inner = np.asarray(state, dtype=float).tolist()
+    rates = [rate, -(w**2) * x]
     for force in model.forces:
-        inner = state[at : at + len(force.state)]
-        h, *inner_rates = _values(force, model, float(state[0]), float(state[1]) / w, time, inner)
-        at += len(force.state)
-        rates[1] -= w**2 * coefficients[force.symbol] * h
-        rates += [w * rate for rate in inner_rates]
+        hidden, inner = dict(zip(force.state, inner, strict=False)), inner[len(force.state) :]
+        names = {"x": x, "v": rate / w, "t": time, **hidden, **force.shape_values(model.shapes)}
+        h = force.value(x, rate / w, time, shapes=model.shapes, hidden=hidden)
+        rates[1] -= w**2 * coefficients[force.symbol] * float(h)
+        rates += [w * float(formula.evaluate(names)) for formula in force.state.values()]
     return np.array(rates, dtype=float)
 
 

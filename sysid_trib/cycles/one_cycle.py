@@ -139,12 +139,11 @@ class _Cycles:
             h = np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None])
             terms = np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
             fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
-            self.check_finite(fine, row)
+            _check_finite(self.force, fine, self.a[row % self.a.size])
             # The size is computed anew at every turn: the first may miss a narrow peak.
             size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
             error = np.abs(fine - coarse)[:, :2].max(axis=1)
-            # A piece is accepted when doubling its nodes changes it by less than this part of the mean of
-            # |h|.
+            # Doubling the nodes of an accepted piece changes it by less than this part of the mean of |h|.
             done = error <= 3e-13 * size[row]
             remaining = np.bincount(row[~done], error[~done], len(total))
             # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
@@ -161,14 +160,13 @@ class _Cycles:
             low[1::2], high[::2] = middle[1::2], middle[::2]
         raise LibraryError(f"Force '{self.force.symbol}' is too rough to be averaged over a cycle.")
 
-    def check_finite(self, integrals: Array, row: Index) -> None:
-        """Refuse an integral that is not finite, with the smallest amplitude at which that is so."""
-        bad = ~np.isfinite(integrals).all(axis=1)
-        if bad.any():
-            worst = self.a[row[bad] % self.a.size].min()
-            raise LibraryError(
-                f"Force '{self.force.symbol}' is not finite on a cycle of amplitude {worst:.6g} rad."
-            )
+
+def _check_finite(force: Force, values: Array, amplitude: Array) -> None:
+    """Refuse rows of values that are not finite, with the smallest amplitude at which that is so."""
+    bad = ~np.isfinite(values).all(axis=1)
+    if bad.any():
+        least = f"{amplitude[bad].min():.6g} rad"
+        raise LibraryError(f"Force '{force.symbol}' is not finite on a cycle of amplitude {least}.")
 
 
 @lru_cache(maxsize=1)
@@ -288,12 +286,7 @@ def _followed(force: Force, model: Model, begin: Array, length: float, by_start:
         ends = steps_of(model, spans, begin, by_start=by_start)
     except SimulationError:
         raise LibraryError(f"Force '{force.symbol}': its cycle could not be followed.") from None
-    bad = ~np.isfinite(ends.end).all(axis=1)
-    if bad.any():
-        amplitude = np.hypot(*begin[bad, :2].T).min()
-        raise LibraryError(
-            f"Force '{force.symbol}' is not finite on a cycle of amplitude {amplitude:.6g} rad."
-        )
+    _check_finite(force, ends.end, np.hypot(*begin[:, :2].T))
     return ends
 
 

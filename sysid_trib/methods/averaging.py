@@ -199,12 +199,9 @@ def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> Equations:
 
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
-FORMULAS = {f"damping_beside_{p}": formula for p, formula in enumerate(("sign(v)", "2*v", "v*abs(v)"))}
-DAMPING = parse_library(
-    {"force": [{"symbol": symbol, "formula": formula} for symbol, formula in FORMULAS.items()]},
-    "damping of frequency_shift",
-)
-VISCOUS = 1
+FRICTION_FORMULAS, VISCOUS = ("sign(v)", "2*v", "v*abs(v)"), 1
+DAMPING_FORCES = [{"symbol": f"damping_beside_{p}", "formula": f} for p, f in enumerate(FRICTION_FORMULAS)]
+DAMPING = parse_library({"force": DAMPING_FORCES}, "damping of frequency_shift")
 # (w_inf/w)^2 of a motion that hardly swings.
 SMALLEST = 1e-2
 
@@ -271,27 +268,32 @@ class FrequencyShift:
             raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
         auxiliary = _damped_model(asked, self.shapes)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
-        limit = estimate.mapped(_limit)
         forces, reference, count = asked.forces, self.reference_frequency, len(asked)
         if reference is not None and stiffness is not None:
             forces = (stiffness, *forces)
 
         def identified(values: Array) -> Array:
-            """Coefficients, with that of the force of formula `x` if it is identified, and frequency."""
-            coefficients, fitted = values[:count], values[-1]
+            """Frequency at vanishing amplitude; coefficients, that of formula `x` first, and frequency."""
+            coefficients, viscous, fitted = values[:count], values[count + VISCOUS], values[-1]
+            limit = fitted * np.sqrt(max(1.0 - viscous**2, SMALLEST))
             if reference is None:
-                return np.append(coefficients, fitted)
+                return np.concatenate([[limit], coefficients, [fitted]])
             ratio = (fitted / reference) ** 2
             elastic = [] if stiffness is None else [ratio - 1.0]
-            return np.concatenate([elastic, coefficients * ratio, [reference]])
+            return np.concatenate([[limit], elastic, coefficients * ratio, [reference]])
 
-        of_frequency = estimate.birge_ratios["frequency"]
-        birge_ratios = {"": of_frequency, "frequency": of_frequency}
-        shown = replace(estimate.mapped(identified), birge_ratios=birge_ratios)
+        mapped, of_frequency = estimate.mapped(identified), estimate.birge_ratios["frequency"]
+        values, errors = mapped.values, np.sqrt(np.diag(mapped.covariance))
+        shown = replace(
+            mapped,
+            values=values[1:],
+            bias=mapped.bias[1:],
+            covariance=mapped.covariance[1:, 1:],
+            birge_ratios={"": of_frequency, "frequency": of_frequency},
+        )
         result = as_identification(self, decay, replace(asked, forces=forces), shown, library)
-        known = {"": limit.values.item(), "_standard_error": float(np.sqrt(limit.covariance.item()))}
-        of_limit = {f"asymptotic_frequency{name}": value for name, value in known.items()}
-        return result.assign({name: result[name].copy(data=value) for name, value in of_limit.items()})
+        limits = {"asymptotic_frequency": values[0], "asymptotic_frequency_standard_error": errors[0]}
+        return result.assign({name: result[name].copy(data=value) for name, value in limits.items()})
 
 
 def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> AuxiliaryModel:
@@ -312,9 +314,3 @@ def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> Auxilia
 
     equations = {"frequency": shifts, "envelope": energy_balance(DAMPING)}
     return AuxiliaryModel(equations, values, whole, shapes, wandering=tuple(equations))
-
-
-def _limit(values: Array) -> Array:
-    """Frequency at vanishing amplitude, rad/s, of values of the damped model: (1,)."""
-    viscous = values[len(values) - 1 - len(DAMPING) + VISCOUS]
-    return np.array([values[-1] * np.sqrt(max(1.0 - viscous**2, SMALLEST))])
