@@ -1,6 +1,6 @@
 """The answer that predicts: with which noise a record is identified, and how wrong its model may be."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -9,6 +9,7 @@ import xarray as xr
 
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.random_force import RandomForceOption, random_force_of
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
@@ -30,16 +31,21 @@ CLEARLY_BETTER = 1.1
 DECIDING = ("direct", "trajectory")
 
 
-def check_method(method: Any, function: str) -> None:
-    """Refuse what is no method.
+def checked_library(function: str, library: ForceLibrary | None, methods: Iterable[Any]) -> ForceLibrary:
+    """The library that is offered, by default that of the contact forces; what is no method is refused.
 
     Raises
     ------
     UsageError
-        A class in the place of an object, or something else.
+        Something else in the place of a library or method, or a class in that of an object.
     """
-    if isinstance(method, type) or not hasattr(method, "identify"):
-        raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
+    library = load_library() if library is None else library
+    if not isinstance(library, ForceLibrary):
+        raise UsageError(f"{function} wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    for method in methods:
+        if isinstance(method, type) or not hasattr(method, "identify"):
+            raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
+    return library
 
 
 @in_units_of_the_motion

@@ -10,7 +10,6 @@ import xarray as xr
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import METHODS
 from sysid_trib.methods.scope import Method, by_unique_label, constrained, force_scope, scope_of
@@ -22,7 +21,7 @@ from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation.answer import check_method, with_common_noise, with_model_in_errors, with_noise
+from sysid_trib.validation.answer import checked_library, with_common_noise, with_model_in_errors, with_noise
 from sysid_trib.validation.comparison_table import Trial, method_table
 from sysid_trib.validation.cross_check import ties
 from sysid_trib.validation.driven import is_driven
@@ -123,15 +122,11 @@ def compare(
     Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
     the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
-    library = load_library() if library is None else library
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(f"compare wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
+    library = checked_library("compare", library, [method for _, method in pairs])
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
-    for _, method in pairs:
-        check_method(method, "compare")
     named = by_unique_label(pairs, RESERVED)
     return _compared(decay, library, named, contactless, constraints, tell)
 

@@ -1,7 +1,7 @@
 """`identify`: a decay by one method, or by two that are held against each other."""
 
 from collections.abc import Sequence
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 import xarray as xr
@@ -10,7 +10,6 @@ from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import load_library
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
@@ -18,7 +17,7 @@ from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import map_identifications
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.validation.agreement import run_agreement
-from sysid_trib.validation.answer import check_method, identifications
+from sysid_trib.validation.answer import checked_library, identifications
 from sysid_trib.validation.cross_check import SIMULATED_RECORDS, identified_and_checked
 from sysid_trib.validation.driven import identified_driven, is_driven
 from sysid_trib.validation.simulated_pairs import fewest_records
@@ -94,14 +93,10 @@ def identify(
     UsageError
         Not a library, or not a method.
     """
-    library = load_library() if library is None else library
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(f"identify wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
     single = method is not None and not isinstance(method, Sequence)
-    chosen: Sequence[Method] = [method] if single else method or usual_methods(decay, library)  # type: ignore
-    for asked in chosen:
-        check_method(asked, "identify")
-    chosen = [constrained(asked, Constraints(constraints)) for asked in chosen]
+    asked: Sequence[Any] = [method] if single else method or []  # type: ignore[list-item, assignment]
+    library = checked_library("identify", library, asked)
+    chosen = [constrained(one, Constraints(constraints)) for one in asked or usual_methods(decay, library)]  # type: ignore
     if single:
         (result,) = identifications(decay, library, chosen)
         return result if contactless is None else with_contactless_frequency(result, *contactless)

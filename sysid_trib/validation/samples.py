@@ -271,13 +271,13 @@ def _model_error_of_difference(
 
     (whole, stated), changes, errors = contrast(sides), [], []
     for limits in RECORD_PARTS.values():
-        parts: list[list[xr.Dataset]] = [[], []]
-        for part, side, of_side in zip(parts, sides, runs, strict=True):
-            for member, run in zip(side, of_side, strict=True):
-                fitted = part_fit(method_of(member), [run], library, limits, member)
-                part += [] if fitted is None else [fitted]
-        if [len(part) for part in parts] == [len(side) for side in sides]:
-            change, error = contrast(parts)
+        parts = [
+            [part_fit(method_of(m), [run], library, limits, m) for m, run in zip(side, of_side, strict=True)]
+            for side, of_side in zip(sides, runs, strict=True)
+        ]
+        fitted = [[part for part in of_side if part is not None] for of_side in parts]
+        if [*map(len, fitted)] == [*map(len, sides)]:
+            change, error = contrast(fitted)
             changes.append(change - whole)
             errors.append(error)
     return covariance_by_parts(changes, errors, stated) if changes else None

@@ -1,6 +1,6 @@
 """How the difference of two identifications scatters: both methods on records simulated by one model."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -14,7 +14,7 @@ from sysid_trib.errors import SysidTribError, Tell, silent
 from sysid_trib.likelihood.random_force import is_fitted, random_force_of
 from sysid_trib.methods import method_of
 from sysid_trib.motion_fit.linearised import linearised_along, random_walk_about
-from sysid_trib.records.decay import one_or_all
+from sysid_trib.records.decay import Decays, one_or_all
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import noise_of_run
@@ -27,17 +27,15 @@ EXCESS_LEVEL = 0.01
 Truth: TypeAlias = tuple[xr.Dataset, Sequence[FittedMotion]]
 
 
-# Times (s) of a run, the motion there, the noise of a sample, and what a random force adds in each draw.
-SimulatedRun: TypeAlias = tuple[Array, Array, float, Array | None]
-
-
-def _simulated_runs(runs: Sequence[xr.Dataset], truth: Truth, *, draws: int, seed: int) -> list[SimulatedRun]:
-    """Motion, noise and random walk of an identified model in each run; with fewer samples, of less noise."""
+def _simulated(
+    runs: Sequence[xr.Dataset], truth: Truth, draws: int, seed: int
+) -> Callable[[int | None], Decays]:
+    """Gives the record of a draw, with the random force that the truth has; of None the one without noise."""
     result, motions = truth
     model, simulated = model_of(result), []
     period = 2.0 * np.pi / result.asymptotic_frequency.item()
     # A stream of its own: the sensor's noise is the same with a random force and without.
-    forcing = np.random.default_rng([seed, 1])
+    random, forcing = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
         time, noise = run.time.values.astype(float), noise_of_run(result, at)
         # Samples a period for the statistics of the difference: more would cost time and change nothing.
@@ -46,21 +44,21 @@ def _simulated_runs(runs: Sequence[xr.Dataset], truth: Truth, *, draws: int, see
             noise *= np.sqrt(most / len(time))
             time = np.linspace(time[0], time[-1], most)
         free, force = trajectory(model, time, motion.angle, motion.rate), random_force_of(result, at)
-        per_tau = force.per_tau(model.reference_frequency)
-        walks = None
+        walks = np.zeros((draws, 1))
         if force:
+            per_tau = force.per_tau(model.reference_frequency)
             walks = random_walk_about(linearised_along(model, time, free), per_tau, forcing, draws).T
         simulated.append((time, free.angle, noise, walks))
-    return simulated
 
+    def record(draw: int | None) -> Decays:
+        decays = []
+        for time, angle, noise, walks in simulated:
+            white = noise * random.standard_normal(len(angle))
+            shown = angle if draw is None else angle + white + walks[draw]
+            decays.append(xr.Dataset({"angle": ("time", shown)}, {"time": time}))
+        return one_or_all(decays)
 
-def _record(run: SimulatedRun, random: np.random.Generator, draw: int | None) -> xr.Dataset:
-    """The record of a draw; without noise where that is None."""
-    time, angle, noise, walks = run
-    white = noise * random.standard_normal(len(angle))
-    if draw is not None:
-        angle = angle + white + (0.0 if walks is None else walks[draw])
-    return xr.Dataset({"angle": ("time", angle)}, {"time": time})
+    return record
 
 
 @dataclass(frozen=True)
@@ -154,8 +152,7 @@ def scatter(
     with the probability a at most: below 0.1 it is that of all records; above 0.1 it is that of the first 2 k
     + 2, or these had one below 0.1.
     """
-    frequency, random = truth[0].reference_frequency.item(), np.random.default_rng(seed)
-    simulated = _simulated_runs(runs, truth, draws=draws, seed=seed)
+    frequency, record = truth[0].reference_frequency.item(), _simulated(runs, truth, draws, seed)
     methods, at_best = zip(*(_at_its_best(runs, result) for result in results), strict=True)
     # Each with what it was offered: forces that one of them neglects are part of its bias.
     offered = [library_of(result, whole=True) for result in results]
@@ -164,8 +161,7 @@ def scatter(
         return np.stack([comparison_values(result, kept, frequency) for result in pair])
 
     def identified(draw: int | None) -> Array:
-        decay = one_or_all([_record(run, random, draw) for run in simulated])
-        pairs = zip(methods, offered, strict=True)
+        decay, pairs = record(draw), zip(methods, offered, strict=True)
         return values([method.identify(decay, library) for method, library in pairs])
 
     # The bias that a method left in is what it would have removed; what remains shows in the records.
@@ -191,7 +187,7 @@ def scatter(
         # Of a few records the largest ratio by chance depends on their number: at 1 %, of all quantities.
         freedoms = len(drawn) - 1
         allowed = np.sqrt(freedoms / chi2.ppf(EXCESS_LEVEL / of_methods[0].size, freedoms))
-        stated = bool(_largest_excess(results, kept, of_methods) > allowed)
+        stated = bool(np.max(_excess(results, kept, of_methods)) > allowed)
         whole = both_stated if stated else covariance
         if not stochastic:
             return Scatter(bias + without_noise, whole, len(drawn), stated)
@@ -233,8 +229,8 @@ def with_held_random_force(method: Any, result: xr.Dataset) -> Any:
     return replace(method, random_force=force.density if force else "off")
 
 
-def _largest_excess(results: Sequence[xr.Dataset], kept: Sequence[str], drawn: Array) -> float:
-    """How much the errors that the methods state exceed those by the noise alone, at most.
+def _excess(results: Sequence[xr.Dataset], kept: Sequence[str], drawn: Array) -> Array:
+    """How much the errors that the methods state exceed those by the noise alone, (method, quantity).
 
     Where a residual is more than noise, methods weigh it differently: they no longer share their errors,
     which then add.
@@ -242,4 +238,4 @@ def _largest_excess(results: Sequence[xr.Dataset], kept: Sequence[str], drawn: A
     stated = np.stack([np.sqrt(np.diag(stated_covariance(result, kept))) for result in results])
     errors = drawn.std(axis=0, ddof=1)
     # What does not vary, as a force that every draw drops, has no ratio.
-    return float(np.max(np.divide(stated, errors, out=np.ones_like(errors), where=errors > 0.0)))
+    return np.divide(stated, errors, out=np.ones_like(errors), where=errors > 0.0)
