@@ -26,6 +26,11 @@ def record():
     return paper_run(SIX).decay(0)
 
 
+def test_a_fixed_value_stays_one_with_a_frequency_without_contact(record):
+    found = identify(record, FORCES, Direct(), constraints={"delta": 0.01}, contactless=(9.0, 0.01))
+    assert found.constraint.sel(force=["alpha", "delta"]).values.tolist() == ["", "fixed"]
+
+
 @METHODS
 def test_a_fixed_value_comes_back_exactly_and_conditions_the_others(record, method):
     """What is known of one coefficient is passed on by the covariance of the unconstrained fit."""

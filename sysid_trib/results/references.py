@@ -127,27 +127,20 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
     jacobian = np.diag([*np.ones(len(symbols)), slope])
     covariance = jacobian @ stated_covariance(result, symbols) @ jacobian
     covariance[-1, -1] += (slope * limit / omega0 * standard_error) ** 2
-    numbers = {
+    missing = {
         "coefficient": (limit / omega0) ** 2 - 1.0,
         "standard_error": np.sqrt(covariance[-1, -1]),
         "frequency_covariance": slope * result.asymptotic_frequency_standard_error.item() ** 2,
         "active": True,
         "refers_to": omega0,
+        "constraint": "",
     }
-    added = xr.Dataset(
-        {name: ("force", [value]) for name, value in numbers.items()},
-        {"force": [force.symbol]} | force_labels([force]),
-    )
-    per_force = [name for name in result.variables if result[name].dims == ("force",) and name != "force"]
-    longer = xr.concat(
-        [result[per_force], added], "force", combine_attrs="override", data_vars="all", coords="all"
-    )
-    rest = result.drop_vars([*per_force, "force", "other_force", "covariance"])
-    whole = rest.assign(longer.data_vars).assign_coords(other_force=longer.force.values)
-    whole["covariance"] = (("force", "other_force"), covariance, result.covariance.attrs)
-    whole = whole.assign(described("identification", {"omega0": (omega0, standard_error)}))
-    order = [s for s in library.symbols if s in longer.force]
-    return whole.sel(force=order, other_force=order)
+    missing |= {name: values[0] for name, (_, values, _) in force_labels([force]).items()}
+    order = [s for s in library.symbols if s == force.symbol or s in symbols]
+    whole = result.reindex(force=order, other_force=order, fill_value=missing)
+    at = [[*symbols, force.symbol].index(s) for s in order]
+    whole["covariance"] = whole.covariance.copy(data=covariance[np.ix_(at, at)])
+    return whole.assign(described("identification", {"omega0": (omega0, standard_error)}))
 
 
 def with_scale_error(result: Result, relative_error: float) -> Result:

@@ -94,9 +94,9 @@ def identify(
         Not a library, or not a method.
     """
     single = method is not None and not isinstance(method, Sequence)
-    asked: Sequence[Any] = [method] if single else method or []  # type: ignore[list-item, assignment]
+    asked: Sequence[Any] = [method] if single else method or []  # type: ignore[assignment]
     library = checked_library("identify", library, asked)
-    chosen = [constrained(one, Constraints(constraints)) for one in asked or usual_methods(decay, library)]  # type: ignore
+    chosen = [constrained(one, Constraints(constraints)) for one in asked or usual_methods(decay, library)]
     if single:
         (result,) = identifications(decay, library, chosen)
         return result if contactless is None else with_contactless_frequency(result, *contactless)
