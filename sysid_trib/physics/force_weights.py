@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import bisect, brentq
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.one_cycle import cycles_at
-from sysid_trib.cycles.signatures import averages
+from sysid_trib.cycles import one_cycle, signatures
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.physics.model_estimate import ModelEstimate, amplitude_row, model_estimate
@@ -54,7 +53,7 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) 
     """
     estimate, a = model_estimate(result), amplitude_row(amplitude)
     forces, shapes, at = estimate.forces, estimate.shapes, np.broadcast_to(np.asarray(time, float), a.shape)
-    unit = np.array([averages(force, a, shapes, at) for force in forces])
+    unit = np.array([signatures.averages(force, a, shapes, at) for force in forces])
     peaks = np.array([peak(force, a, shapes, at) for force in forces])
     c, covariance = estimate.coefficients[:, None], estimate.coefficient_covariance
     errors = np.sqrt(np.diag(covariance))[:, None]
@@ -117,7 +116,7 @@ def _unit_peak(force: Force) -> float:
 def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Array) -> Array:
     """Peaks on the steady cycles; of a memory half from peak to peak: an offset is what it began with."""
     peaks = np.zeros(a.size)
-    for rows, cycles in cycles_at(force, a, time, shapes):
+    for rows, cycles in one_cycle.cycles_at(force, a, time, shapes):
         for row, (phi, hidden) in zip(rows, cycles.along(POINTS_WITH_HISTORY), strict=True):
             h = force.value(
                 a[row] * np.cos(phi), -a[row] * np.sin(phi), time[row], shapes=shapes, hidden=hidden
@@ -199,7 +198,7 @@ def _weight(estimate: ModelEstimate, i: int, acts_on: str, rule: str) -> tuple[W
     def weight(a: Array) -> Array:
         if rule == "peak force":
             return peak(force, a, shapes)
-        return averages(force, a, shapes)[0 if acts_on == "envelope" else 1]
+        return signatures.averages(force, a, shapes)[0 if acts_on == "envelope" else 1]
 
     def where_finite(a: Array) -> Array:
         try:

@@ -8,8 +8,7 @@ import xarray as xr
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import library_of_text
+from sysid_trib.forces import force, library
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
@@ -109,9 +108,9 @@ def _where_others_are_zero(
     return dict(zip(symbols, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
 
 
-def candidates_of(tree: xr.DataTree) -> ForceLibrary:
+def candidates_of(tree: xr.DataTree) -> force.ForceLibrary:
     """The candidates that were offered."""
-    return library_of_text(tree.attrs["candidates"], "candidates")
+    return library.library_of_text(tree.attrs["candidates"], "candidates")
 
 
 def added_effects(tree: xr.DataTree) -> list[str]:

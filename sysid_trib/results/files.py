@@ -13,9 +13,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.probe import check_binary
-from sysid_trib.records.tables import check_is_file
+from sysid_trib.records import inputs, probe, tables
 from sysid_trib.results.variables import record_groups
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
@@ -81,7 +79,7 @@ def kind_of(tree: xr.DataTree) -> str:
 
 def is_of_driven(tree: xr.DataTree) -> bool:
     """True if the records of a result are driven."""
-    return any(inputs_of(tree[group].to_dataset()) for group in record_groups(tree))
+    return any(inputs.inputs_of(tree[group].to_dataset()) for group in record_groups(tree))
 
 
 def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -228,13 +226,13 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             f"{place.name}: a folder, no result in netCDF; the store of a campaign has its page beside it "
             f"({place.stem}.html), and st.campaigns.open_store reads it."
         )
-    check_is_file(place)
+    tables.check_is_file(place)
     try:
         with place.open("rb") as file:
             hdf5 = file.read(4) == b"\x89HDF"
         if not hdf5:
             raise RecordError(f"{place.name}: not a result in netCDF, as commands write with -o.")
-        check_binary(place, "read_tree")
+        probe.check_binary(place, "read_tree")
         with xr.open_datatree(place, engine="h5netcdf") as tree:
             return current_format(tree.load(), place)
     except RecordError:

@@ -9,8 +9,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
-from sysid_trib.results.files import identifications_of
-from sysid_trib.results.schema import force_labels, library_of
+from sysid_trib.results import files, schema
 from sysid_trib.results.variables import described
 
 Result = TypeVar("Result", xr.Dataset, xr.DataTree)
@@ -114,7 +113,7 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
     -----
     Le Bot et al. 2019, Sec. 2.3; errors of both frequencies propagated to first order.
     """
-    library = library_of(result, whole=True)
+    library = schema.library_of(result, whole=True)
     force = library.role("x")
     if force is None:
         raise UsageError(
@@ -135,7 +134,7 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
         "refers_to": omega0,
         "constraint": "",
     }
-    missing |= {name: values[0] for name, (_, values, _) in force_labels([force]).items()}
+    missing |= {name: values[0] for name, (_, values, _) in schema.force_labels([force]).items()}
     order = [s for s in library.symbols if s == force.symbol or s in symbols]
     whole = result.reindex(force=order, other_force=order, fill_value=missing)
     at = [[*symbols, force.symbol].index(s) for s in order]
@@ -172,10 +171,10 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
     if not 0.0 <= relative_error < 1.0:
         raise UsageError(f"The relative error of a scale is a number from 0 to 1, not {relative_error}.")
     if isinstance(result, xr.DataTree):
-        named = identifications_of(result)
+        named = files.identifications_of(result)
         changed = {k: xr.DataTree(with_scale_error(own, relative_error)) for k, own in named.items()}
         return result.assign(changed)
-    degrees = [signal_powers(force) for force in library_of(result)]
+    degrees = [signal_powers(force) for force in schema.library_of(result)]
     powers = np.array([0.0 if degree is None else degree.coefficient for degree in degrees])
     known = result.standard_error.values > 0.0
     by_scale = np.where(known, powers * result.coefficient.values, 0.0) * relative_error

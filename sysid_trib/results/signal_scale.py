@@ -16,10 +16,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
+from sysid_trib.forces import library, notation
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.library import library_of_text
-from sysid_trib.forces.notation import Powers, signal_powers
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.results.variables import PER_FORCE_UNIT
 
@@ -75,7 +74,7 @@ def counts_angles(decay: xr.Dataset) -> bool:
 
 def scalable(force: Force) -> bool:
     """True if a force has a meaning for a displacement: it knows no radian."""
-    return signal_powers(force) is not None
+    return notation.signal_powers(force) is not None
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ class _SignalScale:
 
     unit: str
     size: float
-    degrees: dict[str, Powers] = field(default_factory=dict)
+    degrees: dict[str, notation.Powers] = field(default_factory=dict)
     inputs: frozenset[str] = frozenset()
 
     def inwards(self, given: Any) -> Any:
@@ -228,9 +227,9 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     return _SignalScale(unit, float(size), degrees, inputs)
 
 
-def _degrees(given: Any) -> dict[str, Powers]:
+def _degrees(given: Any) -> dict[str, notation.Powers]:
     """Degree of each force that is given and has one, by symbol."""
-    return {force.symbol: degree for force in _forces(given) if (degree := signal_powers(force))}
+    return {force.symbol: degree for force in _forces(given) if (degree := notation.signal_powers(force))}
 
 
 def _has_ties(given: Mapping[str, Any]) -> bool:
@@ -273,7 +272,7 @@ def _forces(given: Any) -> Iterator[Force]:
         elif isinstance(part, xr.Dataset):
             for name in ("library", "candidates"):
                 if name in part.attrs:
-                    yield from library_of_text(str(part.attrs[name]), "")
+                    yield from library.library_of_text(str(part.attrs[name]), "")
 
 
 def _power(name: str, units: str, old: str) -> int:

@@ -9,8 +9,7 @@ from scipy.optimize import minimize_scalar
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, random_force_of
 from sysid_trib.methods import method_of
-from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable, stated_covariance
-from sysid_trib.results.schema import library_of
+from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, chi_square_test, described, with_error
 from sysid_trib.validation.refits import at_reference, refit
@@ -46,17 +45,17 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     Cochran's Q. Large where a force changes from run to run (wear), or is of another form than the model's:
     then it changes with amplitude.
     """
-    method, library = method_of(together), library_of(together, whole=True)
-    kept, frequency = comparable(together), together.reference_frequency.item()
+    method, library = method_of(together), schema.library_of(together, whole=True)
+    kept, frequency = references.comparable(together), together.reference_frequency.item()
     results, reasons = zip(*(refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0
-    names = [*kept, *[ASYMPTOTIC_FREQUENCY] * free]
+    names = [*kept, *[references.ASYMPTOTIC_FREQUENCY] * free]
     count = len(names)
     values, covariances = at_reference(results, kept, frequency)
     if not random_force_of(together):
         # A free motion has a frequency so precise that a coefficient's error does not know it.
         for at in np.flatnonzero(np.isfinite(values[:, -1])):
-            covariances[at] = stated_covariance(results[at], kept)
+            covariances[at] = references.stated_covariance(results[at], kept)
     values, covariances = values[:, :count], covariances[:, :count, :count]
     usable = np.isfinite(values).all(axis=1)
     v, c, text = values[usable], covariances[usable], "chi-square about the weighted mean"

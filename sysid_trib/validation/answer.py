@@ -17,8 +17,7 @@ from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.validation.holdout import fitted_motions
-from sysid_trib.validation.model_error import with_error_of_model, with_rounding
+from sysid_trib.validation import holdout, model_error
 from sysid_trib.validation.residuals import residuals
 from sysid_trib.validation.verdict import is_found, is_random
 
@@ -113,8 +112,8 @@ def with_model_in_errors(
     """
     p_value, over_noise = residual or _residual(FollowedRuns(dict(enumerate(runs)), result))
     if p_value < RESIDUAL_LEVEL:
-        return with_error_of_model(result, method, runs, library, over_noise)
-    return with_rounding(result, runs)
+        return model_error.with_error_of_model(result, method, runs, library, over_noise)
+    return model_error.with_rounding(result, runs)
 
 
 def with_common_noise(
@@ -158,7 +157,7 @@ def with_noise(method: Method, option: RandomForceOption) -> Method:
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
-    motions = fitted_motions([*followed.runs.values()], (followed.result,))
+    motions = holdout.fitted_motions([*followed.runs.values()], (followed.result,))
     whole = residuals({"": followed}, motions, followed.result)
     return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
 

@@ -13,21 +13,15 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import METHODS
 from sysid_trib.methods.scope import Method, by_unique_label, constrained, force_scope, scope_of
+from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.records.inputs import inputs_for
-from sysid_trib.records.smoothing import sensor_noise
-from sysid_trib.results.references import with_contactless_frequency
-from sysid_trib.results.schema import library_of
+from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation.answer import checked_library, with_common_noise, with_model_in_errors, with_noise
-from sysid_trib.validation.comparison_table import Trial, method_table
-from sysid_trib.validation.cross_check import ties
+from sysid_trib.validation import answer, comparison_table, cross_check, findings, verdict
 from sysid_trib.validation.driven import is_driven
-from sysid_trib.validation.findings import DIVERGES, with_noise_and_models
 from sysid_trib.validation.holdout import in_all_runs, split, up_to_held_out
-from sysid_trib.validation.verdict import no_nearer_than_rest
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -124,7 +118,7 @@ def compare(
     """
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    library = checked_library("compare", library, [method for _, method in pairs])
+    library = answer.checked_library("compare", library, [method for _, method in pairs])
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
@@ -149,14 +143,14 @@ def _compared(
     driven = is_driven(runs)
     if driven:
         for run in runs:
-            inputs_for(run, library)
+            inputs.inputs_for(run, library)
     # In driven records a random force is asked for, not looked for.
     named = (
-        {label: with_noise(method, "off") for label, method in named.items()}
+        {label: answer.with_noise(method, "off") for label, method in named.items()}
         if driven
-        else with_common_noise(decay, library, named)
+        else answer.with_common_noise(decay, library, named)
     )
-    trials: dict[str, Trial] = {}
+    trials: dict[str, comparison_table.Trial] = {}
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
         trials[label] = _try_method(method, parts, library, contactless, Constraints(constraints))
@@ -169,7 +163,7 @@ def _compared(
     steps = [np.median(np.diff(run.time.values)) for run in runs]
     halves = [np.median(np.diff(half_sines.extremum_time)) for *_, half_sines in parts]
     blocks = [max(1, round(2.0 * half / step)) for half, step in zip(halves, steps, strict=True)]
-    table = method_table(trials, [sensor_noise(run) for run in runs], blocks)
+    table = comparison_table.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
     of_best: Sequence[xr.Dataset | None] = trials[best][2].get("residual") or [None] * len(runs)
@@ -177,7 +171,7 @@ def _compared(
         start = described("record", {"holdout_start": float(rest.time.values[0])})
         shown = [] if motion is None else [run.angle.values - motion.residual.values]
         simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
-        groups[name] = with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
+        groups[name] = findings.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
         of_runs = trials[best][2].get("residual", [])
@@ -193,7 +187,7 @@ def _try_method(
     library: ForceLibrary,
     contactless: tuple[float, float] | None,
     constraints: Constraints,
-) -> Trial:
+) -> comparison_table.Trial:
     """A method on the training parts, on the parts held out, and on the whole.
 
     `parts` : each run, what models are identified from, what is held out, and the envelope.
@@ -209,7 +203,7 @@ def _try_method(
         return None, row | {"reason": reason}, {}
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
-        result = with_model_in_errors(result, method, runs, library)
+        result = answer.with_model_in_errors(result, method, runs, library)
     motions = {"residual": in_all_runs(runs, result, envelopes)}
     reason = _complaint("its model", motions["residual"]) if forces["damped"] else "its model has no damping"
     if part is None:
@@ -219,7 +213,7 @@ def _try_method(
         motions["holdout"] = in_all_runs(rest, part, envelopes, [up_to_held_out(run) for run in runs])
         part_reason = _complaint("on the part held out it", motions["holdout"])
     if contactless is not None:
-        result = with_contactless_frequency(result, *contactless)
+        result = references.with_contactless_frequency(result, *contactless)
     if not forces["neglects"]:
         row["failure"] = _failure(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
@@ -229,9 +223,9 @@ def _try_method(
 def _failure(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
     """Why a model that neglects nothing says nothing of the records (see `no_nearer_than_rest`)."""
     if not motions:
-        return DIVERGES
+        return findings.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
-        if reason := no_nearer_than_rest(run.angle.values, motion.residual.values):
+        if reason := verdict.no_nearer_than_rest(run.angle.values, motion.residual.values):
             return reason.format(f" of run {at + 1}" if len(runs) > 1 else "")
     return ""
 
@@ -279,10 +273,10 @@ def _not_separable(
     """Forces that no method separates, or identifies, on these runs; as attrs."""
     widest = max(results, key=lambda result: result.sizes["force"])
     identified = {symbol for result in results for symbol in result.force.values.tolist()}
-    force = library.role("x") or library_of(widest, whole=True).role("x")
+    force = library.role("x") or schema.library_of(widest, whole=True).role("x")
     stiffness = "" if force is None else force.symbol
     unseen = [s for s in library.symbols if s not in identified and s != stiffness]
-    return ties(runs, widest) | {
+    return cross_check.ties(runs, widest) | {
         "no_method_identifies": ", ".join(unseen),
         "exchangeable_with_the_frequency": "" if stiffness in identified else stiffness,
     }

@@ -10,8 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.references import in_model, reference_factors
 from sysid_trib.results.variables import described
-from sysid_trib.validation.findings import LARGE
-from sysid_trib.validation.holdout import diebold_mariano
+from sysid_trib.validation import findings, holdout
 
 # Parts of the runs on which residuals are, and texts or truths of a method.
 PARTS = ("residual", "train", "holdout")
@@ -62,7 +61,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     values["asymptotic_frequency_z"] = contrast(limit[:, None], error[:, None], best)[:, 0]
     residuals = [[of_run.residual.values for of_run in of.get("holdout", [])] for of in motions]
     values["holdout_p_value"] = [
-        diebold_mariano(some, residuals[best], blocks) if some else np.nan for some in residuals
+        holdout.diebold_mariano(some, residuals[best], blocks) if some else np.nan for some in residuals
     ]
     said = [{"bias": _bias(result)} | row for result, row in zip(results, rows, strict=True)]
     values |= {name: [row[name] for row in said] for name in ("time_taken", *TEXTS)}
@@ -86,7 +85,7 @@ def _common_frequency(results: Results, whole: Array, best: int) -> tuple[float,
         if result is not None and result.reference_frequency_standard_error == 0.0:
             return result.reference_frequency.item(), "given"
     least = int(np.nanargmin(whole))
-    owner = least if whole[best] > LARGE * whole[least] else best
+    owner = least if whole[best] > findings.LARGE * whole[least] else best
     return results[owner].reference_frequency.item(), owner  # type: ignore[union-attr]
 
 

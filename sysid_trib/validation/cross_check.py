@@ -15,18 +15,14 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable, comparison_values
-from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import chi_square_test, described, group_names
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation.agreement import verdict_of
+from sysid_trib.validation import agreement, findings, holdout, simulated_pairs
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
-from sysid_trib.validation.findings import LARGE, failure_of_models
-from sysid_trib.validation.holdout import compared_part, fitted_motions
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import residuals, with_motions
-from sysid_trib.validation.simulated_pairs import nothing_known, scatter
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
 
 
@@ -44,7 +40,7 @@ def comparison(
     `motions` : of each result, in each run.
     """
     second = results[1]
-    kept = comparable(*results)
+    kept = references.comparable(*results)
     # The second's model is the truth of the simulated records, or the first's if that has no motion.
     # Where a bias could not be removed, what to expect is not known.
     failed = any(str(r.attrs.get("first_order_bias_removed", "")).startswith("no:") for r in results)
@@ -53,11 +49,11 @@ def comparison(
     moving = [pair for pair in pairs if len(pair[1]) == len(runs)]
     truth = moving[0][0] if moving else second
     frequency = truth.reference_frequency.item()
-    difference = np.subtract(*(comparison_values(result, kept, frequency) for result in results))
+    difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
     count = len(difference)
-    known = nothing_known(count)
+    known = simulated_pairs.nothing_known(count)
     if moving and not failed:
-        known = scatter(runs, results, moving[0], kept, draws=draws, seed=seed, tell=tell)
+        known = simulated_pairs.scatter(runs, results, moving[0], kept, draws=draws, seed=seed, tell=tell)
     error = np.sqrt(np.diag(known.covariance))
     excess = difference - known.expected
     # One method with and without its bias: nothing else differs.
@@ -73,7 +69,7 @@ def comparison(
         **described("cross_check", values),
         **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
     }
-    compared = xr.Dataset(variables, {"quantity": [*kept, ASYMPTOTIC_FREQUENCY]})
+    compared = xr.Dataset(variables, {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]})
     compared.attrs["errors"] = "stated" if known.stated else "simulated"
     # Where the motion is pushed some records may not be identified.
     return compared.assign_attrs(simulated_records=known.records)
@@ -81,8 +77,8 @@ def comparison(
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     """Forces that averaging, or any method, cannot tell apart by principle."""
-    library = library_of(result)
-    shapes = model_of(result).shapes
+    library = schema.library_of(result)
+    shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
 
     def as_text(groups: Sequence[Sequence[str]]) -> str:
@@ -182,16 +178,16 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     names = [result.attrs["method"] for result in results]
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
-    motions = fitted_motions(runs, results)
-    parts, of_parts, duration = compared_part(runs, results)
-    parts_motions = motions if duration is None else fitted_motions(parts, of_parts)
+    motions = holdout.fitted_motions(runs, results)
+    parts, of_parts, duration = holdout.compared_part(runs, results)
+    parts_motions = motions if duration is None else holdout.fitted_motions(parts, of_parts)
     compared = comparison(parts, of_parts, parts_motions, draws=draws, seed=seed, tell=tell)
     tell("residuals")
     if duration is not None:
         compared.attrs["compared_stretch"] = duration
     followed = dict(zip(names, pair, strict=True))
     compared = compared.merge(residuals(followed, motions, second))
-    verdict = verdict_of(compared.p_value.item())
+    verdict = agreement.verdict_of(compared.p_value.item())
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     compared.attrs = made | compared.attrs
     compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
@@ -199,7 +195,7 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     compared.attrs["answer"] = answer = names[better_of(first, second)]
     of_runs = zip(runs, zip(*motions, strict=True), strict=True)
     records = [with_motions(run, names, of_run) for run, of_run in of_runs]
-    compared = compared.assign(failure_of_models(records))
+    compared = compared.assign(findings.failure_of_models(records))
     over_motion = _residual_over_motion(records)
     compared = compared.assign(described("cross_check", {"residual_over_motion": over_motion}))
     compared.attrs["verdict_on_record"] = verdict_on_record(
@@ -234,4 +230,4 @@ def _explained(compared: xr.Dataset) -> str:
     """`yes` if no departure from white noise is found in the better residual, `partly` if a small one."""
     if np.nanmax(compared.residual_p_value.values) >= RESIDUAL_LEVEL:
         return "yes"
-    return "partly" if np.any(compared.residual_over_noise.values <= LARGE) else "no"
+    return "partly" if np.any(compared.residual_over_noise.values <= findings.LARGE) else "no"

@@ -14,10 +14,9 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
+from sysid_trib.records import signal, smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_for, inputs_of
-from sysid_trib.records.signal import unit_of_signal
-from sysid_trib.records.smoothing import nominal_frequency
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -25,8 +24,7 @@ from sysid_trib.results.variables import described, group_names, noise_of_run, v
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.answer import with_noise
-from sysid_trib.validation.findings import failure_of_models
+from sysid_trib.validation import answer, findings
 from sysid_trib.validation.residuals import fitted_motion, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
@@ -78,7 +76,7 @@ def identified_driven(
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
     tell("direct")
-    fits = [_followed(runs, with_noise(direct, "off").identify(decay, library))]
+    fits = [_followed(runs, answer.with_noise(direct, "off").identify(decay, library))]
     # A residual of so many times the noise is more than noise.
     if direct.random_force == "auto" and fits[0][2].residual_over_noise > 1.5:
         fits.append(_followed(runs, replace(direct, random_force="estimated").identify(decay, library)))
@@ -114,7 +112,7 @@ def clock_of(record: xr.Dataset) -> float:
     power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
     # Part of the power of the rate.
     at = np.searchsorted(power, 0.95 * power[-1])
-    return nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
+    return smoothing.nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 
 # An identification, its motion in each run, and the sizes of what that leaves.
@@ -157,7 +155,7 @@ def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
     of_runs = zip(runs, zip(*motions, strict=True), strict=True)
     records = [with_motions(run, names, of_run) for run, of_run in of_runs]
     groups = dict(zip(names, results, strict=True)) | {
-        "comparison": compared.assign(failure_of_models(records))
+        "comparison": compared.assign(findings.failure_of_models(records))
     }
     groups |= dict(zip(group_names("record", len(runs)), records, strict=True))
     return xr.DataTree.from_dict(groups)
@@ -229,7 +227,7 @@ def predict(
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
     shown = x + motion.offset
-    residual, unit = angle - shown, unit_of_signal(record)
+    residual, unit = angle - shown, signal.unit_of_signal(record)
     rms = float(np.sqrt(np.mean(residual[counted] ** 2)))
     data = {
         "predicted_angle": variable("time", shown, "prediction", unit),

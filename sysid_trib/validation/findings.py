@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import root_mean_square
-from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.variables import Variables, described, group_names, record_groups
@@ -28,8 +27,8 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
     record, whose motion no spline follows, no more than a model leaves.
     """
-    noise = sensor_noise(decay)
-    if inputs_of(decay):
+    noise = smoothing.sensor_noise(decay)
+    if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
         noise = float(np.nanmin(remains, initial=noise))
     values = {"simulated_angle": simulated, "noise": noise}
@@ -89,7 +88,7 @@ def held_out_excess(tree: xr.DataTree) -> float:
     Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
     of driven records, whose noise no spline tells.
     """
-    if is_refitted(tree) or inputs_of(tree[record_groups(tree)[0]].to_dataset()):
+    if is_refitted(tree) or inputs.inputs_of(tree[record_groups(tree)[0]].to_dataset()):
         return 0.0
     ratio = float(tree["holdout"].rms[-1]) / record_noise(tree)
     return ratio if ratio > LARGE * max(1.0, residual_over_noise(tree, "after")) else 0.0

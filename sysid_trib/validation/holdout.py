@@ -15,8 +15,7 @@ from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import scope_of
 from sysid_trib.records.smoothing import least_squares_spline
 from sysid_trib.results.schema import library_of, model_of
-from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.simulation.internal_states import begun_after
+from sysid_trib.simulation import initial_conditions, internal_states
 from sysid_trib.validation.residuals import fitted_motion, motion_residual
 from sysid_trib.validation.simulated_pairs import with_held_random_force
 
@@ -70,9 +69,9 @@ def compared_part(
 
 def fitted_motions(
     runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset]
-) -> tuple[tuple[FittedMotion | None, ...], ...]:
+) -> tuple[tuple[initial_conditions.FittedMotion | None, ...], ...]:
     """Motions of each result in each run."""
-    motions: list[tuple[FittedMotion | None, ...]] = []
+    motions: list[tuple[initial_conditions.FittedMotion | None, ...]] = []
     for result in results:
         nearby = motions[0] if motions else [None] * len(runs)
         pairs = enumerate(zip(runs, nearby, strict=True))
@@ -171,7 +170,7 @@ def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) ->
     if len(time) > 1 and not all(force.memoryless for force in library):
         spline, x = least_squares_spline(tau, before.angle.values.astype(float))
         motion = tau, x, spline(tau, 1)
-        forces = [begun_after(force, *motion, model.shapes, elapsed) for force in library]
+        forces = [internal_states.begun_after(force, *motion, model.shapes, elapsed) for force in library]
         library = replace(library, forces=tuple(forces))
     later = result.assign_attrs(library=counted_from(library, float(elapsed[-1])).to_toml())
     return later.drop_vars(["start_angle", "start_rate"], errors="ignore")

@@ -11,8 +11,7 @@ from scipy.stats import binned_statistic, binned_statistic_2d
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.cycles.backbone import CURVES, BackboneCurves, PeriodRows, backbone_curves, period_rows
 from sysid_trib.errors import SysidTribError
-from sysid_trib.records.equilibrium import with_half_periods
-from sysid_trib.records.half_sines import envelope
+from sysid_trib.records import equilibrium, half_sines
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.records.smoothing import knot_intervals, sensor_noise, smooth
 from sysid_trib.results.schema import model_of
@@ -156,7 +155,7 @@ def _motion_rows(decay: xr.Dataset, result: xr.Dataset, release: float, times: f
     motion = trajectory(model_of(result), grid, release * largest, 0.0, most_steps=FEW_STEPS_A_PERIOD)
     stop = grid <= motion.stop_time if np.isfinite(motion.stop_time) else np.full(len(grid), True)
     simulated = xr.Dataset({"angle": ("time", motion.angle[stop] / largest)}, {"time": grid[stop]})
-    return period_rows(envelope(simulated))
+    return period_rows(half_sines.envelope(simulated))
 
 
 # Cells each way, drawings of noise for the errors, and a seed for them.
@@ -194,7 +193,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
     both. Errors are those of drawings of white noise of the sensor's level through the same steps. No motion
     is simulated: a model that slips in phase has its surface too.
     """
-    time, angle, _ = with_half_periods(decay)
+    time, angle, _ = equilibrium.with_half_periods(decay)
     model = model_of(result)
     tau = model.reference_frequency * (time - time[0])
     every = max(1, min(-(-len(time) // MOST_DRAWN), len(time) // (DRAWN_PER_KNOT * knot_intervals(tau))))

@@ -15,12 +15,10 @@ from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
-from sysid_trib.validation.holdout import carried_on
+from sysid_trib.simulation import initial_conditions, integrate
+from sysid_trib.validation import holdout, verdict
 from sysid_trib.validation.refits import between, refit
 from sysid_trib.validation.residuals import fitted_motion
-from sysid_trib.validation.verdict import widening
 
 RunList: TypeAlias = Sequence[xr.Dataset]
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
@@ -83,7 +81,7 @@ def with_error_of_model(
         if missed and np.all(np.isfinite(missed)):
             held_out = float(np.exp(np.mean(np.log(missed))))
     else:
-        excess = np.sqrt(widening(result, residual_over_noise) ** 2 - 1.0)
+        excess = np.sqrt(verdict.widening(result, residual_over_noise) ** 2 - 1.0)
         of_model = np.diag((excess * np.nan_to_num(own)) ** 2)
     model, count = np.sqrt(np.diag(of_model)), result.sizes["force"]
     total = _with_errors(
@@ -144,13 +142,13 @@ def _held_out(
         if held_out.stop - held_out.start < 8:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
-        yield _missed(rest, None if part is None else carried_on(part, library, before))
+        yield _missed(rest, None if part is None else holdout.carried_on(part, library, before))
 
 
 def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     """RMS (rad) of what a model leaves, start and zero fitted; nan without a motion."""
     # What is too stiff predicts nothing, and is not waited for.
-    motion = None if result is None else fitted_motion(rest, result, most_steps=FEW_STEPS_A_PERIOD)
+    motion = None if result is None else fitted_motion(rest, result, most_steps=integrate.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
     return root_mean_square(rest.angle.values - motion.offset - motion.x)
@@ -198,7 +196,7 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
     for at, run in enumerate(runs):
         noise = noise_of_run(result, at)
         step = coarse_step(run, noise)
-        motion = fitted_motion(run, result, at, most_steps=FEW_STEPS_A_PERIOD) if step else None
+        motion = fitted_motion(run, result, at, most_steps=integrate.FEW_STEPS_A_PERIOD) if step else None
         if motion is not None:
             squares.append(_squares_by_rounding(result, run, motion, rounded_noise(motion.x, step, noise)))
     if not squares:
@@ -215,7 +213,7 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def _squares_by_rounding(
-    result: xr.Dataset, run: xr.Dataset, motion: FittedMotion, noises: Iterable[Array]
+    result: xr.Dataset, run: xr.Dataset, motion: initial_conditions.FittedMotion, noises: Iterable[Array]
 ) -> Array:
     """Mean squares by which noises move `_numbers` in least squares of a motion; 0 where it moves none."""
     model, free = model_of(result), _numbers(result)[1][:-1] > 0.0

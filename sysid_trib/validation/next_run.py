@@ -15,9 +15,7 @@ from sysid_trib.results.files import is_of_driven
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
-from sysid_trib.validation import rivals as models
-from sysid_trib.validation.findings import error_parts
-from sysid_trib.validation.holdout import first_held_out
+from sysid_trib.validation import findings, holdout, rivals as models
 from sysid_trib.validation.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
 
 Span: TypeAlias = tuple[float | None, float | None]
@@ -195,7 +193,7 @@ def _between(limits: Span, parts: tuple[float, float], known: float, count: int,
 def _times(length: float, rate: float, every: int, *, in_part: bool = False) -> Array:
     """Times of a run, of every so many samples; where a search holds out its last third, of the rest."""
     time = np.arange(0, int(length * rate) + 1, every) / rate
-    return time[: first_held_out(time) if in_part else None]
+    return time[: holdout.first_held_out(time) if in_part else None]
 
 
 def _longest(
@@ -230,7 +228,7 @@ def _worth(
     after = models.covariance_after(runs[known.name])
     of_noise = np.sqrt(np.sum((known.directions @ after) * known.directions, axis=1))
     stated = dict(zip(known.model.coefficients, of_noise.tolist(), strict=False))
-    of_model = dict(zip(main.force.values.tolist(), error_parts(main)[1].tolist(), strict=True))
+    of_model = dict(zip(main.force.values.tolist(), findings.error_parts(main)[1].tolist(), strict=True))
     errors = np.hypot([stated[s] for s in known.fitted], [of_model[s] for s in known.fitted])
     return entropy, float(right + 1.0 - moving.sum()), errors
 

@@ -17,12 +17,8 @@ from scipy.stats import chi2, f as f_distribution, t as t_distribution
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
-from sysid_trib.likelihood.sensor_noise import memory_samples
-from sysid_trib.likelihood.variance_ratio import VarianceRatio
-from sysid_trib.motion_fit.bands import parameters_of
-from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.linearised import random_walk_about, trial_forces
+from sysid_trib.likelihood import random_force, sensor_noise, variance_ratio
+from sysid_trib.motion_fit import bands, kalman, linearised
 from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described
@@ -76,7 +72,7 @@ def random_force_dependence(
     two variances is free with and without. The size: `size_p_values`. Records that are simulated in the
     linear model calibrate both.
     """
-    if not random_force_of(result, run):
+    if not random_force.random_force_of(result, run):
         raise UsageError("This identification has no random force; take random_force='estimated'.")
     return dependence_on_motion(FollowedRuns({run: decay}, result), run, seed)
 
@@ -93,11 +89,11 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     tracked = followed.tracked(run) if every == 1 else track(decay, result, run, every)
     w = tracked.model.reference_frequency
     tau = w * (tracked.time - tracked.time[0])
-    by_column, depends_on = trial_forces(tracked.linear, tau)
+    by_column, depends_on = linearised.trial_forces(tracked.linear, tau)
     # As a change of the frequency does, but what pushes the motion within a step has no part in it.
     linear = _with_parameters(tracked, result, stiffness=-by_column[:, :, :1])
     # All parameters are free.
-    null = likely_ratio(linear)
+    null = kalman.likely_ratio(linear)
     records = _records_of_noise(linear, null.ratio, np.random.default_rng(seed))
     trial = trial_model(linear, by_column, records)
     sets = {on: np.flatnonzero(depends_on == on) for on in ("angle", "speed", "time")}
@@ -111,7 +107,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     p_value = min(1.0, 2.0 * min(of_force["any"], of_size["any"]))
     p_values = [[of_aspect[on] for on in ON] for of_aspect in (of_force, of_size)]
     chi_square, columns, _ = gains["any"]
-    density = RandomForce.density_of(null.ratio * null.variance, w)
+    density = random_force.RandomForce.density_of(null.ratio * null.variance, w)
     deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
     of_density = chi2.sf(max(0.0, deviances[0] - deviances[1]), 1)
     numbers = (p_value, chi_square, columns, density, of_density)
@@ -124,12 +120,12 @@ def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
     return xr.Dataset(described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
 
 
-def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> LinearModel:
+def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> kalman.LinearModel:
     """The record about the smoothed motion with columns for all that was free in the identification.
 
     `stiffness` is what the acceleration -x adds to x and v by the end of a step, (step, 2, 1).
     """
-    offered, covariance = parameters_of(result)
+    offered, covariance = bands.parameters_of(result)
     kept = [at for at, name in enumerate(offered) if name in tracked.model.coefficients]
     shapes: list[str] = []
     if "shape_standard_error" in result:
@@ -155,11 +151,11 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
     )
 
 
-def _records_of_noise(linear: LinearModel, ratio: float, random: np.random.Generator) -> Array:
+def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.random.Generator) -> Array:
     """Records of noise alone, (sample, draw), in units of the innovations of the sensor's noise."""
-    random_walk = random_walk_about(linear, ratio, random, NULL_DRAWS)
+    random_walk = linearised.random_walk_about(linear, ratio, random, NULL_DRAWS)
     # Coloured noise has a past before the first sample.
-    past = memory_samples(linear.sensor_filter)
+    past = sensor_noise.memory_samples(linear.sensor_filter)
     white = random.standard_normal((past + len(random_walk), NULL_DRAWS))
     return np.asarray(random_walk + lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
@@ -171,7 +167,7 @@ class TrialModel:
     All three are columns of `linear`, `nuisances` and `tried` of them of the first two kinds.
     """
 
-    linear: LinearModel
+    linear: kalman.LinearModel
     nuisances: int
     tried: int
 
@@ -196,7 +192,7 @@ class TrialModel:
         return np.asarray(len(rest) * np.log(np.maximum(squares, 1e-300)) + log_determinant)
 
 
-def trial_model(linear: LinearModel, by_column: Array, records: Array) -> TrialModel:
+def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) -> TrialModel:
     """A record with columns that act in each step, (step, 2, column), and records (sample, draw)."""
     (size, nuisances), (_, states, tried), draws = linear.start.shape, by_column.shape, records.shape[1]
     by = np.pad(by_column, ((0, 0), (0, size - states), (0, draws)))
@@ -210,7 +206,7 @@ def trial_model(linear: LinearModel, by_column: Array, records: Array) -> TrialM
 
 
 def _likelihood_gains(
-    trial: TrialModel, sets: Mapping[str, Index], null: VarianceRatio
+    trial: TrialModel, sets: Mapping[str, Index], null: variance_ratio.VarianceRatio
 ) -> dict[str, tuple[float, int, float]]:
     """Chi-square of each set of columns over the nuisances alone, number of columns, p-value of no effect.
 

@@ -12,11 +12,11 @@ from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
+from sysid_trib.records import sensor, smoothing
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.sensor import coarse_step, rounded_noise, slow_part
-from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
+from sysid_trib.simulation import integrate, simulate
 from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     MEASURED_TIME,
@@ -26,8 +26,6 @@ from sysid_trib.simulation.initial_conditions import (
     fit_start,
     measured_part,
 )
-from sysid_trib.simulation.integrate import STEPS_A_PERIOD
-from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import with_noise_and_models
 from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
 
@@ -47,7 +45,7 @@ def fitted_motion(
     run: int = 0,
     *,
     nearby: FittedMotion | None = None,
-    most_steps: int = STEPS_A_PERIOD,
+    most_steps: int = integrate.STEPS_A_PERIOD,
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
@@ -150,8 +148,8 @@ def _of_free_motion(
     departure = departure_time(time, residual, noise, width)
     path, fitted = (motion.x, motion.v), _fitted_numbers(result)
     line = spectral_line(time, residual, path)
-    step = coarse_step(decay, noise)
-    noises = rounded_noise(motion.x, step, noise) if step else None
+    step = sensor.coarse_step(decay, noise)
+    noises = sensor.rounded_noise(motion.x, step, noise) if step else None
     p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
     return rms, rms / noise, departure, 0.0 if _in_band(line, result) else p_value, *line
 
@@ -169,14 +167,14 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     Integration makes white noise red: in the integral no residual is white.
     """
     time, model = decay.time.values.astype(float), model_of(result)
-    simulated = trajectory(model, time, motion.angle, motion.rate)
+    simulated = simulate.trajectory(model, time, motion.angle, motion.rate)
     observation, _, _ = measured_part(decay)
     residual = decay[MEASURED].sel({MEASURED_TIME: time}).values - observation.shown(simulated)
     # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])
     residual = residual - free @ np.linalg.lstsq(free, residual, rcond=None)[0]
-    return np.asarray(residual / swing_frequency(decay) ** int(decay.attrs["integrations"]))
+    return np.asarray(residual / smoothing.swing_frequency(decay) ** int(decay.attrs["integrations"]))
 
 
 def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: int) -> tuple[float, ...]:
@@ -222,7 +220,7 @@ def _noise_p_value(
     twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
     little is not in the means of all, but in the few polynomials in time by which these differ.
     """
-    width, (numbers, slow_square) = max(1, samples // 6), slow_part(*motion)
+    width, (numbers, slow_square) = max(1, samples // 6), sensor.slow_part(*motion)
 
     def sizes(values: Array) -> Array:
         """Squares of both parts over those of one sample's noise, (2,)."""

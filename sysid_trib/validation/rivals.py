@@ -22,11 +22,9 @@ from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.variables import noise_of_run, record_groups
+from sysid_trib.simulation import motions, simulate
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY
-from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.findings import error_parts, main_result
-from sysid_trib.validation.random_force_test import orthonormal
+from sysid_trib.validation import findings, random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
@@ -99,8 +97,8 @@ def predicted(
         The model has no such motion.
     """
     model, (of_model, ratio) = rival.model, forcing
-    names = [*model.coefficients, *model.shapes, FREQUENCY, BY_ANGLE, BY_RATE]
-    motion = trajectory(model, time, *start, by=names)
+    names = [*model.coefficients, *model.shapes, motions.FREQUENCY, motions.BY_ANGLE, motions.BY_RATE]
+    motion = simulate.trajectory(model, time, *start, by=names)
     by = motion.derivatives["angle"]
     columns = np.column_stack([motion.angle, by, np.ones(len(time))]) / noise
     columns = whitened(of_model, time, start, ratio, columns)
@@ -119,7 +117,7 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     UsageError
         Nothing was identified.
     """
-    main = main_result(result) if isinstance(result, xr.DataTree) else result
+    main = findings.main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
         raise UsageError("plan wants a result that identified a model.")
     stated = _stated(main)
@@ -134,7 +132,7 @@ def _stated(result: xr.Dataset) -> Rival:
     model = model_of(result)
     symbols = [s for s in result.force.values.tolist() if s in model.coefficients]
     covariance, total = stated_covariance(result, symbols), result.standard_error.values
-    of_noise = np.divide(error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
+    of_noise = np.divide(findings.error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
     part = np.append(of_noise[np.isin(result.force.values, symbols)], 1.0)
     count, shapes = len(symbols), len(model.shapes)
     directions = np.zeros((count + shapes + 1, count + 1))
@@ -219,7 +217,7 @@ def covariance_after(run: RunPrediction) -> Array:
 def _explained_space(run: RunPrediction) -> Array:
     """Basis of what a rival can make of a difference to its motion, and behind it of what that costs."""
     count = run.known.shape[1]
-    return orthonormal(
+    return random_force_test.orthonormal(
         np.vstack([np.hstack([run.known, run.free]), np.eye(count, count + run.free.shape[1])])
     )
 
@@ -236,7 +234,7 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
     rng, (rivals, runs) = np.random.default_rng(0), zip(*pairs, strict=True)
     apart = [RunPrediction(run.angle - runs[0].angle, run.known, run.free) for run in runs]
     # What is outside of these columns is noise that all rivals share.
-    axes = orthonormal(np.column_stack([column for run in apart for column in run]))
+    axes = random_force_test.orthonormal(np.column_stack([column for run in apart for column in run]))
     inside = [RunPrediction(*(axes.T @ part for part in run)) for run in apart]
     spaces = [_explained_space(run)[: axes.shape[1]] for run in inside]
     own = zip(rivals, inside, strict=True)

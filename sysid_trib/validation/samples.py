@@ -15,16 +15,14 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.decay import RECORD_PARTS
-from sysid_trib.results.references import in_model
-from sysid_trib.results.schema import library_of
+from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, chi_square_test, described, group_names, signal_units
+from sysid_trib.validation import random_effects, refits
 from sysid_trib.validation.agreement import HOMOGENEITY_LEVEL, weighted_mean
 from sysid_trib.validation.findings import error_parts, main_result
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
-from sysid_trib.validation.random_effects import RandomEffects
-from sysid_trib.validation.refits import at_reference
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
@@ -95,7 +93,7 @@ def _difference(
         "signal_units": signal_units(sides[0][0]),
     }
     # A sample may lack the viscous force that the other has.
-    factors = {s: f for member in members for s, f in library_of(member).damping_factors.items()}
+    factors = {s: f for member in members for s, f in schema.library_of(member).damping_factors.items()}
     damping = np.array([factors.get(symbol, 0.0) for symbol in symbols]) * reference
     stiffness = _stiffness_difference(values, by_noise + by_model, damping)
     errors = np.sqrt(np.diagonal(by_noise + by_model, axis1=1, axis2=2))
@@ -136,7 +134,7 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
 
 def _forces_of(result: xr.Dataset) -> list[str]:
     """Forces whose coefficient refers to the identification's own frequency."""
-    return [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
+    return [symbol for symbol in result.force.values.tolist() if references.in_model(result, symbol)]
 
 
 def _sample(
@@ -156,7 +154,7 @@ def _sample(
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     design, between = np.ones((len(runs), 1)), np.zeros(len(symbols) + 1)
     for at in np.flatnonzero(np.all(errors > 0.0, axis=0)):
-        between[at] = RandomEffects(values[:, at], errors[:, at], design).tau
+        between[at] = random_effects.RandomEffects(values[:, at], errors[:, at], design).tau
     scattered = covariances + np.diag(between**2)
     mean, covariance, _ = weighted_mean(values, scattered)
     fixed = np.all(errors == 0.0, axis=0)
@@ -171,7 +169,7 @@ def _run(
     result: xr.Dataset, symbols: Sequence[str], reference: float, held: Sequence[str] = ()
 ) -> tuple[Array, Array, Array]:
     """Values of a run, their covariance by the noise, and that by the model; zero without a force."""
-    (values,), (covariance,) = at_reference([result], symbols, reference, 0.0)
+    (values,), (covariance,) = refits.at_reference([result], symbols, reference, 0.0)
     part = np.ones(len(symbols) + 1)
     for place in map(symbols.index, held):
         values[place] = result.coefficient.sel(force=symbols[place]).item()

@@ -15,16 +15,14 @@ from sysid_trib.likelihood.random_force import is_fitted, random_force_of
 from sysid_trib.methods import method_of
 from sysid_trib.motion_fit.linearised import linearised_along, random_walk_about
 from sysid_trib.records.decay import Decays, one_or_all
-from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results import references, schema
 from sysid_trib.results.variables import noise_of_run
-from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation import initial_conditions, simulate
 
 EXCESS_LEVEL = 0.01
 
 # An identification, and its motion in each run.
-Truth: TypeAlias = tuple[xr.Dataset, Sequence[FittedMotion]]
+Truth: TypeAlias = tuple[xr.Dataset, Sequence[initial_conditions.FittedMotion]]
 
 
 def _simulated(
@@ -32,7 +30,7 @@ def _simulated(
 ) -> Callable[[int | None], Decays]:
     """Gives the record of a draw, with the random force that the truth has; of None the one without noise."""
     result, motions = truth
-    model, simulated = model_of(result), []
+    model, simulated = schema.model_of(result), []
     period = 2.0 * np.pi / result.asymptotic_frequency.item()
     # A stream of its own: the sensor's noise is the same with a random force and without.
     random, forcing = np.random.default_rng(seed), np.random.default_rng([seed, 1])
@@ -43,7 +41,7 @@ def _simulated(
         if len(time) > most:
             noise *= np.sqrt(most / len(time))
             time = np.linspace(time[0], time[-1], most)
-        free, force = trajectory(model, time, motion.angle, motion.rate), random_force_of(result, at)
+        free, force = simulate.trajectory(model, time, motion.angle, motion.rate), random_force_of(result, at)
         walks = np.zeros((draws, 1))
         if force:
             per_tau = force.per_tau(model.reference_frequency)
@@ -155,10 +153,10 @@ def scatter(
     frequency, record = truth[0].reference_frequency.item(), _simulated(runs, truth, draws, seed)
     methods, at_best = zip(*(_at_its_best(runs, result) for result in results), strict=True)
     # Each with what it was offered: forces that one of them neglects are part of its bias.
-    offered = [library_of(result, whole=True) for result in results]
+    offered = [schema.library_of(result, whole=True) for result in results]
 
     def values(pair: Sequence[xr.Dataset]) -> Array:
-        return np.stack([comparison_values(result, kept, frequency) for result in pair])
+        return np.stack([references.comparison_values(result, kept, frequency) for result in pair])
 
     def identified(draw: int | None) -> Array:
         decay, pairs = record(draw), zip(methods, offered, strict=True)
@@ -167,7 +165,7 @@ def scatter(
     # The bias that a method left in is what it would have removed; what remains shows in the records.
     bias = np.subtract(*values(results)) - np.subtract(*values(at_best))
     without_noise = np.zeros_like(bias)
-    both_stated = np.add(*(stated_covariance(result, kept) for result in results))
+    both_stated = np.add(*(references.stated_covariance(result, kept) for result in results))
     stochastic = bool(random_force_of(truth[0]))
     if not stochastic:
         with suppress(SysidTribError):
@@ -216,7 +214,7 @@ def _at_its_best(runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[Any, x
         return method, result
     try:
         better = replace(method, **off)
-        return better, better.identify(one_or_all(runs), library_of(result, whole=True))
+        return better, better.identify(one_or_all(runs), schema.library_of(result, whole=True))
     except SysidTribError:
         return method, result
 
@@ -235,7 +233,7 @@ def _excess(results: Sequence[xr.Dataset], kept: Sequence[str], drawn: Array) ->
     Where a residual is more than noise, methods weigh it differently: they no longer share their errors,
     which then add.
     """
-    stated = np.stack([np.sqrt(np.diag(stated_covariance(result, kept))) for result in results])
+    stated = np.stack([np.sqrt(np.diag(references.stated_covariance(result, kept))) for result in results])
     errors = drawn.std(axis=0, ddof=1)
     # What does not vary, as a force that every draw drops, has no ratio.
     return np.divide(stated, errors, out=np.ones_like(errors), where=errors > 0.0)

@@ -10,8 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
-from sysid_trib.motion_fit.bands import SETTLING_PERIODS, bands_of
-from sysid_trib.motion_fit.innovations import innovations_of
+from sysid_trib.motion_fit import bands, innovations
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import determines
@@ -100,10 +99,10 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
         if groups["random_force"].reason.values[at]:
             continue
         tracked = followed.tracked(at)
-        groups[of_innovations] = innovations_of(decay, tracked)
+        groups[of_innovations] = innovations.innovations_of(decay, tracked)
         # Of a record too short to predict anything there is no figure.
         with suppress(SysidTribError):
-            groups[of_bands] = bands_of(tracked, result, _horizons(decay, result), run=at)
+            groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
     return groups
 
 
@@ -139,7 +138,7 @@ def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
     """Periods ahead for which predictions are made."""
     period = 2.0 * np.pi / float(result.reference_frequency)
     length = float(decay.time.values[-1] - decay.time.values[0]) / period
-    longest = min(LONGEST_PREDICTION, 0.5 * (length - SETTLING_PERIODS))
+    longest = min(LONGEST_PREDICTION, 0.5 * (length - bands.SETTLING_PERIODS))
     return np.asarray(np.arange(1, max(2, int(longest / PREDICTION_STEP))) * PREDICTION_STEP, dtype=float)
 
 
