@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import cache, lru_cache, partial
 
 import numpy as np
@@ -176,7 +175,7 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
             pairs.append((*(estimate.symbols[i] for i in pair), acts_on))
             for rule in RULES:
                 # The peak force is the same in both groups.
-                tables = [tabulated(i, acts_on if rule == "averaged" else "", rule) for i in pair]
+                tables = [tabulated(i, acts_on if rule == "averaged" else "") for i in pair]
                 rows.append(_crossing(estimate, pair, tables))
     table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
     data = {
@@ -191,27 +190,21 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     return labels.assign(described("crossovers", data)).assign_attrs(estimate.provenance)
 
 
-def _weight(estimate: ModelEstimate, i: int, acts_on: str, rule: str) -> tuple[Weight, Array]:
-    """Weight of a force with coefficient 1 as a function of amplitude, and on the grid."""
+def _weight(estimate: ModelEstimate, i: int, acts_on: str) -> tuple[Weight, Array]:
+    """Weight of a force with coefficient 1 by amplitude, and on the grid; its peak if it acts on nothing."""
     force, shapes = estimate.forces[i], estimate.shapes
 
     def weight(a: Array) -> Array:
-        if rule == "peak force":
-            return peak(force, a, shapes)
-        return signatures.averages(force, a, shapes)[0 if acts_on == "envelope" else 1]
-
-    def where_finite(a: Array) -> Array:
         try:
-            return weight(a)
+            if not acts_on:
+                return peak(force, a, shapes)
+            return signatures.averages(force, a, shapes)[0 if acts_on == "envelope" else 1]
         except LibraryError:
-            finite = np.full(a.size, np.nan)
-        # A limit of a formula: larger amplitudes are none of this force.
-        with suppress(LibraryError):
-            for at in range(a.size if a.size > 1 else 0):
-                finite[at] = weight(a[at : at + 1])[0]
-        return finite
+            # A limit of a formula: larger amplitudes are none of this force.
+            parts = [weight(a[at : at + 1]) for at in range(a.size)] if a.size > 1 else [np.array([np.nan])]
+            return np.concatenate(parts)
 
-    return where_finite, where_finite(np.geomspace(LOWEST, HIGHEST, GRID))
+    return weight, weight(np.geomspace(LOWEST, HIGHEST, GRID))
 
 
 def _crossing(

@@ -17,7 +17,7 @@ from sysid_trib.physics.model_estimate import (
     propagate,
 )
 from sysid_trib.records.units import METRES
-from sysid_trib.results.variables import PER_FORCE_UNIT, signal_units, variable, with_error
+from sysid_trib.results.variables import described, signal_units, variable
 
 
 def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error: float = 0.0) -> xr.Dataset:
@@ -50,14 +50,7 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     of a power law goes to the coefficient: 2 zeta I w. One without such a degree is
     I w^2 c h(theta, theta'/w). Errors hold those of w and of the inertia.
     """
-    check_quantity("inertia", inertia, inertia_standard_error)
-    estimate = model_estimate(result)
-    body, units = (inertia, inertia_standard_error), [_unit(force) for force in estimate.forces]
-    stiffness = propagate(lambda z: _stiffness(estimate, z), *estimate.with_inertia(*body))
-    return _in_si(estimate, body, np.ones(len(units)), units).assign(
-        with_error("linear_stiffness", (), stiffness, "linear stiffness", "N m rad-1")
-        | with_error("inertia", (), body, "moment of inertia", "kg m2")
-    )
+    return in_si_units(result, inertia=(inertia, inertia_standard_error))
 
 
 def _in_si(
@@ -80,15 +73,11 @@ def _in_si(
     jacobian[:, count + 1] = c * scale / size
     covariance = jacobian @ estimate.with_inertia(size, error)[1] @ jacobian.T
     errors = np.sqrt(np.diag(covariance))
-    data = {
-        "coefficient": variable("force", scale * c, "coefficient in SI units", PER_FORCE_UNIT),
-        "standard_error": variable("force", errors, "standard error of the coefficient", PER_FORCE_UNIT),
-        "covariance": variable(("force", "other_force"), covariance, "covariance", PER_FORCE_UNIT),
-    }
+    data = {"coefficient": scale * c, "standard_error": errors, "covariance": covariance}
     terms = [_term(force).replace("theta", x) for force in estimate.forces]
     coords = {"force": estimate.symbols, "other_force": estimate.symbols}
     labels = {"unit": ("force", units), "multiplies": ("force", terms)}
-    return xr.Dataset(data, {**coords, **labels}, estimate.provenance)
+    return xr.Dataset(described("si_units", data), {**coords, **labels}, estimate.provenance)
 
 
 def inertia_with_mass(
@@ -311,23 +300,22 @@ def in_si_units(
     """
     given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
     check_measured({name for name, value in given.items() if value is not None})
+    for name, measured in given.items():
+        if measured is not None:
+            check_quantity(name, *measured)
     if mass is not None:
         values = _of_translation(result, mass)
     elif inertia is not None:
-        values = physical_units(result, inertia[0], inertia_standard_error=inertia[1])
+        values = _of_rotation(result, inertia)
     if load is None:
         return values
     arm = {"load": load} | ({} if radius is None else {"radius": radius})
-    for name, measured in arm.items():
-        check_quantity(name, *measured)
     over, error = np.array(list(arm.values())).T
     # Forces that do not depend on the size of the motion.
     dry = _degrees(model_estimate(result)) == 0.0
     friction = np.where(dry, values.coefficient.values / over.prod(), np.nan)
     errors = np.hypot(values.standard_error.values / over.prod(), friction * np.linalg.norm(error / over))
-    for name, measured in arm.items():
-        values = values.assign(with_error(name, (), measured, name, {"load": "N", "radius": "m"}[name]))
-    return values.assign(with_error(MU, "force", (friction, errors), "coefficient of friction"))
+    return values.assign(described("si_units", {**arm, MU: (friction, errors)}))
 
 
 def _degrees(estimate: ModelEstimate) -> Array:
@@ -336,9 +324,16 @@ def _degrees(estimate: ModelEstimate) -> Array:
     return np.array([np.nan if degree is None else 1.0 - degree.coefficient for degree in degrees])
 
 
+def _of_rotation(result: xr.Dataset, inertia: Measured) -> xr.Dataset:
+    """Torques on an inertia from the coefficients of an angle."""
+    estimate = model_estimate(result)
+    values = _in_si(estimate, inertia, np.ones(len(estimate.forces)), list(map(_unit, estimate.forces)))
+    stiffness = propagate(lambda z: _stiffness(estimate, z), *estimate.with_inertia(*inertia))
+    return values.assign(described("si_units", {"linear_stiffness": stiffness, "inertia": inertia}))
+
+
 def _of_translation(result: xr.Dataset, mass: Measured) -> xr.Dataset:
     """Forces on a mass from the coefficients of a displacement."""
-    check_quantity("mass", *mass)
     unit = signal_units(result)
     check_length_unit(unit)
     estimate = model_estimate(result)
@@ -346,7 +341,7 @@ def _of_translation(result: xr.Dataset, mass: Measured) -> xr.Dataset:
     speeds = [force.speed_degree or 0.0 for force in estimate.forces]
     units = [_unit_of_force(*pair) for pair in zip(powers, speeds, strict=True)]
     values = _in_si(estimate, mass, METRES[unit] ** (1.0 - powers), units, "x")
-    return values.assign(with_error("mass", (), mass, "mass", "kg"))
+    return values.assign(described("si_units", {"mass": mass}))
 
 
 def check_length_unit(unit: str) -> None:
