@@ -106,7 +106,7 @@ def with_random_force(
 def _sensor_above(path: RecordPath) -> NoiseModel:
     """Noise of the sensor by the spectrum above what a path follows; as it is where that is white."""
     tau = path.form.tau
-    found = colour_above(path.angle - smooth(tau, path.angle).x, tau, ABOVE)
+    found = colour_above(path.angle - smooth(tau, path.angle)[0], tau, ABOVE)
     return found if len(found.filter_) > 1 else path.sensor
 
 

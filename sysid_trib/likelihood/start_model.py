@@ -245,7 +245,7 @@ def _parameters_of(sensor: NoiseModel) -> int:
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
     """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
     tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
-    sensor = colour_above(angle - smooth(tau, angle).x, tau, ABOVE)
+    sensor = colour_above(angle - smooth(tau, angle)[0], tau, ABOVE)
     return path_of_run(run, frequency, sensor, None, settings)
 
 

@@ -12,7 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.equilibrium import find_swing
 from sysid_trib.records.inputs import PER_KIND
-from sysid_trib.records.signal import Piece, clamped_knots
+from sysid_trib.records.signal import clamped_knots
 from sysid_trib.records.units import ACCELEROMETER, INTEGRATIONS, METRES, STANDARD_GRAVITY, SignalUnit
 
 _AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<=acc)[xyz]$|(?<=gyro)[xyz]$")
@@ -159,16 +159,16 @@ def as_position(
     if times:
         measured = {"units": position + PER_KIND[unit.quantity], "long_name": f"{unit.quantity} as measured"}
         record[unit.quantity] = ("time", values * scale, measured)
-        swing = find_swing(Piece(time, values))
+        swing = find_swing(time, values)
         bias = float(np.median(values)) if swing is None else swing.equilibrium
         period = float(np.ptp(time)) if swing is None else swing.oscillation.period
         values = values - bias
         for _ in range(times):
             values = integrated(time, values, period)
-        record.attrs["measured"] = unit.quantity
-        record.attrs[f"{unit.quantity}_bias"] = bias
         said = f"integrated {'once' if times == 1 else 'twice'}, without the drift of its bias"
         record.attrs |= {
+            "measured": unit.quantity,
+            f"{unit.quantity}_bias": bias,
             "integrations": times,
             "integration": f"{said} (splines, knots two periods apart)",
         }
@@ -183,7 +183,7 @@ def as_felt(time: Array, values: Array, attrs: dict[str, Any], distance: float) 
     It feels g sin(x) + r x'' along its path. Without friction x'' = -w^2 sin(x): the angle is the arcsine of
     what it feels over g - r w^2.
     """
-    swing = find_swing(Piece(time, values))
+    swing = find_swing(time, values)
     source = attrs["source"]
     if swing is None:
         raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")

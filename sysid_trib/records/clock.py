@@ -28,7 +28,7 @@ Clock: TypeAlias = tuple[Array, Index, tuple[float, ...], tuple[str, ...]]
 
 
 def read_clock(
-    stamps: Array, factor: float, source: str, values: Array | None = None, numbered: Index | None = None
+    stamps: Array, factor: float, source: str, values: Array, numbered: Index | None = None
 ) -> Clock:
     """Times from stamps.
 
@@ -40,7 +40,7 @@ def read_clock(
         Of that unit, in s.
     source : str
         Name of the file, for messages.
-    values : (row,) array of float, optional
+    values : (row,) array of float
         The signal, by which rows prove to be even where stamps are repeated or come in packets.
     numbered : (row,) array of int, optional
         Numbers of the samples, where some are lost; the rows' own otherwise.
@@ -59,8 +59,7 @@ def read_clock(
     steps = np.diff(given)
     even = None
     if np.ptp(steps) > UNEVEN_PART * steps[0] + 4e-16 * np.abs(given).max():
-        counted = rows if numbered is None else numbered[rows]
-        even = even_rows(given, counted, None if values is None else values[rows])
+        even = even_rows(given, rows if numbered is None else numbered[rows], values[rows])
     if even is None:
         kept = np.append(True, steps != 0.0)
         if 2 * np.count_nonzero(kept) < given.size:
@@ -149,7 +148,7 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
     return given, jitter
 
 
-def even_rows(given: Array, rows: Index, values: Array | None) -> tuple[Array, str] | None:
+def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | None:
     """Times of rows that are one step apart, and what their stamps are; None if they are not.
 
     Parameters
@@ -158,7 +157,7 @@ def even_rows(given: Array, rows: Index, values: Array | None) -> tuple[Array, s
         Stamps.
     rows : (row,) array of int
         Their numbers in the file.
-    values : (row,) array of float, optional
+    values : (row,) array of float
         The signal: a clock that stands still for half a period does not show that its rows are even.
     """
     index = (rows - rows[0]).astype(float)
@@ -172,7 +171,7 @@ def even_rows(given: Array, rows: Index, values: Array | None) -> tuple[Array, s
         if np.ptp((given - line) / step) <= allowed and _shows_period(step, line, values):
             return line + (given[0] - line[0]), said
     line = _line(index, given, 1.0)
-    if values is not None and _in_packets(given, line, values):
+    if _in_packets(given, line, values):
         return line + (given[0] - line[0]), "stamps of packets: their rows are taken as even"
     return None
 
@@ -211,10 +210,8 @@ def _line(index: Array, given: Array, step: float | Array) -> Array:
     return np.asarray(np.polyval(np.polyfit(index, given, 1, w=weights), index))
 
 
-def _shows_period(step: float | Array, line: Array, values: Array | None) -> bool:
-    """True if a clock with such steps moves within half a period; without a signal, within two rows."""
-    if values is None:
-        return bool(np.max(step) < 2.0 * np.median(np.diff(line)))
+def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
+    """True if a clock with such steps moves within half a period."""
     periods = dominant_periods(line, values)
     return bool(periods) and bool(np.max(step) < 0.5 * periods[0])
 

@@ -88,11 +88,11 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
     # Runs that hold no decay where others do are left out, and named.
-    candidates = {signal: _candidate(signal, time) for time, signal in pairs}
-    still = [signal for signal, seen in candidates.items() if seen is None or seen.swing is None]
-    still = [] if len(still) == len(runs) else still
-    left_out = f", {', '.join(signal.name for signal in still)} left out: no decay" if still else ""
-    return [(time, signal, f"runs side by side{left_out}") for time, signal in pairs if signal not in still]
+    seen = [_candidate(signal, time) for time, signal in pairs]
+    swings = [candidate.column for candidate in seen if candidate and candidate.swing] or signals
+    still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
+    why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
+    return [(time, signal, why) for time, signal in pairs if signal in swings]
 
 
 def own_time(table: FileTable, signal: Column) -> Column | None:

@@ -22,7 +22,7 @@ from sysid_trib.records.signal import Piece, checked_signal, unit_of_signal
 
 def free_part(swing: Swing) -> Swing:
     """The free part of a swing: what is cut of its piece before and after, and when it stopped for good."""
-    time, halves, run = swing.piece.time, swing.halves, swing.run
+    time, halves, run = swing.time, swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
     if run.start > 1 or not _mirrors(smoothed, centred, swing, leading=True):
@@ -73,7 +73,7 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
 
 def _find_stop(swing: Swing) -> tuple[int, float]:
     """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
-    time, angle = swing.piece.time, swing.piece.signal - swing.equilibrium
+    time, angle = swing.time, swing.signal - swing.equilibrium
     halves, run = swing.halves, swing.run
     end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
     first, last = np.searchsorted(time, (end + duration, end + 12.0 * duration))
@@ -123,8 +123,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     Dataset
         As `free_decay` returns it.
     """
-    piece = swing.piece
-    time, signal = piece.time[swing.free], piece.signal[swing.free] - swing.equilibrium
+    time, signal = swing.time[swing.free], swing.signal[swing.free] - swing.equilibrium
     attrs = record["angle"].attrs
     units = centred_in = unit_of_signal(record)
     equilibrium = swing.equilibrium, swing.standard_error
@@ -152,7 +151,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     if np.isfinite(swing.stop_time):
         stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}
         cut["stop_time"] = ((), swing.stop_time, stop_attrs)
-    mended = "; ".join(text for text in (said, piece.sentence) if text)
+    mended = "; ".join(text for text in (said, swing.mended) if text)
     cut.attrs["free_decay"] = _sentence(swing, centred_in, mended)
     return cut
 
@@ -167,7 +166,7 @@ def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Datase
 
 
 def _sentence(swing: Swing, units: str, mended: str) -> str:
-    time = swing.piece.time[swing.free]
+    time = swing.time[swing.free]
     cut = " and ".join(text for text in (swing.before, swing.after) if text)
     kept = f"kept {time[0]:.6g} s to {time[-1]:.6g} s ({time.size} samples)"
     error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
@@ -184,7 +183,8 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing
     DecayError
         The refusal, which says why it is no proven decay, if nothing swings.
     """
-    swing = find_swing(piece, value)
+    time, signal, mended = piece
+    swing = find_swing(time, signal, value)
     if swing is None:
         raise refusal
     # Half periods from which a stop for good can be seen.
@@ -192,10 +192,11 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing
         seen = free_part(swing)
         if np.isfinite(seen.stop_time):
             swing = replace(seen, free=slice(0, seen.free.stop), before="")
-    fitted = _damped_sine(piece.time[swing.free], piece.signal[swing.free], swing.oscillation.period)
+    fitted = _damped_sine(time[swing.free], signal[swing.free], swing.oscillation.period)
     if fitted is None:
         raise refusal
-    return replace(swing, equilibrium=fitted[0], standard_error=fitted[1]) if value is None else swing
+    middle = fitted if value is None else (swing.equilibrium, swing.standard_error)
+    return replace(swing, equilibrium=middle[0], standard_error=middle[1], mended=mended)
 
 
 def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, float] | None:

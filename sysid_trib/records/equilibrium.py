@@ -16,7 +16,7 @@ from sysid_trib.records.half_periods import (
     regular_run,
     smooth,
 )
-from sysid_trib.records.signal import Piece, checked_signal
+from sysid_trib.records.signal import checked_signal
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 DRIFT_BLOCKS = 8
@@ -31,7 +31,7 @@ class Swing:
 
     Attributes
     ----------
-    piece : the signal.
+    time, signal : of its piece, s and in any unit.
     oscillation : the smoothed signal, not centred.
     halves : all half periods of the piece, about the equilibrium.
     run : those of them that belong to the regular swing.
@@ -39,9 +39,11 @@ class Swing:
     free : the samples in which it swings freely.
     before, after : what is cut, and why.
     stop_time : s, when it stopped for good; nan if it did not.
+    mended : what was done to its samples before.
     """
 
-    piece: Piece
+    time: Array
+    signal: Array
     oscillation: Oscillation
     halves: HalfPeriods
     run: slice
@@ -51,6 +53,7 @@ class Swing:
     before: str = ""
     after: str = ""
     stop_time: float = float("nan")
+    mended: str = ""
 
     @property
     def peaks(self) -> Array:
@@ -60,8 +63,8 @@ class Swing:
     @property
     def extrema(self) -> Array:
         """Size of each extremum of the run, from all samples."""
-        centred = self.piece.signal - self.equilibrium
-        return np.abs(signed_extrema(self.piece.time, centred, self.halves.select(self.run)))
+        centred = self.signal - self.equilibrium
+        return np.abs(signed_extrema(self.time, centred, self.halves.select(self.run)))
 
     @property
     def scatter(self) -> float:
@@ -69,12 +72,12 @@ class Swing:
         return 3.0 * self.oscillation.smoothed_noise + 0.5 * self.oscillation.step
 
 
-def find_swing(piece: Piece, equilibrium: float | None = None) -> Swing | None:
+def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> Swing | None:
     """Find the regular swing of a signal and, unless it is given, its equilibrium.
 
     None if the signal holds no oscillation that stands out of its noise.
     """
-    swings = [_settle(piece, period, equilibrium) for period in dominant_periods(piece.time, piece.signal)]
+    swings = [_settle(time, signal, period, equilibrium) for period in dominant_periods(time, signal)]
     travels = max(swings, key=lambda swing: float(swing.peaks.sum()), default=None)
     if travels is None:
         return None
@@ -128,13 +131,12 @@ def with_half_periods(
 
 @lru_cache(maxsize=64)
 def _whole_half_periods(time: bytes, angle: bytes, equilibrium: float | None) -> HalfPeriods | None:
-    swing = find_swing(Piece(np.frombuffer(time), np.frombuffer(angle)), equilibrium)
+    swing = find_swing(np.frombuffer(time), np.frombuffer(angle), equilibrium)
     return None if swing is None else swing.halves.select(swing.run)
 
 
-def _settle(piece: Piece, period: float, equilibrium: float | None) -> Swing:
+def _settle(time: Array, signal: Array, period: float, equilibrium: float | None) -> Swing:
     """Split and centre in turn: the split depends on the centre and the centre on the split."""
-    time, signal = piece.time, piece.signal
     oscillation = smooth(time, signal, period)
     centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
     error = np.nan
@@ -147,7 +149,7 @@ def _settle(piece: Piece, period: float, equilibrium: float | None) -> Swing:
         # The cosine rests on four times as many samples as an averaged point, unevenly.
         centre, error = robust_mean(extrema, 0.6 * oscillation.smoothed_noise)
         halves, run = _split(oscillation, centre)
-    return Swing(piece, oscillation, halves, run, centre, error, slice(0, time.size))
+    return Swing(time, signal, oscillation, halves, run, centre, error, slice(0, time.size))
 
 
 def _split(oscillation: Oscillation, centre: float) -> tuple[HalfPeriods, slice]:

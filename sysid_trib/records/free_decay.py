@@ -2,6 +2,7 @@
 
 import re
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -134,7 +135,7 @@ def free_decays(
     except DecayError as refusal:
         if not as_it_is:
             raise
-        longest = max(pieces, key=lambda piece: piece.time.size)
+        longest = max(pieces, key=lambda piece: piece[0].size)
         decays = [short_decay(longest, value, refusal)]
         refused = re.split(";|, at least", str(refusal).removeprefix(f"{source}: "))[0].rstrip(".")
         said.append(f"taken as it is, since its forces are named, though {refused}")
@@ -167,16 +168,16 @@ def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index
 
 def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Swing]:
     """The decays of all pieces; where there is none, the reason why the longest is none."""
-    longest = max(pieces, key=lambda piece: piece.time.size)
+    longest = max(pieces, key=lambda piece: piece[0].size)
     waiting = [longest, *(piece for piece in pieces if piece is not longest)]
     decays: list[Swing] = []
     refusals: list[DecayError] = []
     while waiting and len(decays) < 60:
         piece = waiting.pop(0)
-        if piece is not longest and not _may_hold_another(piece, decays):
+        if piece is not longest and not _may_hold_another(*piece[:2], decays):
             continue
         try:
-            decay = _first(piece, value, source)
+            decay = _first(*piece, value, source)
         except DecayError as refusal:
             refusals.append(refusal)
             continue
@@ -184,20 +185,20 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
             continue
         decays.append(decay)
         # What comes after it and before it.
-        piece, ends = decay.piece, (slice(decay.free.stop, None), slice(decay.free.start))
-        waiting = [*(Piece(piece.time[end], piece.signal[end], piece.sentence) for end in ends), *waiting]
+        ends = slice(decay.free.stop, None), slice(decay.free.start)
+        waiting = [*((decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
         raise refusals[0]
-    return sorted(decays, key=lambda decay: decay.piece.time[decay.free.start])
+    return sorted(decays, key=lambda decay: decay.time[decay.free.start])
 
 
-def _may_hold_another(piece: Piece, decays: list[Swing]) -> bool:
+def _may_hold_another(time: Array, signal: Array, decays: list[Swing]) -> bool:
     """True if a piece is long enough, and moves far enough, for a decay like the first one."""
-    if piece.time.size < 20 or not decays:
-        return piece.time.size >= 20
+    if time.size < 20 or not decays:
+        return time.size >= 20
     period = decays[0].oscillation.period
-    far = np.ptp(piece.signal) >= SMALLEST_FURTHER * np.ptp(decays[0].piece.signal)
-    return bool(far and piece.time[-1] - piece.time[0] >= 4.0 * period)
+    far = np.ptp(signal) >= SMALLEST_FURTHER * np.ptp(decays[0].signal)
+    return bool(far and time[-1] - time[0] >= 4.0 * period)
 
 
 def _alike(swing: Swing, first: Swing) -> bool:
@@ -205,23 +206,24 @@ def _alike(swing: Swing, first: Swing) -> bool:
     return bool(alike and swing.peaks.max() > SMALLEST_FURTHER * first.peaks.max())
 
 
-def _first(piece: Piece, value: float | None, source: str) -> Swing:
+def _first(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
     """The decay that a piece holds, or the reason why it holds none."""
-    if pulses(piece.signal):
+    if pulses(signal):
         raise DecayError(
             f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier "
             "does: it is not a displacement, from which a decay could be read; choose another column."
         )
-    swing = find_swing(piece, value)
+    swing = find_swing(time, signal, value)
     if swing is None:
         raise DecayError(
             f"{source}: no oscillation stands out of the noise; check the column and the window."
         )
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
-        sentence = "; ".join(text for text in (piece.sentence, clipped) if text)
-        return _first(Piece(piece.time[first:], piece.signal[first:], sentence), value, source)
-    return free_part(checks.after_the_largest(checks.after_the_drive(swing), source))
+        mended = "; ".join(text for text in (mended, clipped) if text)
+        return _first(time[first:], signal[first:], mended, value, source)
+    decay = free_part(checks.after_the_largest(checks.after_the_drive(swing), source))
+    return replace(decay, mended=mended)
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:

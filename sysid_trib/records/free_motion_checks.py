@@ -42,7 +42,7 @@ def after_the_drive(swing: Swing) -> Swing:
 
 def after_the_largest(swing: Swing, source: str) -> Swing:
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
-    run, time = swing.run, swing.piece.time
+    run, time = swing.run, swing.time
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
     # Each half-sine has two unknowns.
     if per_half_period < 2.5:
@@ -173,7 +173,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     DecayError
         Too little is left.
     """
-    time = swing.piece.time
+    time = swing.time
     last, limits = -1, []
     for side in (-1, 1) if swing.run.stop - swing.run.start >= FEWEST_EXTREMA else ():
         reached, limit = _clipped(swing, side)
@@ -197,8 +197,8 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
 
     Exactly, or within the noise, which may come after what clips.
     """
-    halves, run, angle = swing.halves, swing.run, swing.piece.signal
-    starts, stops = halves.samples(swing.piece.time)
+    halves, run, angle = swing.halves, swing.run, swing.signal
+    starts, stops = halves.samples(swing.time)
     part = slice(int(starts[run.start]), int(stops[run.stop - 1]))
     limit = float(side * np.max(side * angle[part]))
     height = max(side * (limit - swing.equilibrium), 1e-300)

@@ -1,5 +1,6 @@
 """Known inputs: what was measured with the motion and drives it, a polynomial from sample to sample."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -98,14 +99,10 @@ class KnownInput:
         """Polynomials from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
         polynomial = self._polynomials[order]
         # Rounding must not take a knot for the polynomial that ends there.
-        here = knots / frequency
-        step = np.searchsorted(polynomial.x * (1.0 + 4e-16), here * (1.0 + 8e-16), side="right") - 1
-        step = np.clip(step, 0, polynomial.c.shape[1] - 1)
-        since, powers = here - polynomial.x[step], polynomial.c[::-1, step].copy()
-        for low in range(len(powers) - 1):
-            for power in range(len(powers) - 2, low - 1, -1):
-                powers[power] += since * powers[power + 1]
-        return np.asarray(powers.T / frequency ** np.arange(len(powers)))
+        here = knots / frequency * (1.0 + 8e-16)
+        degrees = range(polynomial.c.shape[0])
+        powers = [polynomial(here, degree) / math.factorial(degree) for degree in degrees]
+        return np.stack(powers, axis=1) / frequency ** np.arange(len(powers))
 
 
 def named_inputs(given: str | Sequence[str] | Mapping[str, str | int] | None) -> dict[str, str | int]:

@@ -17,9 +17,8 @@ from sysid_trib.records.assumed_units import assumed_unit
 from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
 from sysid_trib.records.column import Column
 from sysid_trib.records.columns import Chosen, choose_columns
-from sysid_trib.records.expression import is_expression, with_expression
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.records.reading import Reading
+from sysid_trib.records.reading import Reading, is_expression, with_expression
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.tables import FileTable, read_table
 

@@ -1,15 +1,29 @@
-"""How a file is to be read, as its user says."""
+"""How a file is to be read, as its user says; a signal that is a formula of columns, `atan2(x - 3.1, -y)`."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import ast
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from numbers import Real
 
-from sysid_trib.errors import UsageError
+import numpy as np
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.records import units as lab
+from sysid_trib.records.column import Column
 from sysid_trib.records.inputs import BETWEEN_SAMPLES
+from sysid_trib.records.tables import FileTable
 
 # Variables of a record that no input may be.
 TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
+# Numbers that may be given: the least, the largest, and what is to be given.
+GIVEN_NUMBERS = {
+    "sampling_rate": (1e-9, 1e9, "a positive number of samples a second"),
+    "length": (1e-300, 1e6, "the pendulum's length in m"),
+    "distance": (0.0, 1e6, "the distance from the axis in m"),
+}
 
 
 @dataclass(frozen=True)
@@ -53,10 +67,9 @@ class Reading:
     between: str = "smooth"
 
     def __post_init__(self) -> None:
-        if self.signal is not None and self.signal not in lab.SIGNALS:
-            raise UsageError(f"signal {self.signal!r} is unknown: give {', '.join(lab.SIGNALS)}.")
-        if self.between not in BETWEEN_SAMPLES:
-            raise UsageError(f"between {self.between!r} is unknown: give {', '.join(BETWEEN_SAMPLES)}.")
+        for name, offered in (("signal", lab.SIGNALS), ("between", BETWEEN_SAMPLES)):
+            if (given := getattr(self, name)) is not None and given not in offered:
+                raise UsageError(f"{name} {given!r} is unknown: give {', '.join(offered)}.")
         for name in self.inputs:
             if not name.isidentifier() or name in TAKEN_NAMES:
                 raise UsageError(f"{name!r} cannot name an input; write u=COLUMN, as forces hold it.")
@@ -64,25 +77,195 @@ class Reading:
             raise UsageError(f"time units {self.time_units!r} are unknown: give {lab.OFFERED_TIME_UNITS}.")
         if self.units is not None and lab.signal_unit(self.units) is None:
             raise UsageError(f"units {self.units!r} are unknown: give {lab.OFFERED_UNITS}.")
-        for name in ("sampling_rate", "length", "distance"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Real):
-                raise UsageError(f"{name.replace('_', ' ')} {value!r} is no number: give one.")
-        if self.sampling_rate is not None and not 1e-9 <= self.sampling_rate <= 1e9:
-            raise UsageError(
-                f"sampling rate {self.sampling_rate:g}: give a positive number of samples a second."
-            )
+        for name, (low, high, what) in GIVEN_NUMBERS.items():
+            if (value := getattr(self, name)) is not None:
+                text = name.replace("_", " ")
+                if not isinstance(value, Real):
+                    raise UsageError(f"{text} {value!r} is no number: give one.")
+                if not low <= float(value) <= high:
+                    raise UsageError(f"{text} {value:g}: give {what}.")
         if (self.signal == lab.ACCELEROMETER) != (self.distance is not None):
             raise UsageError(
                 "An accelerometer on a pendulum is read by its distance from the axis in m: give both "
                 "--signal accelerometer and --distance M (signal= and distance= in Python), or neither."
             )
-        if self.distance is not None and not 0.0 <= self.distance < 1e6:
-            raise UsageError(f"distance {self.distance:g}: give the distance from the axis in m.")
-        if self.length is not None and not 0.0 < self.length < 1e6:
-            raise UsageError(f"length {self.length:g}: give the pendulum's length in m.")
 
     @property
     def quantity(self) -> str | None:
         """What is measured, if it is given; what an accelerometer feels is in units of an acceleration."""
         return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
+
+
+ARC_TANGENT = "atan2("
+# How near to the factor between two units a factor is that stands for it.
+CONVERTED = 2e-3
+
+
+def with_expression(table: FileTable, text: str, units: str | None) -> FileTable:
+    """The table with a further column, of which the expression is the name.
+
+    Parameters
+    ----------
+    table : FileTable
+        Columns go by the names in their headers, without units, in any case of letters: `x`, `pot`.
+    text : str
+        A formula as forces have it; or `atan2(formula, formula)`, an angle in rad.
+    units : str or None
+        Unit of the result, if the user says it; else it is that of the columns, carried through the formula.
+
+    Raises
+    ------
+    UsageError
+        Not a formula of the columns, a name that two of them have, or a unit that does not follow.
+    """
+    signal, parts, held = evaluated(table, text, "--angle")
+    # The usual name of a unit, so that deg and degrees are one.
+    follows = _unit(parts, {name: column.unit.text if column.unit else "" for name, column in held.items()})
+    unit = _agreed(follows, units)
+    if unit is None:
+        columns = ", ".join(column.name for column in held.values())
+        raise UsageError(
+            f"{table.source}: the unit of --angle '{text}' does not follow from that of its columns "
+            f"({columns}), whose numbers it takes as they are; say it with --units (units= in Python)."
+        )
+    base = next(iter(held)) if len(held) == 1 else ""
+    made = Column(text, np.where(np.isfinite(signal), signal, np.nan), table.source, base, unit)
+    return replace(table, columns=(*table.columns, made))
+
+
+def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formula], dict[str, Column]]:
+    """A formula of columns: its values (row,), its parts, and the columns that it holds by their names.
+
+    Raises
+    ------
+    UsageError
+        Not a formula of the columns, or a name that two of them have.
+    """
+    names: dict[str, list[Column]] = {}
+    for column in table.columns:
+        name = column.base.replace(" ", "_")
+        if name.isidentifier():
+            names.setdefault(name, []).append(column)
+    parts = [_parsed(part, names, table.source) for part in _arguments(text.lower())]
+    used = {name for part in parts for name in part.names & names.keys()}
+    held = {name: _single(names[name], name, text) for name in sorted(used)}
+    if not held:
+        known = f"{flag} '{text}' holds no column of numbers; it may hold {', '.join(names)}."
+        raise UsageError(f"{table.source}: {known}")
+    values = {name: column.numbers for name, column in held.items()}
+    sizes = {column.size for column in values.values()}
+    if len(sizes) > 1:
+        raise UsageError(f"{table.source}: the columns of {flag} '{text}' are not of one length.")
+    with np.errstate(all="ignore"):
+        made = [np.broadcast_to(part.evaluate(values), tuple(sizes)) for part in parts]
+        signal = np.arctan2(*made) if len(made) == 2 else made[0].astype(float)
+    return signal, parts, held
+
+
+def is_expression(table: FileTable, wanted: str | int | None) -> bool:
+    """True if a text could be a formula of columns, and no column has that name."""
+    # What makes a text an expression and no name.
+    signs = isinstance(wanted, str) and re.search(r"[-+*/(]", wanted) is not None
+    return signs and table.match(wanted) is None
+
+
+def _arguments(text: str) -> list[str]:
+    """The two arguments of an arc tangent of two, or the text itself."""
+    plain = text.strip()
+    if not (plain.startswith(ARC_TANGENT) and plain.endswith(")")):
+        return [plain]
+    inside, depth = plain[len(ARC_TANGENT) : -1], 0
+    for at, letter in enumerate(inside):
+        depth += (letter == "(") - (letter == ")")
+        if letter == "," and depth == 0:
+            return [inside[:at], inside[at + 1 :]]
+    return [plain]
+
+
+def _parsed(text: str, names: Mapping[str, Sequence[Column]], source: str) -> Formula:
+    try:
+        return parse(text, frozenset(names), frozenset(), "--angle")
+    except LibraryError as error:
+        raise UsageError(f"{source}: {error} Columns that it may hold: {', '.join(names)}.") from None
+
+
+def _single(columns: Sequence[Column], name: str, text: str) -> Column:
+    """The column of numbers that alone has a name."""
+    if len(columns) > 1:
+        raise UsageError(
+            f"{columns[0].source}: there is no single column '{name}' for --angle '{text}': "
+            f"{', '.join(column.name for column in columns)}; rename one in the file."
+        )
+    if not columns[0].is_numeric:
+        holds = f"column '{columns[0].name}' of --angle '{text}' holds no numbers."
+        raise UsageError(f"{columns[0].source}: {holds}")
+    return columns[0]
+
+
+def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
+    """The unit of a formula, or of an arc tangent; empty where no column has one, None where none follows."""
+    if not any(units.values()):
+        return "rad" if len(parts) == 2 else ""
+    unit, *others = {*units.values()}
+    powers = [_power(part.tree) for part in parts]
+    if others or powers[0] is None:
+        return None
+    if len(powers) == 2:
+        return "rad" if powers[0] == powers[1] else None
+    if powers[0] == 1.0:
+        return None if _converts(parts[0], unit, units) else unit
+    return None if powers[0] else ""
+
+
+def _agreed(follows: str | None, given: str | None) -> str | None:
+    """The unit that follows, or the one given where none does, or one of another quantity."""
+    of_columns, asked = lab.signal_unit(follows or ""), lab.signal_unit(given or "")
+    if asked is None or (of_columns is not None and of_columns.quantity == asked.quantity):
+        return follows
+    return given
+
+
+def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
+    """True if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
+    of_unit = lab.signal_unit(unit)
+    table = lab.RADIANS if of_unit and of_unit.position == "rad" else lab.METRES
+    if of_unit is None or (table is lab.METRES and of_unit.position not in lab.METRES):
+        return False
+    size = of_unit.factor * (lab.METRES[of_unit.position] if table is lab.METRES else 1.0)
+    with np.errstate(all="ignore"):
+        ends = [float(formula.evaluate(dict.fromkeys(names, at))) for at in (0.0, 1.0)]
+    factor = abs(ends[1] - ends[0])
+    others = (size / other for other in table.values())
+    return abs(factor - 1.0) > CONVERTED and any(abs(factor / other - 1.0) < CONVERTED for other in others)
+
+
+def _power(tree: ast.AST) -> float | None:
+    """Power of the columns' unit in a formula, 0 of a number; None of what has none."""
+    match tree:
+        case ast.Constant() | ast.Name(id="pi"):
+            return 0.0
+        case ast.Name():
+            return 1.0
+        case ast.UnaryOp(operand=operand):
+            return _power(operand)
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() | float() as exponent)):
+            base = _power(left)
+            return None if base is None else base * float(exponent)
+        case ast.BinOp(left=left, op=op, right=right):
+            name, args = type(op).__name__, [left, right]
+        case ast.Call(func=ast.Name(id=name), args=args):
+            pass
+        case _:
+            return None
+    powers = [power for power in map(_power, args) if power is not None]
+    if len(powers) < len(args) or name == "Pow":
+        return None
+    if name in ("Mult", "Div"):
+        return powers[0] - powers[1] if name == "Div" else powers[0] + powers[1]
+    if name in ("Add", "Sub", "abs", "min", "max"):
+        # A number that is added to a column is in its unit.
+        others = {*powers} - {0.0}
+        return None if len(others) > 1 else next(iter(others), 0.0)
+    if name == "sqrt":
+        return 0.5 * powers[0]
+    return 0.0 if powers[0] == 0.0 or name == "sign" else None

@@ -16,9 +16,8 @@ from sysid_trib.records.assumed_units import are_whole, check_period, time_facto
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.column import Column
 from sysid_trib.records.columns import own_time
-from sysid_trib.records.expression import evaluated, is_expression
 from sysid_trib.records.inputs import ROLE
-from sysid_trib.records.reading import Reading
+from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.tables import FileTable, read_table
 from sysid_trib.records.units import SignalUnit
 
@@ -108,10 +107,8 @@ def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -
         cells = column.cells
         if column in others or not column.is_plain or cells.size != samples or samples < 3:
             continue
-        if not np.all(np.isfinite(cells)) or np.any(cells != np.round(cells)):
-            continue
         # Larger ones are no longer exact.
-        if cells.min() < 0 or cells.max() > 2.0**53:
+        if not np.all((cells >= 0) & (cells <= 2.0**53) & (cells == np.round(cells))):
             continue
         steps, counted = _counted_on(cells), None
         if np.mean(steps == 1) > MOSTLY and np.all(steps >= 1):

@@ -1,7 +1,6 @@
 """What every function of a record asks of it: `angle(time)`, and pieces without gaps on a uniform clock."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -44,13 +43,13 @@ def as_record(given: Any) -> Any:
             names = ", ".join(map(str, table.columns))
             raise UsageError(f"Which column is the signal? Name it angle; there are {names}.")
         given = table["angle"] if "angle" in table.columns else table.iloc[:, 0]
-    record = given.to_xarray() if isinstance(given, pd.Series) else given
-    if isinstance(record, np.ndarray):
-        if record.ndim != 2 or record.shape[1] != 2:
+    if isinstance(given, np.ndarray):
+        if given.ndim != 2 or given.shape[1] != 2:
             raise UsageError(
-                f"An array is a record as (sample, 2), times and angles; this one is {record.shape}."
+                f"An array is a record as (sample, 2), times and angles; this one is {given.shape}."
             )
-        record = xr.Dataset({"angle": ("time", record[:, 1])}, {"time": record[:, 0]})
+        given = pd.Series(given[:, 1], index=given[:, 0])
+    record = given.to_xarray() if isinstance(given, pd.Series) else given
     if isinstance(record, xr.DataArray):
         if record.ndim != 1:
             raise UsageError(f"A DataArray is a record over time alone; this one is over {record.dims}.")
@@ -140,22 +139,9 @@ FILL_DEGREE = 7
 PARTED_STEP = 1.5
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A part of a record without a long gap.
-
-    Attributes
-    ----------
-    time : (sample,) array of float, s
-        Steps that differ by 2 % at most.
-    signal : (sample,) array of float
-    sentence : str
-        What was done to make it so; nothing where it was so.
-    """
-
-    time: Array
-    signal: Array
-    sentence: str = ""
+# A part of a record without a long gap: times (s) in steps that differ by 2 % at most, signal, and what was
+# done to make it so; nothing where it was so.
+Piece: TypeAlias = tuple[Array, Array, str]
 
 
 def usual_step(steps: Array) -> float:
@@ -206,7 +192,7 @@ def is_uniform(time: Array) -> bool:
 
 def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece:
     if is_uniform(time):
-        return Piece(time, signal)
+        return time, signal, ""
     count = max(1, round((time[-1] - time[0]) / usual))
     grid = np.linspace(time[0], time[-1], count + 1)
     value = CubicSpline(time, signal)(grid)
@@ -225,4 +211,4 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
     steps = np.diff(time)
     jitters = not is_uniform(np.cumsum(steps[steps <= PARTED_STEP * usual]))
     said = [text for text, is_so in ((uneven, jitters or not filled), (gaps, filled > 0)) if is_so]
-    return Piece(grid, value, " and ".join(said))
+    return grid, value, " and ".join(said)

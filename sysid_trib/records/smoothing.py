@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,23 +30,6 @@ MOST_KEPT = 100_000
 # What a sample moves of the spline falls by a third with each knot (the root -0.666 of the Euler-Frobenius
 # polynomial of degree 11): so many away it is below rounding.
 FELT_KNOTS = 100
-
-
-class SmoothedMotion(NamedTuple):
-    """A smoothed record.
-
-    Attributes
-    ----------
-    x, v, acceleration : (sample,) or (sample, record) array of float, rad
-        The angle and its first and second derivatives by tau.
-    noise : float, rad
-        Standard deviation of a sample about the spline.
-    """
-
-    x: Array
-    v: Array
-    acceleration: Array
-    noise: float
 
 
 def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
@@ -127,7 +109,7 @@ def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_arra
 _kept, _last = lru_cache(maxsize=6)(_normal_equations), lru_cache(maxsize=1)(_normal_equations)
 
 
-def smooth(tau: Array, angle: Array) -> SmoothedMotion:
+def smooth(tau: Array, angle: Array) -> tuple[Array, Array, Array, float]:
     """Smooth one or several records by the least-squares spline on `knot_sequence`.
 
     Parameters
@@ -138,7 +120,10 @@ def smooth(tau: Array, angle: Array) -> SmoothedMotion:
 
     Returns
     -------
-    SmoothedMotion
+    x, v, acceleration : (sample,) or (sample, record) array of float, rad
+        The angle and its first and second derivatives by tau.
+    noise : float, rad
+        Standard deviation of a sample about the spline.
 
     Raises
     ------
@@ -146,7 +131,7 @@ def smooth(tau: Array, angle: Array) -> SmoothedMotion:
         See `least_squares_spline`.
     """
     spline, x = least_squares_spline(tau, angle)
-    return SmoothedMotion(x, spline(tau, 1), spline(tau, 2), _noise_about(spline, angle - x))
+    return x, spline(tau, 1), spline(tau, 2), _noise_about(spline, angle - x)
 
 
 def _noise_about(spline: BSpline, residual: Array) -> float:
@@ -244,16 +229,16 @@ def first_frequency(runs: Sequence[xr.Dataset]) -> float:
 
     What is driven, as by a belt, may swing beside its zero: about its own middle then.
     """
-    return float(np.median([_frequency_off_zero(run) for run in runs]))
 
+    def frequency(run: xr.Dataset) -> float:
+        try:
+            return swing_frequency(run)
+        except DecayError:
+            if not inputs_of(run):
+                raise
+            return swing_frequency(run, equilibrium=None)
 
-def _frequency_off_zero(run: xr.Dataset) -> float:
-    try:
-        return swing_frequency(run)
-    except DecayError:
-        if not inputs_of(run):
-            raise
-        return swing_frequency(run, equilibrium=None)
+    return float(np.median([frequency(run) for run in runs]))
 
 
 def nominal_frequency(frequency: float) -> float:

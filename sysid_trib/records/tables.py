@@ -7,7 +7,7 @@ import sys
 import tempfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -213,20 +213,18 @@ def _opened(path: Path) -> Iterator[Path]:
     RecordError
         The .gz is damaged, or its content vast.
     """
-    if str(path) != STANDARD_INPUT and not _is_gzip(path):
+    given = str(path) == STANDARD_INPUT
+    if not given and not _is_gzip(path):
         yield path
         return
+    name = "standard input" if given else path.name
     with tempfile.TemporaryDirectory() as folder:
-        if str(path) == STANDARD_INPUT:
-            copy = Path(folder) / "standard input"
-            _copy(sys.stdin.buffer, copy, copy.name)
-        else:
-            copy = Path(folder) / path.name.removesuffix(".gz")
-            try:
-                with gzip.open(path) as file:
-                    _copy(file, copy, path.name)
-            except (OSError, EOFError, zlib.error) as error:
-                raise RecordError(f"{path.name}: cannot be unpacked, it seems damaged ({error}).") from None
+        copy = Path(folder) / name.removesuffix(".gz")
+        try:
+            with nullcontext(sys.stdin.buffer) if given else gzip.open(path) as file:
+                _copy(file, copy, name)
+        except (OSError, EOFError, zlib.error) as error:
+            raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
         yield copy
 
 

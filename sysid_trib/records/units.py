@@ -215,7 +215,7 @@ _UNIT = (
 )
 
 
-def noted_rate(notes: Sequence[str], rows: int = 0) -> float | None:
+def noted_rate(notes: Sequence[str], rows: int) -> float | None:
     """Sampling rate (Hz) that a file states, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
 
     So many rows have one over a duration that it states, too.
@@ -226,7 +226,7 @@ def noted_rate(notes: Sequence[str], rows: int = 0) -> float | None:
                 return value * (1e3 if _unit_of(match, "hz").startswith("k") else 1.0)
         if value := _value(match := re.search(_STEP, note, re.IGNORECASE)):
             return 1.0 / (value * TIME_UNITS.get(_unit_of(match, "s"), 1.0))
-    for note in notes if rows else ():
+    for note in notes:
         if duration := _value(re.search(_DURATION, note, re.IGNORECASE)):
             # The last sample may be at the end.
             return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration

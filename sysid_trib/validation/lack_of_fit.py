@@ -198,16 +198,16 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
     tau = model.reference_frequency * (time - time[0])
     every = max(1, min(-(-len(time) // MOST_DRAWN), len(time) // (DRAWN_PER_KNOT * knot_intervals(tau))))
     zero = float(np.ravel(result.offset)[run]) if "offset" in result else 0.0
-    motion = smooth(tau, angle)
-    x, v = motion.x - zero, motion.v
-    asked = -(motion.acceleration + x) - smooth(tau, model_force(model, tau, x, v, time - time[0])).x
+    x, v, acceleration, _ = smooth(tau, angle)
+    x = x - zero
+    asked = -(acceleration + x) - smooth(tau, model_force(model, tau, x, v, time - time[0]))[0]
     tau, x, v, asked = tau[::every], x[::every], v[::every], asked[::every]
     white = np.random.default_rng(DRAWS_SEED).standard_normal((len(tau), SURFACE_DRAWS))
     # Fewer samples of less noise: a spline averages both to the same.
-    drawn = smooth(tau, sensor_noise(decay) / np.sqrt(every) * white)
+    drawn, _, bends, _ = smooth(tau, sensor_noise(decay) / np.sqrt(every) * white)
     # A spline bends freely in the quarter period before its ends.
     inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
-    values = np.vstack([asked, -(drawn.acceleration + drawn.x).T])[:, inside]
+    values = np.vstack([asked, -(bends + drawn).T])[:, inside]
     return _in_cells(x[inside], v[inside], values, unit_of_signal(decay))
 
 
