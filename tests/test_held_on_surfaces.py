@@ -10,8 +10,8 @@ from sysid_trib.errors import SimulationError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.simulation.integrate import integrate
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import integrate
 from sysid_trib.validation.residuals import motion_residual
 
 

@@ -8,7 +8,7 @@ from helpers import scores
 import sysid_trib as st
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
-from sysid_trib.simulation.initial_conditions import Observation, measured_part
+from sysid_trib.simulation.initial_conditions import measured_part
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = st.load_library().select(["zeta", "delta"])
@@ -23,7 +23,7 @@ KINDS = {"rate": (5e-3, "rad/s"), "acceleration": (4e-2, "rad/s^2")}
 def clean(quantity):
     model = st.Model(FORCES, TRUE, W)
     motion = trajectory(model, TIME, 0.4, 0.0)
-    return Observation(quantity).shown(motion)
+    return motion.shown(quantity)
 
 
 def decay_of(path, quantity, seed):
@@ -41,8 +41,8 @@ def excess(result):
 @pytest.mark.parametrize("quantity", KINDS)
 def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
     decay = decay_of(tmp_path / "phone.csv", quantity, 3)
-    observation, time, values = measured_part(decay)
-    assert observation.quantity == quantity
+    (measured, _), time, values = measured_part(decay)
+    assert measured == quantity
     assert values.size == time.size >= decay.sizes["time"]
     result = st.methods.Trajectory(random_force="estimated").identify(decay, FORCES)
     assert result.attrs["compared_in"] == quantity
@@ -73,7 +73,7 @@ def test_an_accelerometer_on_a_pendulum_shows_its_angle_and_forces(tmp_path):
     library = type(both)(both.title, (*both.forces, *library.forces))
     model = st.Model(library, {**TRUE, "gravity": 1.0}, w)
     motion = trajectory(model, TIME, 0.5, 0.0)
-    felt = Observation("accelerometer", distance).shown(motion)
+    felt = motion.shown("accelerometer", distance)
     felt += 0.1 + 2e-2 * np.random.default_rng(4).standard_normal(TIME.size)
     path = write_table(tmp_path / "phone.csv", "Time (s),Acceleration y (m/s^2)", TIME, felt)
     (record,) = read_records(path, Reading(signal="accelerometer", distance=distance))

@@ -20,9 +20,9 @@ from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
-from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.internal_states import begun_after
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 
 
 @dataclass(frozen=True)

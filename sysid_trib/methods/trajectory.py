@@ -179,17 +179,15 @@ class Trajectory(Constrained):
 
 def _record(decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> WhitenedRecord:
     """What was measured of a run, in its own quantity: a rate is not integrated."""
-    observation, time, values = measured_part(decay)
-    swing = None if observation.quantity == "angle" else float(np.max(np.abs(decay.angle.values)))
+    sensor, time, values = measured_part(decay)
+    swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
     inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
     # Samples that a warm-up leaves at least.
     if len(time) - uncounted < 20:
         raise UsageError(
             f"A warm-up of {warm_up:g} s leaves {len(time) - uncounted} samples; give a shorter one."
         )
-    return WhitenedRecord(
-        time, values, observation=observation, swing=swing, inputs=inputs, uncounted=uncounted
-    )
+    return WhitenedRecord(time, values, sensor=sensor, swing=swing, inputs=inputs, uncounted=uncounted)
 
 
 def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
@@ -252,7 +250,7 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
         assert quick is not None
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
         # The zero of what was integrated is none of the sensor's.
-        per_run[:, -1] *= [record.observation.quantity == "angle" for record in problem.records]
+        per_run[:, -1] *= [record.sensor[0] == "angle" for record in problem.records]
     values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
     return parameters.expand(parameters.pack(values, per_run)[parameters.free])
@@ -350,6 +348,6 @@ def _identification(method: Trajectory, problem: FitProblem, fit: Fit) -> xr.Dat
     result = constraints.marked(result, parameters.constraints.fixed.keys() & constraints.bounds.keys())
     if MEASURED in runs[0]:
         result = result.assign(offset=0.0 * result.offset)
-        result.attrs["compared_in"] = problem.records[0].observation.quantity
+        result.attrs["compared_in"] = problem.records[0].sensor[0]
     orders = ", ".join(str(len(record.filter_) - 1) for record in problem.records)
     return result.assign_attrs(noise_model=f"autoregression of order {orders}")

@@ -10,8 +10,8 @@ from sysid_trib.errors import DecayError
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.simulation.internal_states import states_along
-from sysid_trib.simulation.model import Model, Motion
-from sysid_trib.simulation.motions import FREQUENCY, SimulatedMotion, sensor_error
+from sysid_trib.simulation.model import Model, Motion, sensor_error
+from sysid_trib.simulation.motions import FREQUENCY, SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.steps import expected_steps
 

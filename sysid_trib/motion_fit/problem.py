@@ -17,7 +17,6 @@ from sysid_trib.records.decay import one_or_all
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
-from sysid_trib.simulation.initial_conditions import Observation
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY, SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
@@ -42,8 +41,8 @@ class WhitenedRecord:
         Filter that whitens the noise.
     weight : float, 1/rad
         One over the standard deviation of the whitened noise.
-    observation : Observation
-        What was measured; `angle` and `weight` are in its unit.
+    sensor : (str, float)
+        What was measured (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
     swing : float, rad, optional
         Largest angle, where that was not measured.
     inputs : mapping of str to KnownInput
@@ -56,7 +55,7 @@ class WhitenedRecord:
     angle: Array
     filter_: Array = field(default_factory=lambda: np.ones(1))
     weight: float = 1.0
-    observation: Observation = field(default_factory=Observation)
+    sensor: tuple[str, float] = ("angle", 0.0)
     swing: float | None = None
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
     uncounted: int = 0
@@ -108,7 +107,7 @@ class WhitenedRecord:
         if self._excess(model, per_run) > 1.0:
             return None
         motion = self._motion(model, per_run, by=by)
-        return None if motion is None else self.observation.derivatives(motion)
+        return None if motion is None else motion.shown_derivatives(*self.sensor)
 
     def _excess(self, model: Model, per_run: Array) -> float:
         """By how much frequency or start are out of all proportion; the highest that samples show is 1."""
@@ -127,7 +126,7 @@ class WhitenedRecord:
             return None
 
     def _difference(self, motion: SimulatedMotion, per_run: Array) -> Array:
-        return np.asarray(self.observation.shown(motion) + per_run[2] - self.angle[: len(motion.angle)])
+        return np.asarray(motion.shown(*self.sensor) + per_run[2] - self.angle[: len(motion.angle)])
 
     def white(self, values: Array) -> Array:
         """Values that count, with noise of one level and no colour."""

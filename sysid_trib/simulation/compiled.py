@@ -1,20 +1,23 @@
-"""What numba compiles and where it is kept; what the compiled engine works on: a motion under way.
+"""What numba compiles and where it is kept; Taylor series of all slots of a program, with their derivatives.
 
-Few arrays, since each costs a compiled call half a dozen numbers.
+J[slot, k] is the k-th Taylor coefficient, T[slot, k, parameter] its derivative, order by order. The
+recurrences are those of automatic differentiation (Jorba and Zou 2005, Table 2); their derivatives are the
+same, linearised.
 """
 
 import hashlib
+import math
 import os
 import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
 
-from sysid_trib.simulation.program import FORCING_NUMBERS, Instructions
+from sysid_trib.simulation import program as op
 
 # Numba's own types know half of its options.
 njit: Any = numba.njit
@@ -60,110 +63,141 @@ def _folder() -> Path:
     return base / "sysid_trib" / f"engine-{digest}"
 
 
-ORDER = 18
-# Marks of knots: what lies before it is written; what is given over time jumps there.
-INTERVAL_ENDS, INPUT_JUMPS = -2, -3
-# Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
-# it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
-# a motion that goes upwards or downwards from rest; tau and what rounding has left of it; room for surfaces
-# and states, with the largest derivatives so far; how much the surface that holds it moves with v.
-STATE, STATE_ROUNDING, MEMORY_NOW, MEMORY_BEFORE, SIGNS, ZEROS = range(6)
-MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN = range(6, 10)
-CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_AT_REST, GRIP = range(10, 18)
-# Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
-TRIAL, UP, DOWN = range(3)
-
-
-# What a motion is held by, besides the number of a surface of which v is a part: nothing, rest.
-FREE, RESTS = -1, 0
-# Nearer than this to a surface, its sign is decided by where the motion is so much later (in tau).
-NEAR_SURFACE, LOOKAHEAD = 1e-9, 1e-5
-# In tau: as far as a motion is followed at once.
-FURTHEST_AT_ONCE = 16.0
-# What is left of a series after a step, of a state and of a surface or a derivative.
-STATE_PART, SURFACE_PART = 1e-16, 1e-13
+@inner
+def _function(o, u, c, before, live):
+    """Value of a function or a number; of a sign by its surface where `live`, else as before."""
+    if o == op.CONST:
+        return c
+    if o == op.SIN:
+        return math.sin(u)
+    if o == op.PARTNER:
+        return math.cos(u)
+    if o == op.EXP:
+        return math.exp(min(u, 709.0))
+    if o == op.LOG:
+        return math.log(u) if u > 0.0 else np.nan
+    if o == op.POWER:
+        return u**c
+    if o == op.TANH:
+        return math.tanh(u)
+    if live:
+        return 1.0 if u > 0.0 else -1.0 if u < 0.0 else u
+    return before
 
 
 @inner
-def put(source: Any, target: Any) -> None:
-    """Copy a list of numbers."""
-    for i in range(len(source)):
-        target[i] = source[i]
+def _rows(program, J, k, last, live):
+    """Order k of the slots that change, from the orders below it; order 0 of all up to `last`."""
+    code, c = program.code, program.c
+    for i in range(last - program.inputs if k == 0 else len(program.rows)):
+        s = program.inputs + i if k == 0 else program.rows[i]
+        o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
+        t = 0.0
+        if o == op.ADD:
+            t = J[p, k] + J[q, k]
+        elif o == op.SUB:
+            t = J[p, k] - J[q, k]
+        elif o == op.LINEAR:
+            # What is off does not act even where it is singular.
+            factor = c[s] * J[d, 0]
+            t = J[p, k] + factor * J[q, k] if factor != 0.0 else J[p, k]
+        elif o == op.SCALE:
+            t = J[p, 0] * J[q, k] if J[p, 0] != 0.0 else 0.0
+        elif o == op.MUL:
+            if p == q:
+                for j in range((k + 1) // 2):
+                    t += J[p, j] * J[p, k - j]
+                t *= 2.0
+                if k % 2 == 0:
+                    t += J[p, k // 2] * J[p, k // 2]
+            else:
+                for j in range(k + 1):
+                    t += J[p, j] * J[q, k - j]
+        elif o == op.DIV:
+            t = J[p, k]
+            for j in range(1, k + 1):
+                t -= J[q, j] * J[s, k - j]
+            t = t / J[q, 0] if J[q, 0] != 0.0 else np.nan
+        elif o == op.NEG:
+            t = -J[p, k]
+        elif k == 0:
+            t = _function(o, J[p, 0], c[s], J[s, 0], live)
+        elif o in (op.SIN, op.PARTNER, op.EXP, op.TANH):
+            # Of what a function's derivative is: another slot, less it (cos), or the slot itself (exp).
+            of = s if o == op.EXP else q
+            for j in range(1, k + 1):
+                t += j * J[p, j] * J[of, k - j]
+            t /= -k if o == op.PARTNER else k
+        elif o == op.LOG:
+            for j in range(1, k):
+                t += j * J[s, j] * J[p, k - j]
+            t = (J[p, k] - t / k) / J[p, 0]
+        elif o == op.POWER:
+            for j in range(1, k + 1):
+                t += (c[s] * j - (k - j)) * J[p, j] * J[s, k - j]
+            t /= k * J[p, 0]
+        J[s, k] = t
 
 
-class EngineState(NamedTuple):
-    """A motion under way; its arrays are changed in place.
-
-    Attributes
-    ----------
-    J, T : (slot, order) and (slot, order, parameter) array of float
-        Series of the slots, and their derivatives.
-    aside : (table, slot, order) array of float
-    v : (row, number) array of float
-    dy : (state, parameter) array of float
-        Derivatives of the state.
-    drive : (channel, PUSH_NUMBERS + 2) array of float
-        What is given over time: by powers of tau since the clock, then its value and slope at the instant
-        that is looked at.
-    of_drive : (channel, parameter) array of float
-        Its derivatives over itself.
-    work : (5, 64) array of float
-        Room for roots.
-    """
-
-    J: Any
-    T: Any
-    aside: Any
-    v: Any
-    dy: Any
-    drive: Any
-    of_drive: Any
-    work: Any
+@inner
+def at_once(program, J):
+    """All slots of a motion at order 0, on the branch of the signs in J."""
+    _rows(program, J, np.int64(0), program.main, program.main < 0)
 
 
-class Given(NamedTuple):
-    """What a motion is to follow, and where it is written.
-
-    Attributes
-    ----------
-    grid : (grid,) array of float
-        tau, increasing; the motion starts at the first.
-    knots, drives, increments : (knot,), (knot, channel, degree + 1) and (knot, 2) array of float
-        From each knot on, polynomials in tau since it; what is added to x and v there.
-    impulses : (knot, parameter) array of float
-        What is added there to the derivatives of v.
-    marks : (knot,) array of int
-        The start that is taken there, `INTERVAL_ENDS` or `INPUT_JUMPS`; -1 elsewhere.
-    starts : (interval, state + memory) array of float
-        Where intervals begin that are followed one after the other; none for one motion on the grid.
-    rows : (grid, state + 1 + memory) array of float
-        The states, the acceleration (of one motion), the memory; at the ends of intervals.
-    tangents : (grid, state + 1 + memory, parameter) array of float
-        Their derivatives.
-    """
-
-    grid: Any
-    knots: Any
-    drives: Any
-    increments: Any
-    impulses: Any
-    marks: Any
-    starts: Any
-    rows: Any
-    tangents: Any
+@inner
+def at_once_live(program, J, last):
+    """Slots up to `last` at order 0; signs follow their surfaces."""
+    _rows(program, J, np.int64(0), last, last >= 0)
 
 
-def new_state(program: Instructions, parameters: int) -> EngineState:
-    """Room for motions of a program, with so many derivatives."""
-    slots, size = len(program.code), program.states
-    width = max(size, program.memory, len(program.signs), parameters, 2)
-    return EngineState(
-        np.zeros((slots, ORDER + 1)),
-        np.zeros((slots, ORDER + 1, parameters)),
-        np.zeros((3, slots, ORDER + 1)),
-        np.zeros((GRIP + 1, width)),
-        np.zeros((size, parameters)),
-        np.zeros((program.channels, FORCING_NUMBERS + 2)),
-        np.zeros((program.channels, parameters)),
-        np.zeros((5, 64)),
-    )
+@inner
+def order(program, J, k):
+    """Order k >= 1 of the slots that change, from the orders below it."""
+    _rows(program, J, k, program.main, program.main < 0)
+
+
+@inner
+def derivatives(program, J, T, k, last):
+    """Order k of the derivatives, from the series and the orders below it; of the slots of `_rows`."""
+    code, c, count = program.code, program.c, T.shape[2]
+    for place in range(last - program.inputs if k == 0 else len(program.rows)):
+        s = program.inputs + place if k == 0 else program.rows[place]
+        o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
+        here = T[s, k]
+        if o <= op.LINEAR:
+            way = -1.0 if o == op.SUB else 1.0
+            factor = c[s] * J[r, 0] if o == op.LINEAR else way
+            of_factor = c[s] * J[q, k] if o == op.LINEAR else 0.0
+            for i in range(count):
+                here[i] = T[p, k, i] + factor * T[q, k, i] + of_factor * T[r, 0, i]
+            continue
+        if o in (op.SCALE, op.NEG):
+            factor, of_factor = (J[p, 0], J[q, k]) if o == op.SCALE else (0.0, 0.0)
+            for i in range(count):
+                here[i] = T[p, 0, i] * of_factor + factor * T[q, k, i] if o == op.SCALE else -T[p, k, i]
+            continue
+        for i in range(count):
+            here[i] = 0.0
+        if o in (op.CONST, op.SIGN):
+            continue
+        for m in range(k + 1):
+            # What multiplies the derivatives of the operands, and of the slot itself, at order m.
+            of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
+            if o == op.MUL:
+                of_p, of_q = J[q, k - m], J[p, k - m]
+            elif o == op.DIV:
+                of_p, of_q = (1.0 if at_last else 0.0), -J[s, k - m]
+                of_s = 0.0 if at_last else -J[q, k - m]
+            elif o in (op.LOG, op.POWER):
+                of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]
+                of_s = 0.0 if at_last else -J[p, k - m]
+            else:
+                # d sin u = cos u du, d cos u = -sin u du, d exp u = exp u du, d tanh u = (1 - tanh^2 u) du
+                of_p = J[s, k - m] if o == op.EXP else -J[q, k - m] if o == op.PARTNER else J[q, k - m]
+            for i in range(count):
+                here[i] += of_p * T[p, m, i] + of_q * T[q, m, i] + of_s * T[s, m, i]
+        if o in (op.DIV, op.LOG, op.POWER):
+            divisor = J[q, 0] if o == op.DIV else J[p, 0]
+            for i in range(count):
+                here[i] /= divisor

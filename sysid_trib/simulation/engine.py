@@ -6,23 +6,19 @@ series as well, cross zero.
 
 import numpy as np
 
-from sysid_trib.simulation import compiled as at
+from sysid_trib.simulation import branches as at
 from sysid_trib.simulation.branches import parameters_at, reverses, signs_of, state_at
-from sysid_trib.simulation.compiled import compiled, inner, put
+from sysid_trib.simulation.compiled import compiled, inner
 from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
-from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_of, series, value
-
-MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
+from sysid_trib.simulation.taylor import length, look_ahead, series, value
 
 
 @inner
 def memory_written(program, given, c, done):
     """Write the memory, with its derivatives."""
     first, kept = program.states + 1, program.inputs - program.memory
-    for m in range(program.memory):
-        given.rows[done, first + m] = c.v[at.MEMORY_NOW, m]
-        for q in range(c.T.shape[2]):
-            given.tangents[done, first + m, q] = c.T[kept + m, 0, q]
+    given.rows[done, first:] = c.v[at.MEMORY_NOW, : program.memory]
+    given.tangents[done, first:] = c.T[kept : program.inputs, 0]
 
 
 @inner
@@ -37,7 +33,7 @@ def sampled(program, given, c, done, n, reach):
             slot = i if i < size else program.rates[1]
             given.rows[done, i] = value(c.J[slot], n, s)
             for q in range(count):
-                given.tangents[done, i, q] = of_parameter(c.T, slot, q, n, s)
+                given.tangents[done, i, q] = value(c.T[slot, :, q], n, s)
         memory_written(program, given, c, done)
         done += 1
     return done
@@ -47,12 +43,12 @@ def sampled(program, given, c, done, n, reach):
 def advance(program, c, n, h, held):
     """Go a step on: the state, its derivatives and the clock; sums are compensated."""
     for i in range(program.states):
-        step = rest_of(c.J[i], n, h) + c.v[at.STATE_ROUNDING, i]
+        step = value(c.J[i, 1:], n - 1, h) * h + c.v[at.STATE_ROUNDING, i]
         new = c.v[at.STATE, i] + step
         c.v[at.STATE_ROUNDING, i] = step - (new - c.v[at.STATE, i])
         c.v[at.STATE, i] = new
         for q in range(c.T.shape[2]):
-            c.dy[i, q] = of_parameter(c.T, i, q, n, h)
+            c.dy[i, q] = value(c.T[i, :, q], n, h)
     if program.states > 2:
         forgotten(program, c)
     if held == at.RESTS:
@@ -61,8 +57,7 @@ def advance(program, c, n, h, held):
     now = c.v[at.CLOCK, 0] + step
     c.v[at.CLOCK, 1] = step - (now - c.v[at.CLOCK, 0])
     c.v[at.CLOCK, 0] = now
-    for m in range(len(program.signs)):
-        c.v[at.ZEROS, m] = 0
+    c.v[at.ZEROS] = 0.0
 
 
 @inner
@@ -79,26 +74,23 @@ def forgotten(program, c):
 @inner
 def written(program, given, c, done):
     """Write the end of an interval, with its derivatives."""
-    for i in range(program.states):
-        given.rows[done, i] = c.v[at.STATE, i]
-        for q in range(c.T.shape[2]):
-            given.tangents[done, i, q] = c.dy[i, q]
+    given.rows[done, : program.states] = c.v[at.STATE, : program.states]
+    given.tangents[done, : program.states] = c.dy
     memory_written(program, given, c, done)
 
 
 @inner
 def begun_anew(program, given, c, start):
     """Begin at a given state and memory, by which the first derivatives are."""
-    size, held, kept = program.states, program.memory, program.inputs - program.memory
-    for m in range(len(program.signs)):
-        c.v[at.SIGNS, m], c.v[at.ZEROS, m] = 0.0, 0.0
-    for i in range(size):
-        c.v[at.STATE, i], c.v[at.STATE_ROUNDING, i] = given.starts[start, i], 0.0
-        for q in range(c.T.shape[2]):
-            c.dy[i, q], c.v[at.LARGEST_DERIVATIVES, q] = 1.0 if q == i else 0.0, 0.0
-    for m in range(held):
-        c.v[at.MEMORY_NOW, m] = given.starts[start, size + m]
-        for q in range(c.T.shape[2]):
+    size, kept = program.states, program.inputs - program.memory
+    for row in (at.SIGNS, at.ZEROS, at.STATE_ROUNDING, at.LARGEST_DERIVATIVES):
+        c.v[row] = 0.0
+    c.v[at.STATE, :size] = given.starts[start, :size]
+    c.v[at.MEMORY_NOW, : program.memory] = given.starts[start, size:]
+    for q in range(c.T.shape[2]):
+        for i in range(size):
+            c.dy[i, q] = 1.0 if q == i else 0.0
+        for m in range(program.memory):
             c.T[kept + m, 0, q] = 1.0 if q == size + m else 0.0
 
 
@@ -164,21 +156,10 @@ def on_branch(program, c, held):
 def outcome_of(c, h, furthest, steps, most_steps):
     """How a motion stands."""
     if abs(c.v[at.STATE, 0]) > furthest:
-        return GROWS
+        return at.GROWS
     if not (np.isfinite(c.v[at.STATE, 0]) and np.isfinite(c.v[at.STATE, 1]) and h >= 0.0):
-        return IS_NOT_FINITE
-    return STEPS if steps > most_steps else MOVING
-
-
-@inner
-def noted(times, count, tau):
-    """The list of times with one more."""
-    if count == len(times):
-        longer = np.empty(2 * count)
-        put(times, longer)
-        times = longer
-    times[count] = tau
-    return times
+        return at.IS_NOT_FINITE
+    return at.STEPS if steps > most_steps else at.MOVING
 
 
 @compiled
@@ -191,13 +172,15 @@ def run(program, given, c, limits):
     furthest, budget, most_steps = limits
     last, piece, done, steps, shooting = len(given.knots) - 1, -1, np.int64(0), 0, len(given.starts) > 0
     end, fresh, held = np.inf if shooting else given.grid[-1], True, np.int64(at.FREE)
-    reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, MOVING
+    # It turns where it switches, and where it is pushed; of intervals nobody asks where.
+    reversals = np.empty(0 if shooting else max(budget, 0) + len(given.knots) + 2)
+    turns, rest, state = np.int64(0), np.nan, at.MOVING
     if shooting:
         piece, done, _ = at_knot(program, given, c, np.int64(0), done, held)
     else:
         while piece < last and given.knots[piece + 1] <= c.v[at.CLOCK, 0]:
             piece += 1
-    while state == MOVING:
+    while state == at.MOVING:
         driven(given, c, piece)
         turned, begins, fresh = False, fresh, False
         if begins:
@@ -219,7 +202,7 @@ def run(program, given, c, limits):
         if not shooting:
             done = sampled(program, given, c, done, n, np.inf if whole and limit == to_end else h)
         if not shooting and done == len(given.grid):
-            state = ENDED
+            state = at.ENDED
             break
         advance(program, c, n, h, held)
         if which >= 0:
@@ -235,10 +218,10 @@ def run(program, given, c, limits):
         elif whole:
             piece, done, fresh = at_knot(program, given, c, piece + 1, done, held)
             if piece > last:
-                state = ENDED
+                state = at.ENDED
                 break
-        if turned and reverses(program):
-            reversals = noted(reversals, turns, c.v[at.CLOCK, 0])
+        if turned and reverses(program) and not shooting:
+            reversals[turns] = c.v[at.CLOCK, 0]
             turns += 1
-        state = SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)
+        state = at.SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)
     return reversals, turns, rest, state

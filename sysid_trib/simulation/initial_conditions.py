@@ -9,46 +9,15 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.records.smoothing import first_of_spline
-from sysid_trib.records.units import STANDARD_GRAVITY
-from sysid_trib.simulation.integrate import STEPS_A_PERIOD
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, SimulatedMotion
+from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 
 MEASURED, MEASURED_TIME = "measured", "measured_time"
 
 
-@dataclass(frozen=True)
-class Observation:
-    """The quantity that a sensor shows, without its zero.
-
-    Parameters
-    ----------
-    quantity : {"angle", "rate", "acceleration", "accelerometer"}
-        Of a displacement likewise. An accelerometer feels, along its path, gravity too.
-    distance : float, m
-        Of an accelerometer from the axis of the pendulum.
-    """
-
-    quantity: str = "angle"
-    distance: float = 0.0
-
-    def shown(self, motion: SimulatedMotion) -> Array:
-        """What the sensor shows of a motion, (sample,)."""
-        if self.quantity == "accelerometer":
-            return self.distance * motion.acceleration + STANDARD_GRAVITY * np.sin(motion.position)
-        return np.asarray(getattr(motion, self.quantity))
-
-    def derivatives(self, motion: SimulatedMotion) -> Array:
-        """Derivatives of that by the parameters of the motion's, (sample, parameter)."""
-        if self.quantity == "accelerometer":
-            gravity = STANDARD_GRAVITY * np.cos(motion.position)[:, None] * motion.derivatives["position"]
-            return np.asarray(self.distance * motion.derivatives["acceleration"] + gravity)
-        return motion.derivatives[self.quantity]
-
-
-def measured_part(decay: xr.Dataset) -> tuple[Observation, Array, Array]:
-    """What was measured of a decay, its times (s) and values; the angle where nothing else was.
+def measured_part(decay: xr.Dataset) -> tuple[tuple[str, float], Array, Array]:
+    """What was measured of a decay (see `SimulatedMotion.shown`), its times (s) and values.
 
     Parameters
     ----------
@@ -57,10 +26,10 @@ def measured_part(decay: xr.Dataset) -> tuple[Observation, Array, Array]:
     """
     time = decay["time"].to_numpy().astype(float)
     if MEASURED not in decay:
-        return Observation(), time, decay["angle"].to_numpy().astype(float)
+        return ("angle", 0.0), time, decay["angle"].to_numpy().astype(float)
     inside = decay[MEASURED].sel({MEASURED_TIME: slice(time[0], time[-1])})
-    observation = Observation(str(decay.attrs["measured"]), float(decay.attrs.get("distance", 0.0)))
-    return observation, inside[MEASURED_TIME].to_numpy().astype(float), inside.to_numpy().astype(float)
+    sensor = str(decay.attrs["measured"]), float(decay.attrs.get("distance", 0.0))
+    return sensor, inside[MEASURED_TIME].to_numpy().astype(float), inside.to_numpy().astype(float)
 
 
 MAX_ROUNDS = 8

@@ -10,15 +10,15 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, LibraryError, SimulationError, SysidTribError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.forces.library import force_counted_from
-from sysid_trib.simulation.integrate import integrate
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import UNFORCED, Forcing
+from sysid_trib.simulation.motions import UNFORCED, Forcing, integrate
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
 # rad/s; at such a frequency `t` stands still, whatever the length of the motion.
@@ -41,12 +41,10 @@ def begun_with(force: Force, values: Mapping[str, float]) -> Force:
 
 def leading(tau: Array, x: Array, v: Array) -> Forcing:
     """What leads a body without forces along the cubics through angles and rates (Hermite), from tau = 0."""
-    h, rise = np.diff(tau), np.diff(x)
-    square = (3.0 * rise / h - 2.0 * v[:-1] - v[1:]) / h
-    cube = (v[:-1] + v[1:] - 2.0 * rise / h) / h**2
+    cube, square, slope, value = CubicHermiteSpline(tau, x, v).c
     # x'' + x of each cubic.
-    forcing = np.stack([x[:-1] + 2.0 * square, v[:-1] + 6.0 * cube, square, cube], axis=1)
-    return Forcing(tau[:-1] - tau[0], forcing[:, None], np.zeros((len(h), 2)), forced=True)
+    forcing = np.stack([value + 2.0 * square, slope + 6.0 * cube, square, cube], axis=1)
+    return tau[:-1] - tau[0], forcing[:, None], np.zeros((len(forcing), 2))
 
 
 def states_along(

@@ -1,6 +1,6 @@
 """A model: forces with coefficients at a reference frequency, and its motion as a switching system."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -102,6 +102,28 @@ def check_shapes(names: Iterable[str], library: ForceLibrary) -> None:
         symbol, _, name = key.partition(".")
         if name not in library[symbol].shape:
             raise UsageError(f"Force '{symbol}' has no shape parameter '{name}'.")
+
+
+def sensor_error(
+    model: Model, elapsed: Vector, x: Vector, v: Vector, by: Sequence[str]
+) -> tuple[Vector, Vector, Vector]:
+    """What the sensor adds to the angle (sample,), and its derivatives by x and v, and by `by`."""
+    error, by_motion = np.zeros_like(x), np.zeros((len(x), 2))
+    by_names = np.zeros((len(x), len(by)))
+    for sensor in model.sensors:
+        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
+        names = {"x": x, "v": v, "t": elapsed, **shapes}
+        value = sensor.value(x, v, elapsed, shapes=model.shapes)
+        error += coefficient * value
+        for at, name in enumerate("xv"):
+            by_motion[:, at] += coefficient * sensor.formula.derivative(names, name)
+        for at, name in enumerate(by):
+            symbol, _, shape = name.partition(".")
+            if name == sensor.symbol:
+                by_names[:, at] = value
+            elif symbol == sensor.symbol:
+                by_names[:, at] = coefficient * sensor.formula.derivative(names, shape)
+    return error, by_motion, by_names
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,22 @@
-"""A motion at the times asked for: what is given to it, what it is, and what a sensor shows of it."""
+"""A model's motion by the compiled engine: what it is given, what comes back, and what its failures mean."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from sysid_trib.arrays import Mask
 from sysid_trib.errors import SimulationError
-from sysid_trib.records.inputs import INPUT
-from sysid_trib.simulation.model import Model, Vector
-from sysid_trib.simulation.program import FORCING_NUMBERS
+from sysid_trib.forces.force import channels_of
+from sysid_trib.records.inputs import FORCING_CHANNEL
+from sysid_trib.records.units import ACCELEROMETER, STANDARD_GRAVITY
+from sysid_trib.simulation import branches
+from sysid_trib.simulation.branches import EngineState, Given
+from sysid_trib.simulation.compiled import tell_of_compiling
+from sysid_trib.simulation.model import Model, Motion, Vector, program_of, sensor_error
+from sysid_trib.simulation.program import Instructions
 
 # What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
 FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
@@ -22,7 +28,6 @@ class SimulatedMotion:
 
     Attributes
     ----------
-    model : Model
     tau : (sample,) array of float
         w t, from the start.
     y : (sample, state) array of float
@@ -36,7 +41,7 @@ class SimulatedMotion:
     by : tuple of str
         Parameters of its derivatives.
     tangents : (sample, state + 1 + memory, parameter) array of float
-        Derivatives of `y`, `bend` and the memory by these, at given times.
+        Derivatives of `y`, `bend`, memory by these, at given times.
     start : float, s
         Time of the start.
     """
@@ -82,6 +87,22 @@ class SimulatedMotion:
         """Exact times of v = 0 (s), known where a force switches there."""
         return self.start + self.turns / self.model.reference_frequency
 
+    def shown(self, quantity: str, distance: float = 0.0) -> Vector:
+        """What a sensor shows, without its zero: a quantity of the above, or what an accelerometer feels.
+
+        It feels gravity along its path too, at a distance (m) from the axis of the pendulum.
+        """
+        if quantity == ACCELEROMETER:
+            return distance * self.acceleration + STANDARD_GRAVITY * np.sin(self.position)
+        return np.asarray(getattr(self, quantity))
+
+    def shown_derivatives(self, quantity: str, distance: float = 0.0) -> Vector:
+        """Derivatives of that by the parameters, (sample, parameter)."""
+        if quantity == ACCELEROMETER:
+            gravity = STANDARD_GRAVITY * np.cos(self.position)[:, None] * self.derivatives["position"]
+            return distance * self.derivatives["acceleration"] + gravity
+        return self.derivatives[quantity]
+
     @cached_property
     def derivatives(self) -> dict[str, Vector]:
         """Derivatives of `angle`, `position`, `rate` and `acceleration`, (sample, parameter) each, if any."""
@@ -104,138 +125,176 @@ class SimulatedMotion:
         return sensor_error(self.model, elapsed, self.y[:, 0], self.y[:, 1], self.by)
 
 
-def sensor_error(
-    model: Model, elapsed: Vector, x: Vector, v: Vector, by: Sequence[str]
-) -> tuple[Vector, Vector, Vector]:
-    """What the sensor adds to the angle (sample,), and its derivatives by x and v, and by `by`."""
-    error, by_motion = np.zeros_like(x), np.zeros((len(x), 2))
-    by_names = np.zeros((len(x), len(by)))
-    for sensor in model.sensors:
-        coefficient, shapes = model.coefficients[sensor.symbol], sensor.shape_values(model.shapes)
-        names = {"x": x, "v": v, "t": elapsed, **shapes}
-        value = sensor.value(x, v, elapsed, shapes=model.shapes)
-        error += coefficient * value
-        for at, name in enumerate("xv"):
-            by_motion[:, at] += coefficient * sensor.formula.derivative(names, name)
-        for at, name in enumerate(by):
-            symbol, _, shape = name.partition(".")
-            if name == sensor.symbol:
-                by_names[:, at] = value
-            elif symbol == sensor.symbol:
-                by_names[:, at] = coefficient * sensor.formula.derivative(names, shape)
-    return error, by_motion, by_names
+# What is given over time: knots (knot,) in tau, increasing, the first at the start; polynomials from each
+# on by powers of tau since it, (knot, channel, power), the first an acceleration over w^2 (rad) that pushes
+# if there is one more than forces hold; what is added to x and v at the knots but the start, (knot, 2).
+Forcing: TypeAlias = tuple[Vector, Vector, Vector]
+UNFORCED: Forcing = (np.empty(0), np.zeros((0, 0, 1)), np.zeros((0, 2)))
+
+# Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
+STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
+# Bytes of address space that the engine takes when it is loaded.
+ENGINE_ROOM = 300_000_000
+DIVERGED = 1e3  # rad; no pendulum swings there
 
 
-# Impulses a period of a motion with a random force: their law is then right to a percent.
-INCREMENTS_PER_PERIOD = 40
-
-
-@dataclass(frozen=True)
-class Forcing:
-    """What is given to a model over time, in tau.
-
-    Attributes
-    ----------
-    knots : (knot,) array of float
-        Increasing, the first at the start.
-    polynomials : (knot, channel, power) array of float
-        From each knot on, what is given, by powers of tau since it.
-    increments : (knot, 2) array of float
-        What is added to x and v there, but at the start.
-    forced : bool
-        Whether the first channel is an acceleration over w^2 (rad) that pushes.
-    """
-
-    knots: Vector
-    polynomials: Vector
-    increments: Vector
-    forced: bool = False
-
-    @property
-    def acts(self) -> bool:
-        """True if anything is given."""
-        return bool(np.any(self.polynomials) or np.any(self.increments))
-
-
-UNFORCED = Forcing(np.empty(0), np.zeros((0, 0, 1)), np.zeros((0, 2)))
-
-
-def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Forcing:
-    """What is given to a model: its inputs, exact between their samples, and a random force.
+def integrate(
+    model: Model,
+    tau: Vector,
+    at: tuple[float, float],
+    *,
+    by: Sequence[str] = (),
+    forcing: Forcing = UNFORCED,
+    most_steps: int = STEPS_A_PERIOD,
+) -> SimulatedMotion:
+    """Integrate the motion of a model along a grid.
 
     Parameters
     ----------
     model : Model
     tau : (sample,) array of float
-        w t from 0.
-    random_force : float, (rad/s^2)^2/Hz
-        One-sided density of the acceleration; at least `INCREMENTS_PER_PERIOD` a period make it.
-    seed : int
+        w t, increasing; the start is its first.
+    at : (float, float), rad
+        x and v there.
+    by : sequence of str
+        Parameters of the derivatives: symbols, `dahl.s`, `FREQUENCY`, `BY_ANGLE`, `BY_RATE`.
+    forcing : Forcing
+    most_steps : int
+        A period.
 
-    Notes
-    -----
-    Over an interval h of tau a white acceleration adds to (x, v) a Gaussian vector of covariance
-    per_tau [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
+    Raises
+    ------
+    SimulationError
+        It diverges, switches without end, takes too many steps, or is not finite.
     """
-    w = model.reference_frequency
-    if not random_force and not any(channel.input in model.inputs for channel in model.driven):
-        # Inputs that are not given are zero.
-        return replace(UNFORCED, polynomials=np.zeros((0, len(model.driven), 1)))
-    if len(tau) < 2:
-        raise SimulationError("A motion that is pushed wants two or more times that increase.")
-    knots = _instants(tau, INCREMENTS_PER_PERIOD) if random_force else tau[[0, -1]]
-    increments = np.zeros((len(knots), 2))
-    if random_force:
-        increments[1:] = _increments(np.diff(knots), 0.5 * random_force / w**3, seed)
-    bends = w * bends_of(model)
-    instants = np.union1d(knots, bends[(bends > tau[0]) & (bends < tau[-1])])
-    all_increments = np.zeros((len(instants), 2))
-    all_increments[np.searchsorted(instants, knots)] = increments
-    return Forcing(instants, polynomials_of(model, instants), all_increments, INPUT in model.inputs)
+    knots, polynomials, increments = forcing
+    forced = polynomials.shape[1] > len(channels_of(model.forces))
+    motion, program = program_of(model.forces, forced=forced, paced=FREQUENCY in by)
+    state = begun((motion, program), model, at, by)
+    state.v[branches.CLOCK, 0] = tau[0]
+    size, many, columns = program.states, len(knots), program.states + 1 + program.memory
+    marks = np.where(_jumps(knots, polynomials[:, int(forced) :]), branches.INPUT_JUMPS, -1)
+    rows, tangents = np.empty((len(tau), columns)), np.empty((len(tau), columns, len(by)))
+    impulses, starts = np.zeros((many, len(by))), np.empty((0, 0))
+    given = Given(tau, knots, polynomials, increments, impulses, marks, starts, rows, tangents)
+    periods, acts = float(tau[-1] - tau[0]) / (2.0 * np.pi), np.any(polynomials) or np.any(increments)
+    switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
+    limits = (DIVERGED, switchings, 5000 + many + int(most_steps * periods))
+    reversals, turns, stop = run(program, given, state, limits, model.reference_frequency)
+    names = (*motion.variables[2:], "", *motion.memory)
+    hidden = dict(zip(names, rows.T[2:], strict=True))
+    bend, stop = hidden.pop(""), np.nan if acts else stop
+    turned = reversals[:turns].copy()
+    return SimulatedMotion(model, tau, rows[:, :size], bend, hidden, stop, turned, tuple(by), tangents)
 
 
-def bends_of(model: Model) -> Vector:
-    """Times at which what is given begins another polynomial, (knot,), s."""
-    names = {channel.input for channel in model.driven} & {*model.inputs}
-    return np.unique(np.concatenate([*(model.inputs[name].bends for name in names), []]))
-
-
-def polynomials_of(model: Model, knots: Vector) -> Vector:
-    """What is given from each knot (tau) on, by powers of tau since it, (knot, channel, power)."""
-    w, channels = model.reference_frequency, model.driven
-    polynomials = np.zeros((len(knots), len(channels), FORCING_NUMBERS))
-    for at, channel in enumerate(channels):
-        if channel.input in model.inputs:
-            given = model.inputs[channel.input].polynomials(knots, w, channel.order)
-            polynomials[:, at, : given.shape[1]] = given / w**channel.power
-    powers = np.flatnonzero(polynomials.any(axis=(0, 1)))
-    return polynomials[:, :, : powers.max(initial=0) + 1]
-
-
-def jumps_of(forcing: Forcing) -> Mask:
-    """At which knots what forces hold of inputs jumps, (knot,)."""
-    held = forcing.polynomials[:, int(forcing.forced) :]
-    steps = np.diff(forcing.knots)[:, None, None] ** np.arange(held.shape[2])
+def _jumps(knots: Vector, held: Vector) -> Mask:
+    """At which knots what forces hold of inputs, (knot, channel, power), jumps."""
+    steps = np.diff(knots)[:, None, None] ** np.arange(held.shape[2])
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
-    jumps = np.zeros(len(forcing.knots), bool)
     # Of what is given before and behind a knot: a larger difference is a jump.
-    jumps[1:] = (rises > 1e-9 * largest).any(axis=1)
-    return jumps
+    return np.append(np.zeros(min(1, len(knots)), bool), (rises > 1e-9 * largest).any(axis=1))
 
 
-def _instants(tau: Vector, per_period: int) -> Vector:
-    """Where a step ends: at the samples, and between them at so many a period."""
-    parts = np.maximum(1, np.ceil(np.diff(tau) * per_period / (2.0 * np.pi))).astype(int)
-    fractions = np.concatenate([np.arange(count) / count for count in parts])
-    return np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
+def begun(
+    equations: tuple[Motion, Instructions],
+    model: Model,
+    at: tuple[float, float],
+    by: Sequence[str],
+    *,
+    places: tuple[int, int] | None = None,
+) -> EngineState:
+    """Where the engine begins: the start of a motion, its parameters and their derivatives.
+
+    `places` are the first column of the derivatives by `by` and the number of all columns, where there are
+    more.
+    """
+    motion, program = equations
+    first, count = places or (0, len(by))
+    state = branches.new_state(program, count)
+    y, p = motion.start(model, *at)
+    dy, dp = _seeds(motion, model, at, by)
+    columns = slice(first, first + len(by))
+    slots = slice(program.states + 1 + program.channels, program.inputs)
+    state.v[branches.STATE, : len(y)], state.dy[:, columns] = y, dy
+    state.v[branches.MEMORY_NOW, : program.memory] = p[motion.memory_at]
+    state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p)
+    state.T[slots, 0, columns] = dp
+    # What is seen over w^p is less by p/w of itself where w is larger.
+    forcing = (FORCING_CHANNEL,) * (program.channels - len(motion.channels))
+    powers = np.array([channel.power for channel in (*forcing, *motion.channels)])
+    if FREQUENCY in by:
+        state.of_drive[:, first + by.index(FREQUENCY)] = -powers / model.reference_frequency
+    return state
 
 
-def _increments(h: Vector, per_tau: float, seed: int) -> Vector:
-    """What a random force adds to x and v by the end of each step, (step, 2)."""
-    # A stream of its own: noise that is added with the same seed is independent of it.
-    random = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
-    increment_v = np.sqrt(per_tau * h) * random[0]
-    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
-    increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * random[1]
-    return np.stack([increment_x, increment_v], axis=1)
+def run(
+    program: Instructions,
+    given: Given,
+    state: EngineState,
+    limits: tuple[float, int, int],
+    frequency: float,
+) -> tuple[Vector, int, float]:
+    """Follow a motion, or intervals, by the compiled engine.
+
+    Returns where the sign of v changes, how often, and where it rests, in tau.
+
+    Raises
+    ------
+    SimulationError
+        It diverges, switches without end, takes too many steps, or is not finite.
+    """
+    # One kind of array, for which it is compiled once.
+    given = given._replace(
+        **{name: np.require(part, part.dtype, ["C", "W"]) for name, part in given._asdict().items()}
+    )
+    reversals, turns, rest, outcome = _engine()(program, given, state, limits)
+    if outcome != branches.ENDED:
+        _raise(outcome, state.v[branches.CLOCK, 0] / frequency)
+    return reversals, turns, rest
+
+
+@cache
+def _engine() -> Callable[..., Any]:
+    """The compiled function, whose import takes its time."""
+    # The compiler ends the process where memory does; what is not there is missed here instead.
+    np.empty(ENGINE_ROOM, np.uint8)
+    from sysid_trib.simulation.engine import run
+
+    tell_of_compiling()
+    return run
+
+
+def _seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[str]) -> tuple[Vector, Vector]:
+    """Derivatives of the start, (state, parameter), and of the program's parameters."""
+    w, names = model.reference_frequency, [f.symbol for f in motion.forces]
+    places = {name: 1 + i for i, name in enumerate((*names, *motion.shapes))}
+    dy, dp = np.zeros((len(motion.variables), len(by))), np.zeros((1 + motion.memory_at.stop, len(by)))
+    for column, name in enumerate(by):
+        if name == BY_ANGLE:
+            dy[0, column] = 1.0
+        elif name == BY_RATE:
+            dy[1, column] = 1.0 / w
+        elif name == FREQUENCY:
+            # v = rate/w at the start; then all goes faster.
+            dy[1, column], dp[0, column] = -at[1] / w, 1.0 / w
+        elif name in places:
+            dp[places[name], column] = 1.0
+    motion.start_derivatives(model, at, dy, dp[1:])
+    return dy, dp
+
+
+def _raise(outcome: int, elapsed: float) -> None:
+    after = f"{elapsed:.4g} s after the start"
+    if outcome == branches.GROWS:
+        raise SimulationError(
+            f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
+            "mind negative damping and negative stiffness in the coefficients, a far start, and a strong "
+            "random force."
+        )
+    reason = {branches.SWITCHES: "switches without end", branches.STEPS: "needs too many steps"}
+    raise SimulationError(
+        f"The motion {reason.get(outcome, 'is not finite')}, {after}; mind forces that switch or are "
+        "singular there."
+    )

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused
-from sysid_trib.simulation.integrate import STEPS_A_PERIOD, integrate
 from sysid_trib.simulation.model import Model, Vector
-from sysid_trib.simulation.motions import SimulatedMotion, forcing_of
+from sysid_trib.simulation.motions import STEPS_A_PERIOD, UNFORCED, Forcing, SimulatedMotion, integrate
+from sysid_trib.simulation.program import FORCING_NUMBERS
 
 
 def simulate(
@@ -90,14 +90,11 @@ def simulate(
 
 
 def _known(values: ArrayLike | KnownInput, time: Vector) -> KnownInput:
-    known = (
-        values
-        if isinstance(values, KnownInput)
-        else KnownInput(time - time[0], np.asarray(values, dtype=float))
-    )
-    if not np.array_equal(known.elapsed, time - time[0]):
+    if not isinstance(values, KnownInput):
+        values = KnownInput(time - time[0], np.asarray(values, dtype=float))
+    if not np.array_equal(values.elapsed, time - time[0]):
         raise UsageError("A known input is to be sampled at the times of the simulation, from zero on.")
-    return known
+    return values
 
 
 def trajectory(
@@ -154,6 +151,79 @@ def _simulated(
     return replace(motion, start=float(time[0]))
 
 
+# Impulses a period of a motion with a random force: their law is then right to a percent.
+INCREMENTS_PER_PERIOD = 40
+
+
+def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Forcing:
+    """What is given to a model: its inputs, exact between their samples, and a random force.
+
+    Parameters
+    ----------
+    model : Model
+    tau : (sample,) array of float
+        w t from 0.
+    random_force : float, (rad/s^2)^2/Hz
+        One-sided density of the acceleration; at least `INCREMENTS_PER_PERIOD` a period make it.
+    seed : int
+
+    Notes
+    -----
+    Over an interval h of tau a white acceleration adds to (x, v) a Gaussian vector of covariance
+    per_tau [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
+    """
+    w = model.reference_frequency
+    if not random_force and not any(channel.input in model.inputs for channel in model.driven):
+        # Inputs that are not given are zero.
+        return UNFORCED[0], np.zeros((0, len(model.driven), 1)), UNFORCED[2]
+    if len(tau) < 2:
+        raise SimulationError("A motion that is pushed wants two or more times that increase.")
+    knots = _instants(tau, INCREMENTS_PER_PERIOD) if random_force else tau[[0, -1]]
+    increments = np.zeros((len(knots), 2))
+    if random_force:
+        increments[1:] = _increments(np.diff(knots), 0.5 * random_force / w**3, seed)
+    bends = w * bends_of(model)
+    instants = np.union1d(knots, bends[(bends > tau[0]) & (bends < tau[-1])])
+    all_increments = np.zeros((len(instants), 2))
+    all_increments[np.searchsorted(instants, knots)] = increments
+    return instants, polynomials_of(model, instants), all_increments
+
+
+def bends_of(model: Model) -> Vector:
+    """Times at which what is given begins another polynomial, (knot,), s."""
+    names = {channel.input for channel in model.driven} & {*model.inputs}
+    return np.unique(np.concatenate([*(model.inputs[name].bends for name in names), []]))
+
+
+def polynomials_of(model: Model, knots: Vector) -> Vector:
+    """What is given from each knot (tau) on, by powers of tau since it, (knot, channel, power)."""
+    w, channels = model.reference_frequency, model.driven
+    polynomials = np.zeros((len(knots), len(channels), FORCING_NUMBERS))
+    for at, channel in enumerate(channels):
+        if channel.input in model.inputs:
+            given = model.inputs[channel.input].polynomials(knots, w, channel.order)
+            polynomials[:, at, : given.shape[1]] = given / w**channel.power
+    powers = np.flatnonzero(polynomials.any(axis=(0, 1)))
+    return polynomials[:, :, : powers.max(initial=0) + 1]
+
+
+def _instants(tau: Vector, per_period: int) -> Vector:
+    """Where a step ends: at the samples, and between them at so many a period."""
+    parts = np.maximum(1, np.ceil(np.diff(tau) * per_period / (2.0 * np.pi))).astype(int)
+    fractions = np.concatenate([np.arange(count) / count for count in parts])
+    return np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
+
+
+def _increments(h: Vector, per_tau: float, seed: int) -> Vector:
+    """What a random force adds to x and v by the end of each step, (step, 2)."""
+    # A stream of its own: noise that is added with the same seed is independent of it.
+    random = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
+    increment_v = np.sqrt(per_tau * h) * random[0]
+    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
+    increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * random[1]
+    return np.stack([increment_x, increment_v], axis=1)
+
+
 # Le Bot et al. 2019, Sec. 3: PDMS sphere on glass, alpha accounted for in w_inf.
 PAPER_COEFFICIENTS = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "nu": -0.40, "epsilon": 0.30}
 PAPER_FREQUENCY = 9.91
@@ -163,11 +233,6 @@ PAPER_SAMPLING_RATE = 100.0
 # The paper gives neither; with this step the signal is coarse at 0.02 rad, where the authors stopped.
 SENSOR_NOISE = 5e-4
 SENSOR_STEP = 1e-3
-
-
-def paper_model() -> Model:
-    """The paper's five-force model of its PDMS/glass run."""
-    return Model(load_library(), PAPER_COEFFICIENTS, PAPER_FREQUENCY)
 
 
 def paper_twin(*, seed: int = 2019) -> xr.Dataset:
@@ -184,7 +249,8 @@ def paper_twin(*, seed: int = 2019) -> xr.Dataset:
         Record with `angle(time)` in rad. It is synthetic, and its attrs say so.
     """
     time = np.arange(round(PAPER_DURATION * PAPER_SAMPLING_RATE)) / PAPER_SAMPLING_RATE
-    angle = trajectory(paper_model(), time, START_ANGLE, 0.0).angle
+    model = Model(load_library(), PAPER_COEFFICIENTS, PAPER_FREQUENCY)
+    angle = trajectory(model, time, START_ANGLE, 0.0).angle
     angle = angle + SENSOR_NOISE * np.random.default_rng(seed).standard_normal(len(time))
     angle = SENSOR_STEP * np.round(angle / SENSOR_STEP)
     return xr.Dataset(

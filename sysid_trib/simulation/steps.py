@@ -16,10 +16,10 @@ from scipy.special import ndtri
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.records.inputs import INPUT
-from sysid_trib.simulation.compiled import INTERVAL_ENDS, Given
-from sysid_trib.simulation.integrate import DIVERGED, begun, run
+from sysid_trib.simulation.branches import INTERVAL_ENDS, Given
 from sysid_trib.simulation.model import Model, Motion, program_of
-from sysid_trib.simulation.motions import FREQUENCY, bends_of, polynomials_of
+from sysid_trib.simulation.motions import DIVERGED, FREQUENCY, begun, run
+from sysid_trib.simulation.simulate import bends_of, polynomials_of
 
 # In an interval, and in each unit of tau of it.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000

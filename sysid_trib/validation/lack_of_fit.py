@@ -17,9 +17,9 @@ from sysid_trib.records.smoothing import knot_intervals, sensor_noise, smooth
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, variable, with_error
-from sysid_trib.simulation.integrate import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 
 SHORT = {"frequency": "frequency", "damping_ratio": "damping"}

@@ -15,7 +15,8 @@ from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation import initial_conditions, integrate
+from sysid_trib.simulation import initial_conditions
+from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 from sysid_trib.validation import holdout, verdict
 from sysid_trib.validation.refits import between, refit
 from sysid_trib.validation.residuals import fitted_motion
@@ -148,7 +149,7 @@ def _held_out(
 def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     """RMS (rad) of what a model leaves, start and zero fitted; nan without a motion."""
     # What is too stiff predicts nothing, and is not waited for.
-    motion = None if result is None else fitted_motion(rest, result, most_steps=integrate.FEW_STEPS_A_PERIOD)
+    motion = None if result is None else fitted_motion(rest, result, most_steps=FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
     return root_mean_square(rest.angle.values - motion.offset - motion.x)
@@ -196,7 +197,7 @@ def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
     for at, run in enumerate(runs):
         noise = noise_of_run(result, at)
         step = coarse_step(run, noise)
-        motion = fitted_motion(run, result, at, most_steps=integrate.FEW_STEPS_A_PERIOD) if step else None
+        motion = fitted_motion(run, result, at, most_steps=FEW_STEPS_A_PERIOD) if step else None
         if motion is not None:
             squares.append(_squares_by_rounding(result, run, motion, rounded_noise(motion.x, step, noise)))
     if not squares:

@@ -16,7 +16,7 @@ from sysid_trib.records import sensor, smoothing
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation import integrate, simulate
+from sysid_trib.simulation import simulate
 from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     MEASURED_TIME,
@@ -26,6 +26,7 @@ from sysid_trib.simulation.initial_conditions import (
     fit_start,
     measured_part,
 )
+from sysid_trib.simulation.motions import STEPS_A_PERIOD
 from sysid_trib.validation.findings import with_noise_and_models
 from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
 
@@ -45,7 +46,7 @@ def fitted_motion(
     run: int = 0,
     *,
     nearby: FittedMotion | None = None,
-    most_steps: int = integrate.STEPS_A_PERIOD,
+    most_steps: int = STEPS_A_PERIOD,
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
@@ -168,8 +169,7 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     """
     time, model = decay.time.values.astype(float), model_of(result)
     simulated = simulate.trajectory(model, time, motion.angle, motion.rate)
-    observation, _, _ = measured_part(decay)
-    residual = decay[MEASURED].sel({MEASURED_TIME: time}).values - observation.shown(simulated)
+    residual = decay[MEASURED].sel({MEASURED_TIME: time}).values - simulated.shown(*measured_part(decay)[0])
     # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])
