@@ -19,10 +19,6 @@ STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
 AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
-QUANTITY: dict[str, layout.Source] = {
-    **layout.same("verdict", "between_run", "between_run_lower", "between_run_upper"),
-    "effects": ("term", "effect±"),
-}
 
 
 def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None) -> list[Block]:
@@ -176,6 +172,6 @@ def campaign_json(
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
     if compared is not None:
-        made["between_records"] = layout.per_label(compared, "quantity", QUANTITY)
+        made["between_records"] = layout.per_label(compared, "quantity", layout.KEYS["between_records"])
         made["collinear_conditions"] = _collinear(compared)
     return made

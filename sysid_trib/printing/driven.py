@@ -11,14 +11,12 @@ from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import (
-    COEFFICIENT,
-    Source,
+    KEYS,
     by_label,
     coefficient_rows,
     csv_of,
     mapped,
     per_label,
-    same,
     text_table,
     value_with_error,
 )
@@ -39,21 +37,6 @@ DRIVEN_VERDICTS = {
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
 PRINTED = 4
 CURVE_VALUES = ("frequency", "frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
-DRIVEN_METHOD: dict[str, Source] = {
-    "coefficients": ("force", COEFFICIENT | same("unit")),
-    **same("reference_frequency", "reference_frequency_standard_error", "noise"),
-}
-RESIDUAL = same("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
-RESPONSE_KEYS: dict[str, Source] = {
-    "unit": lambda response: response.amplitude.attrs["units"],
-    "sweeps": ("sweep", same(*CURVE_VALUES)),
-    **same("left_open", "check_frequency", "check_amplitude", "simulated_amplitude"),
-}
-PREDICTION_JSON: dict[str, Source] = {
-    "source": lambda record: record.attrs.get("source", ""),
-    "warm_up": "@warm_up",
-    **same("residual_rms", "residual_over_motion"),
-}
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
@@ -119,10 +102,10 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     return {
         **mapped(compared, {"answer": "@answer", "verdict_on_record": "@verdict_on_record"}),
         "methods": {
-            name: mapped(tree[name].to_dataset(), DRIVEN_METHOD) | mapped(row, RESIDUAL)
+            name: mapped(tree[name].to_dataset(), KEYS["driven"]) | mapped(row, KEYS["driven_motion"])
             for name, row in by_label(compared, "model").items()
         },
-        "per_input": {} if scaled is None else per_label(scaled, "quantity", same("value", "standard_error")),
+        "per_input": {} if scaled is None else per_label(scaled, "quantity", KEYS["per_input"]),
     }
 
 
@@ -142,7 +125,8 @@ def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     """A prediction as plain data, under `test`; nothing where nothing was predicted."""
-    return {"test": [mapped(record, PREDICTION_JSON) for record in predicted]} if predicted else {}
+    table = KEYS["prediction"] | {"source": lambda record: record.attrs.get("source", "")}
+    return {"test": [mapped(record, table) for record in predicted]} if predicted else {}
 
 
 def response_blocks(response: xr.Dataset) -> list[Block]:
@@ -193,4 +177,4 @@ def response_csv(response: xr.Dataset) -> str:
 
 def response_json(response: xr.Dataset) -> dict[str, Any]:
     """The curves as plain data, null where a sweep has no such motion."""
-    return mapped(response, RESPONSE_KEYS)
+    return mapped(response, KEYS["response"])

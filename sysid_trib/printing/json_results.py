@@ -11,14 +11,12 @@ from sysid_trib.physics.si_units import MU, SI, si_of
 from sysid_trib.printing.discovery_tables import steps_of
 from sysid_trib.printing.identification import consequences
 from sysid_trib.printing.layout import (
-    COEFFICIENT,
-    FREQUENCIES_JSON,
+    KEYS,
     Source,
     mapped,
     number,
     per_label,
     records_json,
-    same,
 )
 from sysid_trib.printing.physics import physics_json
 from sysid_trib.printing.verdict import GROUP
@@ -28,95 +26,30 @@ from sysid_trib.results.variables import group_names, record_groups
 from sysid_trib.validation import findings
 from sysid_trib.validation.verdict import p_value_of_dependence
 
-TEST = ("chi_square", "degrees_of_freedom", "p_value")
-FORCE = COEFFICIENT | same("error_of_noise", "error_of_model", "active", "refers_to", "unit")
-FORCE["error_of_calibration"] = "error_of_calibration?"
-METHOD: dict[str, Source] = {
-    "coefficients": ("force", FORCE),
-    **FREQUENCIES_JSON,
-    **same("noise", "birge_ratio"),
-    "held_out_rms": lambda result: number(float(result.get("held_out_rms", np.nan))),
-}
-DIFFERENCE = same("difference", "expected_difference", "standard_error", "z")
-CHECK = same(*TEST) | {"differences": ("quantity", DIFFERENCE)}
-RUNS: dict[str, Source] = {
-    "verdict": "@verdict",
-    **{name: f"total_{name}" for name in TEST},
-    "quantities": (
-        "quantity",
-        {"values": "value", "standard_errors": "standard_error", **same("chi_square", "p_value")},
-    ),
-}
-DENSITIES: dict[str, Source] = {
-    "verdict": "@density_verdict",
-    "densities": "random_force_density",
-    "standard_errors": "random_force_density_standard_error",
-    **{name: f"density_{name}" for name in TEST},
-}
-MODEL_CHECK = same("departure_time", "residual_p_value", "line_frequency", "line_amplitude")
-COMPARED: dict[str, Source] = {
-    "coefficients": ("force", COEFFICIENT | same("z", "unit")),
-    **FREQUENCIES_JSON,
-    **same("asymptotic_frequency_z", "residual_rms", "residual_over_noise", "train_rms"),
-    **same("train_over_noise", "holdout_rms", "holdout_over_noise", "holdout_p_value", "phase_error"),
-    **same(
-        "time_taken", "reason", "failure", "bias", "cannot_tell_apart", "assumes", "identifies", "neglects"
-    ),
-}
-RUN_RMS = same("run_residual_rms", "run_train_rms", "run_holdout_rms")
 # Keys of the JSON where they differ from the names of the variables.
 SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
-STEP: dict[str, Source] = {
-    **same("symbol", "name", "formula", "family", "kind", "unit", "coefficient", "standard_error", "z"),
-    **same("p_value", "residual_before", "residual_after"),
-    "shapes": lambda step: effects.shapes_of(step, step.symbol.item()),
-    "shape_errors": lambda step: effects.shapes_of(step, step.symbol.item(), "shape_standard_error"),
-    "indistinguishable_pairs": lambda step: [
-        pair.split(effects.PAIR) for pair in effects.replacing_pairs(step)
-    ],
-    "pair_odds": lambda step: number(step.pair_odds.item()) if effects.replacing_pairs(step) else None,
-    **same(
-        "worsens_holdout", "collinear", "gain", "prediction_z", "random_force_before", "random_force_after"
-    ),
-    "probability_of_chance": lambda step: number(round(step.chance_probability.item(), 4)),
-}
-SPANS: dict[str, Source] = {
-    **same("departure_time", "departure_run"),
+SPANS = KEYS["spans"] | {
     "parts": lambda spans: ", ".join(spans.attrs["parts"]),
-    "where": "@where",
     "spans": lambda spans: {
         SPAN_KEYS.get(str(name), str(name)): number(column.values.tolist())
         for name, column in spans.data_vars.items()
         if column.dims == ("span",)
     },
 }
-MODEL_JSON: dict[str, Source] = {
-    "coefficients": ("force", COEFFICIENT),
-    **FREQUENCIES_JSON,
-    "shapes": ("shape_parameter", "shape±"),
-}
-DISCOVERY: dict[str, Source] = {
+DISCOVERY: dict[str, Source] = KEYS["discover"] | {
     "disagreement": ("discrepancy", SPANS),
     "steps": lambda tree: [_step(tree, at, step) for at, step in enumerate(steps_of(tree))],
-    "verdict": "@verdict",
     "converged": lambda tree: tree.attrs["converged"] == "True",
     "closing_effect": lambda tree: tree.attrs.get("closing_effect") or None,
     "not_improving": lambda tree: tree.attrs.get("not_improving") or None,
     "noise_p_value": lambda tree: number(float(tree.attrs.get("noise_p_value", "nan"))),
     "noise": lambda tree: number(findings.record_noise(tree)),
     "residual_noise": lambda tree: number(findings.record_noise(tree)),
-    "noise_with_its_colour": "holdout/residual_noise",
     "residual": lambda tree: number(findings.residual_of(tree, "after")),
-    "model": ("after", MODEL_JSON),
-    "start_model": ("before", MODEL_JSON),
     "disagreement_after": ("discrepancy_after", SPANS),
-    "holdout": {"what": "@held_out", "rms": "holdout/rms", "gap_above_noise": "holdout/residual_above_noise"},
     "generic_p_value": lambda tree: number(tree["omnibus"].p_value.values[-1].item()),
     "error_widening": lambda tree: number(effects.error_widening(tree)),
-    "detectable": ("detectability_after", ("candidate", "detectable")),
     "not_testable": ("detectability_after", lambda candidates: _reasons(candidates)),
-    "left_out": lambda tree: list(tree.attrs["left_out"]),
-    "failed_fits": lambda tree: list(tree.attrs["failed_fits"]),
     "options": lambda tree: json.loads(tree.attrs["options"]),
 }
 
@@ -129,13 +62,15 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         findings.answer_of(tree),
     )
     si, methods, models = si_of(tree), {}, {}
-    withheld = dict.fromkeys(METHOD) | {"coefficients": {}}
+    held_out = {"held_out_rms": lambda result: number(float(result.get("held_out_rms", np.nan)))}
+    table = KEYS["identification"] | held_out
+    withheld = dict.fromkeys(table) | {"coefficients": {}}
     for name in (checked.attrs["first"], checked.attrs["second"]):
         given = (
-            withheld if name in failed else mapped(findings.with_error_parts(tree[name].to_dataset()), METHOD)
+            withheld if name in failed else mapped(findings.with_error_parts(tree[name].to_dataset()), table)
         )
         methods[name] = given | {"failed": failed.get(name, "")}
-        models[name] = mapped(checked.sel(model=name), MODEL_CHECK) | {
+        models[name] = mapped(checked.sel(model=name), KEYS["motion"]) | {
             "residual_rms": number(findings.residual_of(tree, name)),
             "residual_over_noise": number(findings.residual_over_noise(tree, name)),
         }
@@ -149,7 +84,7 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         **random_force_json(tree),
         "answer": None if answer in failed else answer,
         "methods": methods,
-        "cross_check": mapped(checked, CHECK)
+        "cross_check": mapped(checked, KEYS["cross_check"])
         | {"models": models, "noise": findings.record_noise(tree)}
         | checked.attrs,
         "consequences": follows,
@@ -162,7 +97,7 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         data["runs"] = runs_json(tree["runs"].to_dataset())
     if si is not None:
         friction = {MU: f"{MU}±"} if MU in si else {}
-        data[SI] = per_label(si, "force", COEFFICIENT | same("unit") | friction)
+        data[SI] = per_label(si, "force", KEYS["si"] | friction)
     return data
 
 
@@ -196,12 +131,13 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def runs_json(runs: xr.Dataset) -> dict[str, Any]:
     """The test of runs of one experiment as plain data."""
-    return mapped(runs, RUNS | ({"random_force": DENSITIES} if "density_verdict" in runs.attrs else {}))
+    densities = {"random_force": KEYS["densities"]} if "density_verdict" in runs.attrs else {}
+    return mapped(runs, KEYS["runs"] | densities)
 
 
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `discover` as plain data."""
-    several = {"run_differences": (GROUP, same(*TEST, "most", "gain"))} if GROUP in tree.children else {}
+    several = {"run_differences": (GROUP, KEYS["run_differences"])} if GROUP in tree.children else {}
     return records_json(tree) | mapped(tree, DISCOVERY | several)
 
 
@@ -212,7 +148,16 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
         s: number(round(probability, 4)) for s, probability in effects.credible_set(step).items()
     }
     likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)
-    return mapped(step, STEP) | {
+    pairs = effects.replacing_pairs(step)
+    computed = {
+        "shapes": effects.shapes_of(step, step.symbol.item()),
+        "shape_errors": effects.shapes_of(step, step.symbol.item(), "shape_standard_error"),
+        "indistinguishable_pairs": [pair.split(effects.PAIR) for pair in pairs],
+        "pair_odds": number(step.pair_odds.item()) if pairs else None,
+        "probability_of_chance": number(round(step.chance_probability.item(), 4)),
+    }
+    known = mapped(step, {key: source for key, source in KEYS["step"].items() if key not in computed})
+    return {key: (known | computed)[key] for key in KEYS["step"]} | {
         "probability": probabilities.pop(step.symbol.item()),
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
@@ -239,9 +184,9 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     data = {
         **records_json(tree),
         "holdout_start": starts[0],
-        **mapped(table, same("common_frequency", "noise")),
+        **mapped(table, {name: name for name in ("common_frequency", "noise")}),
         **table.attrs,
-        "methods": per_label(table, "method", COMPARED | (RUN_RMS if several else {})),
+        "methods": per_label(table, "method", KEYS["compare"] | (KEYS["compare_runs"] if several else {})),
     }
     if several:
         data |= {"holdout_starts": starts, **mapped(table, {"run_noises": "run_noise"})}

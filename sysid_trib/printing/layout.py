@@ -2,8 +2,10 @@
 
 import csv
 import io
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from math import floor, log10
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -189,6 +191,20 @@ Source = str | tuple[str, Any] | Mapping[str, Any] | Callable[[Any], Any]
 PLAIN = (str, int, float)
 
 
+def _source(row: Any, tables: Mapping[str, Any]) -> Source:
+    """A row of the table of keys as `mapped` takes it."""
+    if isinstance(row, str):
+        return row
+    own = {key: _source(value, tables) for key, value in row.items() if key not in ("of", "as")}
+    inner = own.get("is", own if "as" not in row else _source(tables[row["as"]], tables))
+    return (row["of"], inner) if "of" in row else inner
+
+
+_TABLES = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
+# By kind of result, or of what is in it.
+KEYS: dict[str, Any] = {name: _source(rows, _TABLES) for name, rows in _TABLES.items()}
+
+
 def mapped(data: Any, table: Mapping[str, Source]) -> dict[str, Any]:
     """What a table says of a dataset, as JSON can hold it.
 
@@ -197,9 +213,8 @@ def mapped(data: Any, table: Mapping[str, Source]) -> dict[str, Any]:
     data : Dataset or DataTree
         Its variables and attributes are named by the table.
     table : mapping of str to str, tuple, mapping or callable
-        By key: the name of a variable, `name?` of one that may be missing, `name±` of one with its standard
-        error, `@name` of an attribute; a dimension with what stands at each of its labels, or a group with
-        what stands in it; a table; or what takes `data`.
+        By key what `keys.toml` says; a dimension or a group with what stands there; a table; or what takes
+        `data`.
     """
     return {key: _value(data, source) for key, source in table.items() if not _is_missing(data, source)}
 
@@ -218,8 +233,10 @@ def _value(data: Any, source: Source) -> Any:
         if isinstance(data, xr.DataTree):
             return _value(data[of].to_dataset(), inner)
         return per_label(data, of, inner)
-    if source.startswith("@"):
-        return data.attrs.get(source[1:])
+    name, _, attribute = source.partition("@")
+    if attribute:
+        value = (data[name] if name else data).attrs.get(attribute)
+        return list(value) if isinstance(value, np.ndarray | tuple) else value
     if source.endswith("±"):
         return mapped(data, {"value": source[:-1], "standard_error": error_of(source[:-1])})
     return number(data[source.removesuffix("?")].values.tolist())
@@ -230,11 +247,6 @@ def per_label(data: Any, dim: str, source: Source) -> dict[str, Any]:
     if dim not in data.dims:
         return {}
     return {label: _value(part, source) for label, part in by_label(data, dim).items()}
-
-
-def same(*names: str) -> dict[str, Source]:
-    """Keys that are the names of their variables."""
-    return {name: name for name in names}
 
 
 def number(value: Any) -> Any:
@@ -250,18 +262,6 @@ def records_json(tree: xr.DataTree) -> dict[str, Any]:
         {k: v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)} for group in record_groups(tree)
     ]
     return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
-
-
-# Tables that several kinds of result share.
-FREQUENCIES_JSON = same(
-    *("reference_frequency", "asymptotic_frequency"),
-    *("reference_frequency_standard_error", "asymptotic_frequency_standard_error"),
-)
-COEFFICIENT: dict[str, Source] = {
-    "value": "coefficient",
-    "standard_error": "standard_error",
-    "constraint": "constraint?",
-}
 
 
 def csv_of(heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

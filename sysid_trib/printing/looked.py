@@ -109,24 +109,8 @@ FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
     *("drift", "noise", "sensor_step", "samples_per_period"),
 )
-SAID = ("source", "signal", "angle_unit_in_file", "angle_column", "time_column", "clock", "reading")
-RECORD_JSON: dict[str, layout.Source] = {name: f"@{name}" for name in SAID}
-DECAY_JSON: dict[str, layout.Source] = {
-    **layout.same(*FACTS),
-    "unit": lambda decay: decay.first_amplitude.attrs["units"],
-    **{name: f"@{name}" for name in ("free_decay", "points_to_forces", "points_to_system")},
-}
 # Amplitudes of the printed table, evenly spaced in their logarithm.
 PRINTED_AMPLITUDES = 8
-CURVE_NAMES = ("frequency", "damping_ratio", "dissipative_force", "elastic_force")
-CURVE_COLUMNS = tuple(
-    f"{name}{end}" for name in CURVE_NAMES for end in ("", "_standard_error", "_low", "_high")
-)
-CURVES_JSON: dict[str, layout.Source] = {
-    "source": "@source",
-    "unit": lambda data: data.amplitude.attrs["units"],
-    **layout.same("amplitude", *CURVE_COLUMNS),
-}
 EXPLANATION = (
     "±: half the band that holds the whole curve in 95 % of records, for noise of the sensor and a random "
     "walk of amplitude and phase."
@@ -156,8 +140,8 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     """The facts about a record as plain data, in the unit of the record."""
     records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
-        "records": [layout.mapped(record, RECORD_JSON) for record in records],
-        "decays": [layout.mapped(decay, DECAY_JSON) for decay in _decays(tree)],
+        "records": [layout.mapped(record, layout.KEYS["record"]) for record in records],
+        "decays": [layout.mapped(decay, layout.KEYS["decay"]) for decay in _decays(tree)],
         "next": next_command,
     }
 
@@ -251,12 +235,12 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
 
 def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
     """The curves of each run as plain data, in the unit of the record."""
-    return {"runs": [layout.mapped(data, CURVES_JSON) for data in backbones.values()]}
+    return {"runs": [layout.mapped(data, layout.KEYS["backbone"]) for data in backbones.values()]}
 
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
     """A row for each run and amplitude."""
-    heads, rows = ("amplitude", *CURVE_COLUMNS), []
+    heads, rows = [name for name in layout.KEYS["backbone"] if name not in ("source", "unit")], []
     for run, data in enumerate(backbones.values(), 1):
         words = {"run": run, "unit": data.amplitude.attrs["units"]}
         table = zip(*(data[name].values.tolist() for name in heads), strict=True)

@@ -204,7 +204,6 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
     """A plan as plain data, all runs."""
-    table = layout.same("amplitude", "duration", "samples", "probability", "entropy", "meets")
-    runs = layout.per_label(data, "run", table | {"errors": ("force", "standard_error")})
+    runs = layout.per_label(data, "run", layout.KEYS["plan"])
     models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
     return {"models": models, "odds": data.attrs["odds"], "runs": list(runs.values())}

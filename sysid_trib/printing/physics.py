@@ -13,34 +13,13 @@ from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import amplitude_row
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import ALWAYS, Block
-from sysid_trib.printing.layout import (
-    COEFFICIENT,
-    Source,
-    by_label,
-    mapped,
-    per_label,
-    quantity,
-    same,
-    text_table,
-)
+from sysid_trib.printing.layout import KEYS, by_label, mapped, per_label, quantity, text_table
 from sysid_trib.results import effects, schema, variables
 
 # A share below this is not worth a word.
 SMALL = 5e-4
 SHARES = {"decay_share": "decay", "frequency_share": "frequency shift"}
 RULE_WORDS = {"averaged": "on average", "peak force": "by peak force"}
-WEIGHTS = ("peak_force", "decay", "frequency_shift", "decay_share", "frequency_share")
-CROSSOVER = same("first", "second", "acts_on", "opposed")
-ENERGY: dict[str, Source] = {
-    "units": lambda values: values.energy.attrs["units"],
-    "forces": ("force", "energy±"),
-    **{name: f"{name}±" for name in ("total_energy", "lost_fraction")},
-}
-SLIP_JSON = {"ratio": "ratio±", **same("slip_ratio", "z", "p_value", "significance")}
-SI_UNITS: dict[str, Source] = {
-    "coefficients": ("force", COEFFICIENT | same("unit", "multiplies")),
-    **{name: f"{name}±" for name in ("linear_stiffness", "inertia")},
-}
 
 
 def physics_sentences(
@@ -99,27 +78,25 @@ def physics_json(
         Each number is a float or has `value` and `standard_error`.
     """
     ends = _ends(amplitude, time)
-    shares = {"forces": ("force", {name: f"{name}±" for name in WEIGHTS})}
-    arrest = {"arrest_time": "arrest_time±", **same("stop_time")}
     data: dict[str, Any] = {"weights": [], "energy": []}
     try:
         for a, t in ends:
-            data["weights"].append({"amplitude": a} | mapped(weights(result, a, time=t), shares))
+            data["weights"].append({"amplitude": a} | mapped(weights(result, a, time=t), KEYS["weights"]))
             energy = dissipated_energy(result, a, time=t, **_inertia(si))
-            data["energy"].append({"amplitude": a} | mapped(energy, ENERGY))
+            data["energy"].append({"amplitude": a} | mapped(energy, KEYS["energy"]))
         data["crossovers"] = [
-            mapped(pair, CROSSOVER) | per_label(pair, "rule", "amplitude±")
+            mapped(pair, KEYS["crossover"]) | per_label(pair, "rule", "amplitude±")
             for pair in by_label(crossovers(result), "pair").values()
         ]
         largest = ends[0][0]
-        data["arrest"] = {"amplitude": largest} | mapped(arrest_time(result, largest), arrest)
+        data["arrest"] = {"amplitude": largest} | mapped(arrest_time(result, largest), KEYS["arrest"])
     except LibraryError as error:
         data = {"refused": str(error)}
     if speaks_of_slip(result):
         slip = slip_fingerprint(result)
-        data["slip_fingerprint"] = mapped(slip, SLIP_JSON) | slip.attrs
+        data["slip_fingerprint"] = mapped(slip, KEYS["slip"]) | slip.attrs
     if si is not None and "inertia" in si:
-        data["physical_units"] = mapped(si, SI_UNITS)
+        data["physical_units"] = mapped(si, KEYS["physical_units"])
     return data
 
 

@@ -86,20 +86,10 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
     return [Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)]
 
 
-SURE_JSON: dict[str, layout.Source] = {
-    PROFILE: ("parameter", layout.same("estimate", "standard_error", "low", "high", "asymmetric")),
-    SENSITIVITY: {
-        "forces": ("force", layout.same("estimate", "stated_error", "low", "high")),
-        "fits": ("fit", layout.same("kind", "reason") | {"coefficients": ("force", "coefficient")}),
-    },
-}
-
-
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
-    return layout.mapped(
-        tree, {name: (name, table) for name, table in SURE_JSON.items() if name in tree.children}
-    )
+    tables = {PROFILE: ("parameter", layout.KEYS[PROFILE]), SENSITIVITY: layout.KEYS[SENSITIVITY]}
+    return layout.mapped(tree, {name: (name, tables[name]) for name in tables if name in tree.children})
 
 
 def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
@@ -251,20 +241,6 @@ def _table(tree: xr.DataTree, between: bool) -> Table:
     return layout.text_table(rows, ("force", ""))
 
 
-# By key of the JSON.
-CONTRAST_JSON: dict[str, layout.Source] = {
-    **{side: f"{side}±" for side in SIDES},
-    **layout.same(*(f"{side}_between_runs" for side in SIDES)),
-    **layout.same("difference", "standard_error", "z", "p_value", "differs"),
-}
-JSON: dict[str, layout.Source] = {
-    **{name: f"@{name}" for name in ("verdict", "level", "first_record", "second_record")},
-    "coefficients": ("force", CONTRAST_JSON),
-    "stiffness_difference": "stiffness_difference±",
-    **layout.same("chi_square", "degrees_of_freedom", "p_value_of_all", "reference_frequency"),
-}
-
-
 def difference_json(tree: xr.DataTree) -> dict[str, Any]:
     """A difference as plain data."""
-    return layout.mapped(tree.to_dataset(), JSON)
+    return layout.mapped(tree.to_dataset(), layout.KEYS["difference"])
