@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from itertools import cycle
 from typing import Any
 
 import matplotlib as mpl
@@ -18,6 +17,7 @@ from sysid_trib.plots.declared import shows
 from sysid_trib.plots.looked import CURVE_LABELS, curves_of, draw_curve, driven_overview
 from sysid_trib.plots.motion_panels import MotionData, draw_in_time, held_out_sentence, motion_data
 from sysid_trib.plots.named_effects import COLOUR_PERCENT, DOT_BEYOND, draw_cells
+from sysid_trib.plots.paper import draw_weights
 from sysid_trib.plots.style import FONT_SIZE, FULL_WIDTH, LEGEND, TWO_COLUMNS
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
@@ -163,18 +163,10 @@ def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -
     if weighed is None or not np.isfinite(weighed[quantity].values).any():
         _no_data(ax, "no force acts here")
         return
-    amplitude = weighed.amplitude.values
-    for symbol, series in zip(weighed.force.values.tolist(), cycle(style.SERIES)):
-        names = quantity, f"{quantity}_standard_error"
-        part, error = (100.0 * weighed[name].sel(force=symbol).values for name in names)
-        if np.any(np.abs(part) > 0.0):
-            style.line_with_band(ax, amplitude, part, error, series, style.in_latex(symbol))
-    ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
+    draw_weights(ax, weighed, quantity, factor=100.0, zeros=False)
     low, high = ax.get_ylim()
-    ax.set(xlabel=labels[0], ylabel=labels[1], xlim=(amplitude[0], amplitude[-1]))
     # Errors of shares may exceed all that a share can be.
-    ax.set_ylim(max(low, -110.0), min(high, 110.0))
-    ax.legend(ncols=6, **LEGEND)
+    ax.set(xlabel=labels[0], ylabel=labels[1], ylim=(max(low, -110.0), min(high, 110.0)))
 
 
 def _coefficients(ax: Axes, results: Mapping[str, xr.Dataset], motion: MotionData, units: str) -> None:

@@ -101,22 +101,27 @@ def weights(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
-    ax = style.axes(ax)
+    ax, attrs = style.axes(ax), weighed[quantity].attrs
+    unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"
+    draw_weights(ax, weighed, quantity)
+    of_amplitude = weighed.amplitude.attrs.get("units", "rad")
+    ax.set(xlabel=f"amplitude $a$ ({of_amplitude})", ylabel=f"{attrs['long_name']}{unit}")
+    return ax
+
+
+def draw_weights(
+    ax: Axes, weighed: xr.Dataset, quantity: str, *, factor: float = 1.0, zeros: bool = True
+) -> None:
+    """A variable of weights times a factor for each force, with a band; `zeros`: also where it has none."""
     a = weighed.amplitude.values
     for symbol, series in zip(weighed.force.values.tolist(), cycle(style.SERIES)):
-        value, error = (weighed[k].sel(force=symbol).values for k in (quantity, f"{quantity}_standard_error"))
-        style.line_with_band(ax, a, value, error, series, style.in_latex(symbol))
-    attrs = weighed[quantity].attrs
-    unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"
+        names = quantity, f"{quantity}_standard_error"
+        value, error = (factor * weighed[name].sel(force=symbol).values for name in names)
+        if zeros or np.any(np.abs(value) > 0.0):
+            style.line_with_band(ax, a, value, error, series, style.in_latex(symbol))
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
-    of_amplitude = weighed.amplitude.attrs.get("units", "rad")
-    ax.set(
-        xlabel=f"amplitude $a$ ({of_amplitude})",
-        ylabel=f"{attrs['long_name']}{unit}",
-        xlim=(a.min(), a.max()),
-    )
+    ax.set_xlim(a.min(), a.max())
     ax.legend(ncols=6, **style.LEGEND)
-    return ax
 
 
 def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:

@@ -21,7 +21,7 @@ from sysid_trib.printing.discovery_tables import (
     times_noise,
 )
 from sysid_trib.printing.discovery_verdict import verdict_sentences
-from sysid_trib.printing.layout import coefficient_rows, in_small_units, text_table
+from sysid_trib.printing.layout import coefficient_table, in_small_units
 from sysid_trib.printing.verdict import step_heterogeneity_sentences
 from sysid_trib.results.effects import NAMED, candidates_of, credible_set, failed_competitors, replacing_pairs
 from sysid_trib.results.variables import record_groups, signal_units
@@ -54,7 +54,7 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
     """
     (verdict, *sentences), details, steps = verdict_sentences(tree), Layer.EXPLAIN, steps_of(tree)
     remarks = [line for at, step in enumerate(steps) for line in _remarks(tree, at, step)]
-    coefficients = text_table([*coefficient_rows(given_results(tree)).values()], ("force", "formula"))
+    coefficients = coefficient_table(given_results(tree))
     blocks = [
         Block([verdict], ALWAYS),
         Block(sources),

@@ -11,9 +11,10 @@ from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.layout import (
+    FREQUENCY_ROWS,
     KEYS,
     by_label,
-    coefficient_rows,
+    coefficient_table,
     csv_of,
     mapped,
     per_label,
@@ -83,16 +84,15 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
 
 def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> Table:
     """Coefficients by both methods with their errors."""
-    rows = coefficient_rows(results)
     # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
-    tested = compared.z.to_series() if "z" in compared else {}
-    for label, row in rows.items():
-        z = tested.get(label.replace(" ", "_"), 0.0) if fitted or "frequency" not in label else 0.0
-        row["difference / error"] = f"{z:+.1f}" if np.isfinite(z) and z else ""
+    tested = dict(compared.z.to_series()) if "z" in compared else {}
+    z = {label: value if value else np.nan for label, value in tested.items()}
+    for name in FREQUENCY_ROWS:
+        z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
     sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
     what = {"force": f"left ({unit})", "formula": "RMS of record minus motion"}
-    return text_table([*rows.values(), what | sizes], ("force", "formula"))
+    return coefficient_table(results, z, [what | sizes])
 
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:

@@ -81,8 +81,7 @@ def estimate_blocks(tree: xr.DataTree) -> list[Block]:
     result = tree.to_dataset()
     method, noise = result.attrs["method"], {"force": f"noise ({signal_units(result)})"}
     noise |= {"formula": "standard deviation", method: f"{result.noise.item():.2g}"}
-    rows = [*layout.coefficient_rows({method: result}).values(), noise]
-    table = layout.text_table(rows, ("force", "formula"))
+    table = layout.coefficient_table({method: result}, below=[noise])
     blocks = [Block([verdict.reference_sentence(result)], title=COEFFICIENTS, table=table)]
     # The largest amplitude that is known: an identification without a cross-check keeps no record.
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
@@ -98,14 +97,11 @@ def identification_table(tree: xr.DataTree) -> Table:
     """
     checked, results = tree["comparison"].to_dataset(), findings.kept_results(tree)
     kept = checked.sel(model=list(results))
-    rows = layout.coefficient_rows(results)
     # Of one method there is no difference.
-    for label, row in rows.items() if len(results) > 1 else ():
-        z = checked.z.sel(quantity=label).item() if label in checked.quantity else np.nan
-        row["difference / error"] = f"{z:+.1f}" if np.isfinite(z) else ""
+    z = dict(checked.z.to_series()) if len(results) > 1 else {}
     ratios = {name: f"{findings.residual_over_noise(tree, name):.3g} x noise" for name in results}
     noise = f"noise: {findings.record_noise(tree):.2g} {signal_units(tree)}"
-    rows["residual"] = {"force": "residual (RMS)", "formula": noise, **ratios}
+    below = [{"force": "residual (RMS)", "formula": noise, **ratios}]
     stochastic = [bool(random_force_of(result)) for result in results.values()]
     further = {
         ("beyond the noise", "from (s)"): np.where(stochastic, np.nan, kept.departure_time.values),
@@ -114,8 +110,8 @@ def identification_table(tree: xr.DataTree) -> Table:
     for (what, unit), values in further.items():
         if np.isfinite(values).any():
             cells = (f"{x:.3g}" if np.isfinite(x) else "-" for x in values)
-            rows[what] = {"force": what, "formula": unit, **dict(zip(results, cells, strict=True))}
-    return layout.text_table(list(rows.values()), ("force", "formula"))
+            below.append({"force": what, "formula": unit, **dict(zip(results, cells, strict=True))})
+    return layout.coefficient_table(results, z, below)
 
 
 def consequences(tree: xr.DataTree) -> list[str]:

@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from math import floor, log10
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -172,6 +173,29 @@ def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, dict[str, s
             f"dropped (± {row['standard_error']:.2g})" if dropped else "".join(number_and_mark(row))
         )
     return rows
+
+
+def coefficient_table(
+    results: Mapping[str, xr.Dataset],
+    z: Mapping[Any, float] = MappingProxyType({}),
+    below: Iterable[Mapping[str, str]] = (),
+) -> Table:
+    """Coefficients by each identification with errors, and how many errors apart they are.
+
+    Parameters
+    ----------
+    results : mapping of str to Dataset
+        Identifications by name.
+    z : mapping of str to float
+        Differences over their errors, by the names of quantities; no column of none.
+    below : iterable of mapping of str to str
+        Further rows.
+    """
+    rows = coefficient_rows(results)
+    for label, row in rows.items() if z else ():
+        apart = z.get(label, np.nan)
+        row["difference / error"] = f"{apart:+.1f}" if np.isfinite(apart) else ""
+    return text_table([*rows.values(), *below], ("force", "formula"))
 
 
 def _order(row: Mapping[str, Any]) -> int:
