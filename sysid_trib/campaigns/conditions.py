@@ -52,12 +52,12 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
         frequency (attrs), `run` the record's name, `at(run)` its place. Records in another unit than most
         are not among them (attrs: `signal_units`, `other_units` their number).
     """
-    done = store.isel(record=np.flatnonzero(store.status.values == IDENTIFIED)).sel({"method": method})
-    units = done.signal_units.values.astype(str)
+    places = np.flatnonzero(store.status.values == IDENTIFIED)
+    units = store.signal_units.values[places].astype(str)
     names, counts = np.unique(units, return_counts=True)
     usual = names[np.argmax(counts)] if len(names) else ""
-    places = np.flatnonzero(store.status.values == IDENTIFIED)[units == usual]
-    done = done.isel(record=np.flatnonzero(units == usual))
+    places = places[units == usual]
+    done = store.isel(record=places).sel({"method": method})
     reference = done.reference_frequency.values
     mean = float(np.nanmean(reference)) if np.any(np.isfinite(reference)) else np.nan
     degrees = done.speed_degree.values

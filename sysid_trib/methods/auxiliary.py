@@ -9,7 +9,8 @@ import scipy.sparse as sp
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.cycles.signatures import averages, tabulated_averages
+from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import (
@@ -38,6 +39,35 @@ Groups: TypeAlias = Mapping[str, EquationSolution]
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
     """Equations of a steady frequency: every half period lasts as long; the parameter is that time (s)."""
     return np.ones((len(time) - 1, 1)), np.diff(time)
+
+
+def energy_balance(library: ForceLibrary) -> Equations:
+    """Equations of the decrement for powers of the speed."""
+    unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
+
+    def decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
+        mean = 0.5 * (extremum[1:] + extremum[:-1])
+        return np.stack([b * mean**p for b, p in unit], axis=1), -np.diff(extremum)
+
+    return decrements
+
+
+def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> Equations:
+    """Rate of the amplitude and frequency of each instant, against w c of each force, and w.
+
+    Of the columns L = <h sin phi> and M = <h cos phi>/a.
+    """
+
+    def equations(extremum: Array, time: Array) -> tuple[Array, Array]:
+        a, span = 0.5 * (extremum[2:] + extremum[:-2]), time[2:] - time[:-2]
+        design = np.zeros((len(a), 2, len(library) + 1))
+        for j, force in enumerate(library):
+            sine, cosine = tabulated_averages(force, a, shapes, time[1:-1])
+            design[:, 0, j], design[:, 1, j] = sine, cosine / a
+        design[:, 1, -1] = 1.0
+        return design, np.stack([(extremum[2:] - extremum[:-2]) / span, 2.0 * np.pi / span], axis=1)
+
+    return equations
 
 
 def jacobian(function: Callable[[Array], Array], at: Array, errors: Array) -> Array:

@@ -8,17 +8,15 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import tabulated_averages
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
-from sysid_trib.forces.force import ForceLibrary, ShapeValues
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.forces.selection import forces_to_identify, refuse_sensors
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
-from sysid_trib.methods.auxiliary import AuxiliaryModel
-from sysid_trib.methods.classical import energy_balance, one_record
-from sysid_trib.methods.half_period_equations import Equations
+from sysid_trib.methods.auxiliary import AuxiliaryModel, averaged_equations, energy_balance
+from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs
@@ -178,24 +176,6 @@ class Averaging(Constrained):
             rule="last" if last else "weighted" if self.weighted else "plain",
             names=tuple(library.symbols[i] for i in free.free),
         )
-
-
-def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> Equations:
-    """Rate of the amplitude and frequency of each instant, against w c of each force, and w.
-
-    Of the columns L = <h sin phi> and M = <h cos phi>/a.
-    """
-
-    def equations(extremum: Array, time: Array) -> tuple[Array, Array]:
-        a, span = 0.5 * (extremum[2:] + extremum[:-2]), time[2:] - time[:-2]
-        design = np.zeros((len(a), 2, len(library) + 1))
-        for j, force in enumerate(library):
-            sine, cosine = tabulated_averages(force, a, shapes, time[1:-1])
-            design[:, 0, j], design[:, 1, j] = sine, cosine / a
-        design[:, 1, -1] = 1.0
-        return design, np.stack([(extremum[2:] - extremum[:-2]) / span, 2.0 * np.pi / span], axis=1)
-
-    return equations
 
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.

@@ -10,12 +10,11 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import refuse_sensors
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
-from sysid_trib.methods.auxiliary import AuxiliaryModel, same_half_periods
+from sysid_trib.methods.auxiliary import AuxiliaryModel, energy_balance, same_half_periods
 from sysid_trib.methods.half_period_equations import Equations
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Method, MethodScope, scope_of
@@ -264,17 +263,6 @@ class WuDecrement(ClassicalMethod):
 def _is_power(force: Force) -> bool:
     powers = force.degree is not None and force.degree == force.speed_degree
     return powers and force.kind == "force" and force.character == "dissipative"
-
-
-def energy_balance(library: ForceLibrary) -> Equations:
-    """Equations of the decrement for powers of the speed."""
-    unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
-
-    def decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
-        mean = 0.5 * (extremum[1:] + extremum[:-1])
-        return np.stack([b * mean**p for b, p in unit], axis=1), -np.diff(extremum)
-
-    return decrements
 
 
 def needed_forces(method: Method, library: ForceLibrary, formulas: Sequence[str]) -> ForceLibrary:

@@ -90,15 +90,11 @@ class HalfPeriodEquations:
     def by_later_steps(self) -> sp.csr_matrix:
         """Derivatives by what is added to a half period of an equation but its first, and to all after it."""
         entries = self.slopes.tocoo()
-        count = entries.shape[1] // 2
-        kind, half = np.divmod(entries.col, count)
-        first = self.first[entries.row]
-        parts = []
-        for later in range(1, int(np.max(half - first)) + 1):
-            held = half - first >= later
-            column = kind[held] * count + first[held] + later
-            parts.append((entries.data[held], entries.row[held], column))
-        data, row, column = (np.concatenate(part) for part in zip(*parts, strict=True))
+        # Each entry counts for the half periods after the first of its equation, up to its own.
+        times = entries.col % (entries.shape[1] // 2) - self.first[entries.row]
+        steps = np.arange(times.sum()) - np.repeat(np.cumsum(times) - times, times)
+        column = np.repeat(entries.col - times, times) + 1 + steps
+        data, row = (np.repeat(part, times) for part in (entries.data, entries.row))
         return sp.csr_matrix((data, (row, column)), entries.shape)
 
 
