@@ -88,9 +88,9 @@ def coverage(curves: BackboneCurves, truth: xr.Dataset) -> dict[str, tuple[bool,
 
 def truth_of(clean: xr.Dataset) -> xr.Dataset:
     """The single periods of a motion without noise, by amplitude."""
-    rows = period_rows(st.records.envelope(st.free_decay(clean)))
-    names = ("log_amplitude", *CURVES)
-    return xr.Dataset({name: ("period", getattr(rows, name)) for name in names}).sortby("log_amplitude")
+    u, rows = period_rows(st.records.envelope(st.free_decay(clean)))
+    values = {"log_amplitude": u} | {name: rows[name][0] for name in CURVES}
+    return xr.Dataset({name: ("period", of_rows) for name, of_rows in values.items()}).sortby("log_amplitude")
 
 
 def cells(results: list[dict]) -> list[str]:

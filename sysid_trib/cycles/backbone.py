@@ -1,6 +1,7 @@
 """Frequency and damping ratio against amplitude, from a free decay and without a model, with bands."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,28 +26,14 @@ LEAST_RELATIVE_NOISE = 1e-10
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
-@dataclass(frozen=True)
-class PeriodRows:
-    """Periods, one after the other by half a period.
-
-    Attributes
-    ----------
-    log_amplitude : (row,) array of float
-        Of the geometric mean of the extrema at their ends.
-    damping_ratio, frequency : (row,) array of float
-        Logarithmic decrement over 2 pi; rad/s.
-    sensor, walk : mapping of str to sparse array (row, draw)
-        How unit draws of the sensor's noise, and of a random force, move each.
-    """
-
-    log_amplitude: Array
-    damping_ratio: Array
-    frequency: Array
-    sensor: dict[str, sp.csr_matrix]
-    walk: dict[str, sp.csr_matrix]
+# Values of single periods, (row,), and how unit draws of the sensor's noise and of a random force move each,
+# (row, draw).
+CurveRows: TypeAlias = tuple[Array, sp.csr_matrix, sp.csr_matrix]
 
 
-def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) -> PeriodRows:
+def period_rows(
+    measured: xr.Dataset, slopes: dict[str, Array] | None = None
+) -> tuple[Array, dict[str, CurveRows]]:
     """Rows of an envelope, a half period apart, without what differs between the two sides.
 
     Parameters
@@ -55,6 +42,13 @@ def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) ->
         Of `envelope`; four half periods at least.
     slopes : mapping of str to (row,) array, optional
         Derivatives of both curves by the log amplitude: an amplitude that is off moves a row along its curve.
+
+    Returns
+    -------
+    log_amplitude : (row,) array of float
+        Of the geometric mean of the extrema at the ends of each period.
+    rows : dict of str to CurveRows
+        ``damping_ratio``, the logarithmic decrement over 2 pi, and ``frequency`` (rad/s).
     """
     b, t = measured.extremum.values, measured.extremum_time.values
     # The first and last half-sine take their frequency from their neighbours: left out where there are so
@@ -72,7 +66,7 @@ def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) ->
     late = _errors(measured, "extremum_time", "scatter_of_times")
     lasting, passing = half_period_responses(measured)
     per_turn, per_time = np.full(len(damping), 1.0 / WHOLE_TURN), frequency**2 / WHOLE_TURN
-    sensor, walk = {}, {}
+    rows = {}
     for name, value, scale, by, error, part in (
         ("damping_ratio", damping, per_turn, 1.0 / b, relative * b, slice(0, len(b))),
         ("frequency", frequency, per_time, np.ones_like(b), late, slice(len(b), 2 * len(b))),
@@ -81,11 +75,9 @@ def period_rows(measured: xr.Dataset, slopes: dict[str, Array] | None = None) ->
         along = -sp.diags(slopes[name] if slopes else np.zeros_like(value)) @ middle @ sp.diags(relative)
         second = sp.diags(SECOND_ORDER[name] * damping**2 * value)
         noises = [of_rows + along, second] if name == "damping_ratio" else [of_rows, along, second]
-        sensor[name] = sp.hstack(noises, format="csr")
-        walk[name] = sp.diags(scale) @ (
-            fall @ sp.diags(by) @ passing[part] + later @ sp.diags(by) @ lasting[part]
-        )
-    return PeriodRows(middle @ np.log(b), damping, frequency, sensor, walk)
+        walk = sp.diags(scale) @ (fall @ sp.diags(by) @ passing[part] + later @ sp.diags(by) @ lasting[part])
+        rows[name] = value, sp.hstack(noises, format="csr"), walk
+    return middle @ np.log(b), rows
 
 
 def _sliding(weights: Array, count: int, ends: int) -> sp.csr_matrix:
@@ -119,7 +111,9 @@ class BackboneCurves:
     ----------
     measured : Dataset
         Its envelope.
-    rows : PeriodRows
+    row_log_amplitude : (row,) array of float
+    rows : dict of str to CurveRows
+        See `period_rows`.
     log_amplitude : (point,) array of float
         Increasing.
     by_name : mapping of str to SmoothCurve
@@ -127,7 +121,8 @@ class BackboneCurves:
     """
 
     measured: xr.Dataset
-    rows: PeriodRows
+    row_log_amplitude: Array
+    rows: dict[str, CurveRows]
     log_amplitude: Array
     by_name: dict[str, SmoothCurve]
 
@@ -150,8 +145,7 @@ def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
         raise DecayError(
             f"{source}: {count} whole half periods; a backbone needs {FEWEST_HALF_PERIODS}: record longer."
         )
-    rows = period_rows(measured)
-    u = rows.log_amplitude
+    u, rows = period_rows(measured)
     position, log_amplitude = _coordinate(u)
     points = np.linspace(0.0, 1.0, CURVE_POINTS)
     curves: dict[str, SmoothCurve] = {}
@@ -161,11 +155,11 @@ def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
                 name: np.interp(u, log_amplitude, np.gradient(curve.mean, log_amplitude))
                 for name, curve in curves.items()
             }
-            rows = period_rows(measured, slopes)
+            _, rows = period_rows(measured, slopes)
         curves = {
             name: smooth_curve(
-                getattr(rows, name),
-                (rows.sensor[name], rows.walk[name]),
+                rows[name][0],
+                rows[name][1:],
                 position,
                 points,
                 curves[name].bends if curves else None,
@@ -173,7 +167,7 @@ def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
             )
             for name in CURVES
         }
-    return BackboneCurves(measured, rows, log_amplitude, curves)
+    return BackboneCurves(measured, u, rows, log_amplitude, curves)
 
 
 def _coordinate(u: Array) -> tuple[Array, Array]:
@@ -227,12 +221,11 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 def backbone_dataset(decay: xr.Dataset, curves: BackboneCurves) -> xr.Dataset:
     """The `backbone` of a decay of which there are the `backbone_curves` already."""
     unit, amplitude = unit_of_signal(decay), np.exp(curves.log_amplitude)
-    rows = curves.rows
     singles = {
-        f"period_{name}": variable("period", getattr(rows, name), f"{long_name} of a period", units)
+        f"period_{name}": variable("period", curves.rows[name][0], f"{long_name} of a period", units)
         for name, (long_name, units) in CURVES.items()
     }
-    amplitudes = np.exp(rows.log_amplitude)
+    amplitudes = np.exp(curves.row_log_amplitude)
     singles["period_amplitude"] = variable("period", amplitudes, "amplitude of a period", unit)
     return xr.Dataset(
         _over_amplitude(curves, amplitude, unit) | _over_time(curves, unit) | singles,

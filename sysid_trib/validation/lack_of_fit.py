@@ -9,7 +9,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import binned_statistic, binned_statistic_2d
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.cycles.backbone import CURVES, BackboneCurves, PeriodRows, backbone_curves, period_rows
+from sysid_trib.cycles.backbone import CURVES, BackboneCurves, CurveRows, backbone_curves, period_rows
 from sysid_trib.errors import SysidTribError
 from sysid_trib.records import equilibrium, half_sines
 from sysid_trib.records.signal import unit_of_signal
@@ -116,9 +116,9 @@ def _against(
         return dict.fromkeys(CURVES, (nothing, nothing))
     against = {}
     for name, of_model in zip(CURVES, model[1:], strict=True):
-        curve, u = backbone.by_name[name], backbone.rows.log_amplitude
+        curve, u = backbone.by_name[name], backbone.row_log_amplitude
         there = PchipInterpolator(model[0], of_model, extrapolate=False)(u)
-        difference = there - getattr(backbone.rows, name)
+        difference = there - backbone.rows[name][0]
         smoothed = curve.weights @ np.where(np.isfinite(difference), difference, 0.0)
         reached = (backbone.log_amplitude >= model[0][0]) & (backbone.log_amplitude <= model[0][-1])
         deviation = np.where(reached, smoothed / (curve.factor * curve.standard_error), np.nan)
@@ -130,24 +130,26 @@ def _model_rows(
     decay: xr.Dataset, result: xr.Dataset, backbone: BackboneCurves
 ) -> tuple[Array, Array, Array] | None:
     """Log amplitudes of a model's motion, increasing, with frequency and damping ratio; None without one."""
-    top, low = float(backbone.rows.log_amplitude.max()), float(backbone.rows.log_amplitude.min())
+    top, low = float(backbone.row_log_amplitude.max()), float(backbone.row_log_amplitude.min())
     # A model is released so many half periods above the record: its first ones are left out.
     above = 4.0 * np.pi * max(0.0, float(backbone.by_name["damping_ratio"].mean[-1]))
     largest = float(np.abs(decay.angle.values).max())
     # A model that damps less takes longer to the record's last amplitude: up to so many times its length.
     for times in (1.0, 3.0):
         try:
-            rows = _motion_rows(decay, result, float(np.exp(top + above) / largest), times)
+            u, rows = _motion_rows(decay, result, float(np.exp(top + above) / largest), times)
         except SysidTribError:
             return None
-        u, first = np.unique(rows.log_amplitude + np.log(largest), return_index=True)
+        u, first = np.unique(u + np.log(largest), return_index=True)
         if u[0] <= low:
             break
-    return u, rows.frequency[first], rows.damping_ratio[first]
+    return u, rows["frequency"][0][first], rows["damping_ratio"][0][first]
 
 
 @in_units_of_the_motion
-def _motion_rows(decay: xr.Dataset, result: xr.Dataset, release: float, times: float) -> PeriodRows:
+def _motion_rows(
+    decay: xr.Dataset, result: xr.Dataset, release: float, times: float
+) -> tuple[Array, dict[str, CurveRows]]:
     """Periods of the motion from a release; amplitudes in parts of the record's largest signal."""
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
