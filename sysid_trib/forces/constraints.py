@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -164,16 +165,13 @@ class Constraints:
             A formula cannot be read, or ties go in a circle.
         """
         known = parameters_of(library)
-        waiting = {name: parse_tie(name, text, known) for name, text in self.ties.items()}
-        ordered: dict[str, Tie] = {}
-        while waiting:
-            ready = [name for name, tie in waiting.items() if not set(tie.names) & set(waiting)]
-            if not ready:
-                raise UsageError(
-                    f"The ties of {' and '.join(waiting)} go in a circle; leave one parameter free."
-                )
-            ordered |= {name: waiting.pop(name) for name in ready}
-        return ordered
+        ties = {name: parse_tie(name, text, known) for name, text in self.ties.items()}
+        needs = {name: ties.keys() & tie.names for name, tie in ties.items()}
+        try:
+            return {name: ties[name] for name in TopologicalSorter(needs).static_order()}
+        except CycleError as error:
+            circle = " and ".join(error.args[1][1:])
+            raise UsageError(f"The ties of {circle} go in a circle; leave one parameter free.") from None
 
     def linear_map(
         self, library: ForceLibrary, shapes: ShapeValues | None = None

@@ -43,9 +43,9 @@ class ClassicalMethod:
     scope: ClassVar[MethodScope]
     FORMULAS: ClassVar[tuple[str, ...]] = ()
     # See `decrement`.
-    relation: ClassVar[Any]
-    beta: ClassVar[Any] = staticmethod(np.asarray)
-    rates: ClassVar[bool] = False
+    _relation: ClassVar[Any]
+    _beta: ClassVar[Any] = staticmethod(np.asarray)
+    _rates: ClassVar[bool] = False
 
     correct: bool = True
     random_force: RandomForceOption = "auto"
@@ -85,17 +85,17 @@ class ClassicalMethod:
 
     def equations(self, library: ForceLibrary) -> Equations:
         """The equations of these forces."""
-        return self.relation
+        return self._relation
 
     def values(self, parameters: Array) -> Array:
         """Coefficients and w (rad/s) from the parameters and, last, half a period (s)."""
         half = parameters[-1] / np.pi
-        coefficients = parameters[:-1] * (half if self.rates else 1.0)
+        coefficients = parameters[:-1] * (half if self._rates else 1.0)
         damping = [at for at, formula in enumerate(self.FORMULAS) if formula == VISCOUS_FRICTION]
-        beta = self.beta(coefficients[damping])
+        beta = self._beta(coefficients[damping])
         # By which damping lowers the frequency of the half periods.
         stretch = np.hypot(1.0, np.sum(beta))
-        coefficients /= stretch if self.rates else 1.0
+        coefficients /= stretch if self._rates else 1.0
         coefficients[damping] = beta / stretch
         return np.append(coefficients, stretch / half)
 
@@ -135,10 +135,10 @@ def decrement(
     members = {
         "__doc__": f"{summary}\n\n{options}\n\n{notes}".strip(),
         "__module__": relation.__module__,
-        "relation": staticmethod(relation),
+        "_relation": staticmethod(relation),
         "FORMULAS": tuple(forces),
-        "beta": staticmethod(beta),
-        "rates": rates,
+        "_beta": staticmethod(beta),
+        "_rates": rates,
         "scope": MethodScope(label, assumes, "extrema", what, several_runs=False, example=forces),
     }
     return type(name, (ClassicalMethod,), members)
