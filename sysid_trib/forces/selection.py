@@ -3,7 +3,7 @@
 import math
 import os
 import tomllib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,21 @@ def refuse_sensors(library: ForceLibrary) -> None:
             f"'{sensors[0]}' is a sensor term: it changes what is measured, not the motion; "
             "methods.Direct and methods.Trajectory identify it, leave it out for others (--forces)."
         )
+
+
+def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
+    """The library's forces of these formulas, for a method by its label.
+
+    Raises
+    ------
+    DecayError
+        One is missing, so that the method does not apply; or there is a sensor term.
+    """
+    refuse_sensors(library)
+    forces = {formula: library.role(formula) for formula in formulas}
+    if missing := [formula for formula, force in forces.items() if force is None]:
+        raise DecayError(f"{method} wants a force of formula {missing[0]}, and the library has none.")
+    return library.select(force.symbol for force in forces.values() if force is not None)
 
 
 def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:

@@ -1,6 +1,6 @@
 """The classical decrements, one relation between half periods each: Rayleigh (1877) to Wu et al. (2007)."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any, ClassVar
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.selection import refuse_sensors
+from sysid_trib.forces.selection import needed_forces
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.auxiliary import AuxiliaryModel, energy_balance, same_half_periods
 from sysid_trib.methods.half_period_equations import Equations
@@ -23,7 +23,6 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 SOLID_FRICTION, VISCOUS_FRICTION, QUADRATIC_FRICTION = "sign(v)", "2*v", "v*abs(v)"
 FRICTION_WORDS = {SOLID_FRICTION: "solid", VISCOUS_FRICTION: "viscous", QUADRATIC_FRICTION: "quadratic"}
-# Friction of both kinds in the examples.
 BOTH = {SOLID_FRICTION: 1e-3, VISCOUS_FRICTION: 0.0097}
 
 
@@ -55,14 +54,7 @@ class ClassicalMethod:
 
     @in_units_of_the_motion
     def identify(self, decay: xr.Dataset, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces that the method describes.
-
-        Parameters
-        ----------
-        decay : Dataset
-            `angle(time)` about its equilibrium.
-        library : ForceLibrary
-            The forces offered.
+        """Identify the forces of `library` that the method describes from a decay with `angle(time)`.
 
         Raises
         ------
@@ -81,7 +73,7 @@ class ClassicalMethod:
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
         """The forces of a library that the method identifies."""
-        return needed_forces(self, library, self.FORMULAS)
+        return needed_forces(library, self.FORMULAS, self.scope.sentence_label)
 
     def equations(self, library: ForceLibrary) -> Equations:
         """The equations of these forces."""
@@ -248,10 +240,10 @@ class WuDecrement(ClassicalMethod):
         DecayError
             The library lacks solid friction or any other power.
         """
-        needed_forces(self, library, [SOLID_FRICTION])
+        label = self.scope.sentence_label
+        needed_forces(library, [SOLID_FRICTION], label)
         powers = library.select(force.symbol for force in library if _is_power(force))
         if len(powers) < 2:
-            label = self.scope.sentence_label
             raise DecayError(f"{label} wants a power of the speed beside sign(v), as 2*v or v*abs(v).")
         return powers
 
@@ -263,24 +255,6 @@ class WuDecrement(ClassicalMethod):
 def _is_power(force: Force) -> bool:
     powers = force.degree is not None and force.degree == force.speed_degree
     return powers and force.kind == "force" and force.character == "dissipative"
-
-
-def needed_forces(method: Method, library: ForceLibrary, formulas: Sequence[str]) -> ForceLibrary:
-    """The library's forces of these formulas.
-
-    Raises
-    ------
-    DecayError
-        One is missing, so that the method does not apply; or there is a sensor term.
-    """
-    refuse_sensors(library)
-    forces = [library.role(formula) for formula in formulas]
-    if None in forces:
-        raise DecayError(
-            f"{scope_of(method).sentence_label} wants a force of formula {formulas[forces.index(None)]}, and "
-            "the library has none."
-        )
-    return library.select(force.symbol for force in forces if force is not None)
 
 
 def one_record(method: Method, decay: Any) -> xr.Dataset:

@@ -12,7 +12,8 @@ from scipy.interpolate import CubicSpline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods.classical import needed_forces, one_record
+from sysid_trib.forces.selection import needed_forces
+from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.equilibrium import with_half_periods
@@ -187,7 +188,7 @@ class WindowedERA:
             Several decays.
         """
         decay = one_record(self, decay)
-        asked = needed_forces(self, library, ["2*v"])
+        asked = needed_forces(library, ["2*v"], self.scope.sentence_label)
         table, *windows = fit_windows(decay)
         values, influence, ratios = zip(*(_mean(*part) for part in _linear(*windows)), strict=True)
         scaled = np.stack(influence) * np.maximum(1.0, ratios)[:, None]
