@@ -132,26 +132,22 @@ def _predictions(
     names, of_parameters = parameters_of(result)
     by = (*names, FREQUENCY)
     states, covariance, by_states = _filtered(tracked, starts, by)
-    time, w = tracked.time, tracked.model.reference_frequency
-    leads = 2.0 * np.pi / w * ahead
-    targets = _nearest(time, time[starts][:, None] + leads)
-    times = np.where(targets >= 0, time[targets], time[starts][:, None] + leads)
-    model = tracked.model
-    predicted, variance = np.empty(times.shape), np.empty(times.shape)
+    model, time, w, at = tracked.model, tracked.time, tracked.model.reference_frequency, tracked.time[starts]
+    wanted = at[:, None] + 2.0 * np.pi / w * ahead
+    targets = _nearest(time, wanted)
+    times = np.where(targets >= 0, time[targets], wanted)
+    predicted, variance = np.empty((2, *times.shape))
     size = states.shape[1] - 1
     still = np.broadcast_to(np.eye(size), (len(starts), size, size))
     now = Steps(states[:, :size], still, by_states[:, :size], np.zeros_like(still))
-    at = time[starts]
-    for j in range(len(leads)):
+    for j in range(len(ahead)):
         now = now.then(steps_over(model, w * (at - time[0]), w * (times[:, j] - at), now.end, by))
         at = times[:, j]
         shown, observed, by_sensor = sensor_on(model, at - time[0], now.end, by)
         predicted[:, j] = shown + states[:, size]
-        by_start = np.concatenate(
-            [np.einsum("oa,oab->ob", observed, now.transition), np.ones((len(starts), 1))], axis=1
-        )
-        by_parameter = np.einsum("oa,oap->op", observed, now.sensitivity) + by_states[:, size]
-        by_parameter += by_sensor
+        by_start = np.pad(np.einsum("oa,oab->ob", observed, now.transition), ((0, 0), (0, 1)))
+        by_start[:, size] = 1.0
+        by_parameter = np.einsum("oa,oap->op", observed, now.sensitivity) + by_states[:, size] + by_sensor
         variance[:, j] = (
             np.einsum("oa,oab,ob->o", by_start, covariance, by_start)
             + tracked.per_tau * np.einsum("oa,oab,ob->o", observed, now.diffusion, observed)

@@ -8,6 +8,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.likelihood.sensor_noise import autocorrelation, ljung_box_p_value
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
+from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import variable, with_error
 
@@ -95,19 +96,17 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
 def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
     """`innovations` of a record that was followed before."""
     innovation, deviation = tracked.innovations()
-    lags = np.arange(1, 1 + min(LAGS, max(1, len(innovation) // 4)))
+    lags, spans = np.arange(1, 1 + min(LAGS, max(1, len(innovation) // 4))), _spans(tracked)
     correlation = autocorrelation(innovation / deviation, lags)
-    count = len(innovation)
-    white = ljung_box_p_value(correlation, lags, count)
-    spans = _spans(tracked)
+    white = ljung_box_p_value(correlation, lags, len(innovation))
     smoothed, force, force_error = _random_force(tracked, spans)
-    frequency = tracked.model.reference_frequency
-    rms = float(np.sqrt(np.mean(innovation**2)))
+    frequency, rms = tracked.model.reference_frequency, root_mean_square(innovation)
     width = float(np.median(np.diff(tracked.time[np.flatnonzero(np.diff(spans, prepend=-1))])))
-    text = "of the prediction one sample ahead"
     variables = {
         "innovation": variable("time", innovation, "innovation", "rad"),
-        "innovation_standard_deviation": variable("time", deviation, f"standard deviation {text}", "rad"),
+        "innovation_standard_deviation": variable(
+            "time", deviation, "standard deviation of the prediction one sample ahead", "rad"
+        ),
         "smoothed_angle": variable("time", smoothed[0], "angle of the smoothed motion", "rad"),
         "smoothed_rate": variable("time", frequency * smoothed[1], "rate of the smoothed motion", "rad/s"),
         **with_error("random_force", ("time",), (force, force_error), "random force", "rad/s^2"),
@@ -121,12 +120,11 @@ def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
 
 def _spans(tracked: TrackedRecord) -> Index:
     """Number of the span in which each sample's next step lies, (sample,) array of int."""
-    time = tracked.time
-    step = float(np.median(np.diff(time)))
+    time, frequency = tracked.time, tracked.model.reference_frequency
     if tracked.ratio == 0.0:
         # There is no force to resolve; what is shown is zero.
         return np.arange(len(time))
-    frequency = tracked.model.reference_frequency
+    step = float(np.median(np.diff(time)))
     resolved = 2.0 * (frequency * step / tracked.ratio) ** 0.25 / frequency
     width = max(1.0, np.round(resolved / step)) * step
     return np.floor((time - time[0]) / width + 1e-9).astype(int)
@@ -159,11 +157,9 @@ def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, A
 
 def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
     """The record's linear model with the impulse in each span as a state."""
-    linear, steps = tracked.linear, tracked.linear.steps
-    size = linear.path.shape[1]
-    weights, rest = _impulse_of_step(
-        tracked.model.reference_frequency * np.diff(tracked.time), steps.diffusion[:, :2, :2]
-    )
+    steps, size = tracked.linear.steps, tracked.linear.path.shape[1]
+    length = tracked.model.reference_frequency * np.diff(tracked.time)
+    weights, rest = _impulse_of_step(length, steps.diffusion[:, :2, :2])
     goes_on = np.append(0.0, spans[1:-1] == spans[:-2])
     selection = np.zeros((len(weights), size + 1, size + 1))
     selection[:, range(size + 1), range(size + 1)] = 1.0
@@ -171,7 +167,7 @@ def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
     diffusion = np.pad(steps.diffusion, ((0, 0), (0, 1), (0, 1)))
     diffusion[:, size, size] = rest
     diffusion = selection @ diffusion @ selection.swapaxes(1, 2)
-    return linear.with_further_state(goes_on, diffusion, 0.0)
+    return tracked.linear.with_further_state(goes_on, diffusion, 0.0)
 
 
 def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:

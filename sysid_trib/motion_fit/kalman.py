@@ -64,16 +64,8 @@ class LinearModel:
     ) -> "LinearModel":
         """The model with one more state behind the others, which no parameter moves; its path is zero.
 
-        Parameters
-        ----------
-        transition : (step,) array of float
-            From this state to its next.
-        diffusion : (step, state + 1, state + 1) array of float
-            Of all states.
-        shown : float
-            What the sensor shows of it.
-        first : (state + 1, state + 1) array of float, optional
-            As of the class.
+        `transition` : (step,) from this state to its next. `diffusion` : (step, state + 1, state + 1) of all
+        states. `shown` : what the sensor shows of it. `first` : as of the class, of all states.
         """
         behind = (0, 1)
         whole = np.pad(self.steps.transition, ((0, 0), behind, behind))
@@ -272,20 +264,10 @@ class LinearModel:
 def likely_ratio(
     linear: LinearModel, rows: Callable[[float], WhiteRows] | None = None, start: float | None = None
 ) -> VarianceRatio:
-    """The ratio per_tau / variance of most restricted likelihood.
+    """The ratio per_tau / variance of most restricted likelihood, near the last one (`start`).
 
-    Parameters
-    ----------
-    linear : LinearModel
-    rows : callable, optional
-        White rows of a ratio, in the place of the model's with all its columns.
-    start : float, optional
-        Where the ratio was last.
-
-    Raises
-    ------
-    DecayError
-        Friction holds the body all the time.
+    `rows` : white rows of a ratio, in the place of the model's with all its columns. A DecayError says that
+    friction holds the body all the time.
     """
     impulses = linear.steps.diffusion[:, 1, 1]
     # A body that friction holds is not pushed.

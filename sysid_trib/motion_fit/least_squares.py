@@ -256,8 +256,7 @@ def cramer_rao_bound(
     random force J are the innovations of these sensitivities over their size, by the Kalman filter about the
     motion that nothing pushes.
     """
-    time = np.asarray(time, dtype=float)
-    symbols = list(model.coefficients)
+    time, symbols = np.asarray(time, dtype=float), list(model.coefficients)
     start = np.array([angle, rate], dtype=float)
     ratio = RandomForce(random_force).per_tau(model.reference_frequency) / noise**2
     sensitivity = whitened(model, time, (angle, rate), ratio, sensitivities(model, time, start, free))
@@ -269,15 +268,12 @@ def cramer_rao_bound(
         dependent = [name for name, part in zip(names, axes[-1], strict=False) if abs(part) > 1e-3]
         raise UsageError(f"No record can determine {' and '.join(dependent)} together; leave one out.")
     covariance = noise**2 * (axes.T / singular**2) @ axes / np.outer(size, size)
-    count, both = len(symbols), ("force", "other_force")
-    error = np.sqrt(np.diag(covariance))
-    bounds = xr.Dataset(
-        {
-            "standard_error": variable("force", error[:count], "Cramér-Rao bound"),
-            "covariance": variable(both, covariance[:count, :count], "smallest covariance"),
-        },
-        {"force": symbols, "other_force": symbols},
-    )
+    count, both, error = len(symbols), ("force", "other_force"), np.sqrt(np.diag(covariance))
+    of_forces = {
+        "standard_error": variable("force", error[:count], "Cramér-Rao bound"),
+        "covariance": variable(both, covariance[:count, :count], "smallest covariance"),
+    }
+    bounds = xr.Dataset(of_forces, {"force": symbols, "other_force": symbols})
     scalars = {"start_angle": "rad", "start_rate": "rad/s", "reference_frequency": "rad/s"}
     for (name, units), value in zip(scalars.items(), [*error[count:], 0.0], strict=False):
         long_name = f"Cramér-Rao bound of the {name.replace('_', ' ')}"

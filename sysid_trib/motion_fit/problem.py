@@ -65,6 +65,11 @@ class WhitenedRecord:
         """Largest angle of the motion, rad."""
         return float(np.max(np.abs(self.angle))) if self.swing is None else self.swing
 
+    def first(self, part: float) -> "WhitenedRecord":
+        """The first part of the samples that count, and those before."""
+        count = self.uncounted + max(20, round(part * (len(self.time) - self.uncounted)))
+        return replace(self, time=self.time[:count], angle=self.angle[:count])
+
     def residual(self, model: Model, per_run: Array) -> Array:
         """Motion minus record.
 
@@ -163,15 +168,7 @@ class FitProblem:
 
     def first(self, part: float) -> "FitProblem":
         """The problem of the first part of each record."""
-        counts = [
-            record.uncounted + max(20, round(part * (len(record.time) - record.uncounted)))
-            for record in self.records
-        ]
-        cut = [
-            replace(record, time=record.time[:count], angle=record.angle[:count])
-            for record, count in zip(self.records, counts, strict=True)
-        ]
-        return replace(self, records=tuple(cut))
+        return replace(self, records=tuple(record.first(part) for record in self.records))
 
     def with_filters(self, filters: Sequence[Array]) -> "FitProblem":
         """The problem with a filter for each run that whitens its noise."""
@@ -209,13 +206,10 @@ class FitProblem:
         parameters, record = self.parameters, self.records[run]
         table = np.zeros((len(here), len(values)))
         *starts, offset = range(len(values))[parameters.of_run(run)]
-        moving = [
-            i for i in parameters.acting(run) if parameters.common[i] not in parameters.constraints.fixed
-        ]
-        names = [*(parameters.common[i] for i in moving), BY_ANGLE, BY_RATE]
-        start = parameters.per_run(values)[run]
-        places = [*moving, *starts]
-        columns = record.sensitivity(parameters.model(values, run), start, names)
+        fixed, common = parameters.constraints.fixed, parameters.common
+        moving = [i for i in parameters.acting(run) if common[i] not in fixed]
+        names, places = [*(common[i] for i in moving), BY_ANGLE, BY_RATE], [*moving, *starts]
+        columns = record.sensitivity(parameters.model(values, run), parameters.per_run(values)[run], names)
         if columns is not None:
             table[:, places], table[:, offset] = columns, 1.0
             return table
@@ -255,14 +249,9 @@ class FitProblem:
         places = [at for at, name in enumerate(parameters.common) if at < count or name == FREQUENCY]
         of_both = np.zeros((count + 1, count + 1))
         of_both[: len(places), : len(places)] = covariance[np.ix_(places, places)]
-        estimate = Estimate(
-            values[:count],
-            of_both,
-            model.reference_frequency,
-            noises,
-            {**start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2]), **extra},
-        )
-        method = replace(method, shapes=dict(model.shapes))
+        of_starts = start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2])
+        frequency, method = model.reference_frequency, replace(method, shapes=dict(model.shapes))
+        estimate = Estimate(values[:count], of_both, frequency, noises, {**of_starts, **extra})
         runs = one_or_all(self.runs)
         result = identification(method, runs, parameters.library, estimate, offered=self.offered)
         if "shape" in result:

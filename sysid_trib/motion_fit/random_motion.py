@@ -69,14 +69,9 @@ class Iterate:
     ratios: Sequence[VarianceRatio] = ()
 
     def with_ratios(self, density: float | None, before: "Iterate | None") -> "Iterate":
-        """Iterate with the ratio of each run, by its own restricted likelihood or by a given density.
+        """Iterate with the ratio of each run, of a density ((rad/s^2)^2/Hz) or by its restricted likelihood.
 
-        Parameters
-        ----------
-        density : float or None, (rad/s^2)^2/Hz
-            None where it is estimated.
-        before : Iterate or None
-            The last one, near which the ratios are.
+        Near those of the last iterate, if there is one.
         """
         frequency, ratios = self.parameters.model(self.values).reference_frequency, []
         for run, linear in enumerate(self.linear):
@@ -284,11 +279,9 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
 
 def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Array]]) -> Iterate:
     """The runs about their paths."""
-    parameters = problem.parameters
-    model, linear = parameters.model(values), []
-    for record, (path, rate_error), start in zip(
-        problem.records, paths, parameters.per_run(values), strict=True
-    ):
+    parameters, linear = problem.parameters, []
+    model, starts = parameters.model(values), parameters.per_run(values)
+    for record, (path, rate_error), start in zip(problem.records, paths, starts, strict=True):
         of_run, given = replace(model, inputs=record.inputs), (record.time, record.angle)
         around = linearised_about(of_run, given, path, start, parameters.common, rate_error)
         linear.append(replace(around, sensor_filter=record.filter_))
