@@ -103,10 +103,10 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
         `parts` of which the residual is made beyond the noise, largest first, and `where` it acts.
     """
     departures = [
-        (departure_time(run.time, run.residual, run.noise.standard_deviation, half_period(run.motion.x)), at)
-        for at, run in enumerate(runs)
+        departure_time(run.time, run.residual, run.noise.standard_deviation, half_period(run.motion.x))
+        for run in runs
     ]
-    first = min((pair for pair in departures if np.isfinite(pair[0])), default=(np.nan, 0))
+    first, at = min((time, run) for run, time in enumerate(np.nan_to_num(departures, nan=np.inf).tolist()))
     spans = [_demodulated(at, run) for at, run in enumerate(runs)]
     values: dict[str, Any] = {name: np.concatenate([of_run[name] for of_run in spans]) for name in spans[0]}
     terms = {name: (values[name], values.pop(f"{name} error")) for name in DEMODULATED}
@@ -118,7 +118,7 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
     parts = _parts(terms, a)
     where = {"phase": where_phase, "amplitude": where_amplitude}
     values |= terms | {"frequency_error": slipping, "decay_error": decaying} | mean_missing_force(runs)
-    values |= {"departure_time": first[0], "departure_run": first[1]}
+    values |= {"departure_time": first if np.isfinite(first) else np.nan, "departure_run": at}
     place = where.get(parts[0], _place_of_rms(a, values["rms"])) if parts else ""
     return values, {"parts": parts, "where": place}
 
@@ -183,7 +183,7 @@ def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[s
 def _place_of_rms(a: Array, rms: Array) -> str:
     """Where the residual itself is largest."""
     large, small = rms[a > np.median(a)], rms[a <= np.median(a)]
-    ratio = float(np.mean(large) / max(float(np.mean(small)), 1e-300)) if len(large) and len(small) else 1.0
+    ratio = np.mean(large) / max(float(np.mean(small)), 1e-300) if len(large) and len(small) else 1.0
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
 
 
@@ -225,13 +225,12 @@ def _force(run: FreeMotion) -> Array:
     tau = model.reference_frequency * time
     angle, rate, curvature, _ = smooth(tau, run.residual)
     asked = -(curvature + angle)
-    for force in model.library:
-        if force.memoryless and force.kind == "force":
-            with_residual, without = (
-                force.value(motion.x + part * angle, motion.v + part * rate, time, shapes=model.shapes)
-                for part in (1.0, 0.0)
-            )
-            asked = asked - model.coefficients.get(force.symbol, 0.0) * (with_residual - without)
+    for force in (force for force in model.library if force.memoryless and force.kind == "force"):
+        with_residual, without = (
+            force.value(motion.x + part * angle, motion.v + part * rate, time, shapes=model.shapes)
+            for part in (1.0, 0.0)
+        )
+        asked = asked - model.coefficients.get(force.symbol, 0.0) * (with_residual - without)
     # A spline bends freely in the quarter period before its ends.
     inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
     return np.where(inside, asked, np.nan)

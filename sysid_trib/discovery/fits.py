@@ -22,12 +22,6 @@ from sysid_trib.likelihood.trials import TrialEffect, reference_power
 def evidence(model: FittedModel, effects: Sequence[str]) -> float:
     """Minus twice the logarithm of the evidence of a model, for its effects besides those of the start.
 
-    Parameters
-    ----------
-    model : FittedModel
-    effects : sequence of str
-        Symbols besides the start model's.
-
     Notes
     -----
     Laplace's approximation (MacKay 1992; Kass and Raftery 1995). The prior of a coefficient holds the

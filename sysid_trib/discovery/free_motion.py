@@ -21,8 +21,7 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.internal_states import begun_after
-from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
+from sysid_trib.simulation.model import Model, sensor_error
 
 
 @dataclass(frozen=True)
@@ -92,8 +91,8 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         coefficients={f.symbol: model.coefficients[f.symbol] for f in model.forces},
         inputs=path.inputs,
     )
-    error = _sensor_error(model, path.elapsed, *path.at_samples)
     x, v = path.at_samples
+    error, *_ = sensor_error(model, path.elapsed, x, v, ())
     begin = float(x[0]), float(v[0] * path.frequency)
     try:
         # What is too stiff is not waited for.
@@ -101,15 +100,8 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
     except SimulationError:
         # A model without a motion of its own has that which the record leaves it.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
-    error = _sensor_error(model, path.elapsed, motion.x, motion.v)
+    error, *_ = sensor_error(model, path.elapsed, motion.x, motion.v, ())
     return FreeMotion(path.time, motion, path.angle - motion.offset - error - motion.x, noise, model)
-
-
-def _sensor_error(model: Model, elapsed: Array, x: Array, v: Array) -> Array:
-    total = np.zeros_like(x)
-    for force in model.sensors:
-        total = total + model.coefficients[force.symbol] * force.value(x, v, elapsed, shapes=model.shapes)
-    return total
 
 
 def random_forces(model: FittedModel) -> list[RandomForce]:

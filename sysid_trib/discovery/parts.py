@@ -40,17 +40,12 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     Rao's score test, in both noises of each run. A force of another form than the model's changes from run to
     run with the amplitude: the test says that the runs ask for different coefficients, not why.
     """
-    chi_square, count, most = zip(*(_differing(model) for model in models), strict=True)
-    p_value = chi2.sf(chi_square, count)
+    names = ("chi_square", "degrees_of_freedom", "most")
+    found = dict(zip(names, map(list, zip(*map(_differing, models), strict=True)), strict=True))
+    p_value = chi2.sf(found["chi_square"], found["degrees_of_freedom"])
     gains = [before.deviance - after.deviance for before, after in pairwise(models)]
-    return {
-        "chi_square": list(chi_square),
-        "degrees_of_freedom": list(count),
-        "p_value": p_value,
-        "differ": p_value < models[0].settings.level,
-        "most": list(most),
-        "gain": [*gains, np.nan],
-    }
+    differ = p_value < models[0].settings.level
+    return {**found, "p_value": p_value, "differ": differ, "gain": [*gains, np.nan]}
 
 
 def _differing(model: FittedModel) -> tuple[float, int, str]:
@@ -201,8 +196,10 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
 def _best(screening: Screening, symbol: str) -> int:
     """The testable trial of a force with the least error, in units of its force; else any."""
     of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
-    good = [i for i in of_force if not screening.reasons[i]]
-    size = screening.errors * screening.relative_force
+    good, size = (
+        [i for i in of_force if not screening.reasons[i]],
+        screening.errors * screening.relative_force,
+    )
     return min(good, key=lambda i: float(size[i])) if good else of_force[0]
 
 

@@ -157,10 +157,8 @@ class Screening:
         # With a random force stronger than the noise a path follows the record, the sensor's errors too.
         if force.kind == "sensor" and np.max(self.model.likelihood.ratios) > 1.0:
             return 1.0
-        family = force.family
-        return (
-            settings.family_tolerance if family in {force.family for force in fitted} else settings.tolerance
-        )
+        near = any(force.family == other.family for other in fitted)
+        return settings.family_tolerance if near else settings.tolerance
 
     def allows(self, at: int, coefficient: ArrayLike) -> Mask:
         """True if physics allows a trial this coefficient, or these."""

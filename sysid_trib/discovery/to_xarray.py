@@ -103,7 +103,7 @@ def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
 
 def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
     """Score, p-value, coefficient and shapes of every candidate before each effect and at the end."""
-    symbols = list(offered.symbols)
+    symbols, level = list(offered.symbols), search.models[0].settings.level
     names = [f"{force.symbol}.{name}" for force in offered for name in force.shape]
     z, p_value, coefficient = np.full((3, len(search.screenings), len(symbols)), np.nan)
     shapes = np.full((len(search.screenings), len(names)), np.nan)
@@ -118,18 +118,10 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
                 z[i, j], p_value[i, j] = screening.z[at], screening.p_values[at]
                 coefficient[i, j] = screening.coefficients[at]
     tests = np.array([screening.tests for screening in search.screenings])
-    level = search.models[0].settings.level
-    values: dict[str, Any] = {
-        "z": z,
-        "p_value": p_value,
-        "significant": p_value < level,
-        "coefficient": coefficient,
-        "testable": reasons == "",
-        "reason": reasons,
-        "independent_tests": tests,
-        "threshold": norm.isf(level / (2.0 * tests)),
-        "significance_level": level,
-    }
+    values: dict[str, Any] = {"z": z, "p_value": p_value, "significant": p_value < level}
+    values |= {"coefficient": coefficient, "testable": reasons == "", "reason": reasons}
+    values |= {"independent_tests": tests, "threshold": norm.isf(level / (2.0 * tests))}
+    values |= {"significance_level": level}
     coords: dict[str, Any] = {"candidate": symbols, **_labels(offered.forces, ("name", "family", "unit"))}
     if names:
         # netCDF has no empty axis.
@@ -262,13 +254,9 @@ def _competing_shapes(search: Search) -> dict[str, Array]:
 
 def _omnibus(search: Search) -> xr.Dataset:
     """At each selection step the tests that know no candidate."""
-    p_value = np.array([screening.omnibus_p_value for screening in search.screenings])
-    values = {
-        "z": [screening.omnibus_z for screening in search.screenings],
-        "widening": [screening.widening for screening in search.screenings],
-        "p_value": p_value,
-        "significant": p_value < search.models[0].settings.level,
-    }
+    names = {"z": "omnibus_z", "widening": "widening", "p_value": "omnibus_p_value"}
+    values = {name: np.array([getattr(s, of) for s in search.screenings]) for name, of in names.items()}
+    values["significant"] = values["p_value"] < search.models[0].settings.level
     return _group("omnibus", values, {"trial_force": trial_names()})
 
 
