@@ -158,9 +158,8 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
     for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.tolerance(at, ()) >= 1.0)):
         force, of_column = current.trials[at].force, float(current.gains[at])
         tolerance = max(off, current.tolerance(at, [added.trials[-1].force for added in models]))
-        if of_column <= (1.0 - tolerance) * gain_of_column:
-            continue
-        if frozenset((*current.effects, force.symbol)) in fits.by_chance:
+        by_chance = frozenset((*current.effects, force.symbol)) in fits.by_chance
+        if by_chance or of_column <= (1.0 - tolerance) * gain_of_column:
             continue
         added = move_of(current, fits, (), [at], min([limit, *map(fits.evidence, models)]))
         if added is None:

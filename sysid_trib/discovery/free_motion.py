@@ -108,11 +108,8 @@ def random_forces(model: FittedModel) -> list[RandomForce]:
     """The random force of a model in each of its runs."""
     of_fit, frequency = model.likelihood, model.rows[0].path.frequency
     densities = [RandomForce.density_of(q, frequency) for q in (of_fit.ratios * of_fit.variances).tolist()]
-    parts = zip(densities, of_fit.ratio_errors, of_fit.gains, strict=True)
-    return [
-        RandomForce(density, density * error, RandomForce.p_value_of_gain(gain))
-        for density, error, gain in parts
-    ]
+    each = zip(densities, of_fit.ratio_errors, of_fit.gains, strict=True)
+    return [RandomForce(q, q * error, RandomForce.p_value_of_gain(gain)) for q, error, gain in each]
 
 
 def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:

@@ -73,9 +73,7 @@ def trial_columns(path: RecordPath) -> Array:
     points = path.points
     amplitude, phase = np.hypot(points.x, points.v), np.arctan2(-points.v, points.x)
     r = amplitude / np.max(amplitude)
-    waves = [np.ones_like(phase)]
-    for m in TRIAL_HARMONICS:
-        waves += [np.cos(m * phase), np.sin(m * phase)]
+    waves = [np.ones_like(phase), *(f(m * phase) for m in TRIAL_HARMONICS for f in (np.cos, np.sin))]
     forces = np.stack([r**k * wave for k in TRIAL_POWERS for wave in waves], axis=1)
     return np.asarray(points.integrals @ forces)
 
@@ -222,10 +220,8 @@ def _p_value_by_simulation(
         without = likelihood(draw, every[: model.columns]).deviance
         gains.append(max(0.0, without - likelihood(draw, every).deviance))
     mean, variance = float(np.mean(gains)), float(np.var(gains, ddof=1))
-    if variance <= 0.0:
-        return 1.0
-    degrees_of_freedom = 2.0 * mean**2 / variance
-    return float(chi2.sf(gain * degrees_of_freedom / mean, degrees_of_freedom))
+    count = 2.0 * mean**2 / variance if variance > 0.0 else np.inf
+    return float(chi2.sf(gain * count / mean, count)) if np.isfinite(count) else 1.0
 
 
 def _of_noise(

@@ -241,9 +241,9 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
     fewer than three.
     """
     better = []
-    for before in predictions[:-1]:
+    for before, _ in predictions[:-1]:
         with np.errstate(invalid="ignore"):
-            difference = predictions[-1][0] - before[0]
+            difference = predictions[-1][0] - before
         # Without periods in which a model's errors are not finite.
         difference = difference[np.isfinite(difference)]
         known = len(difference) >= 3 and np.ptp(difference)
@@ -274,7 +274,7 @@ def noise_p_value(model: FittedModel, runs: Sequence[xr.Dataset], unseen: Callab
         return 1.0
     followed = FollowedRuns(dict(enumerate(runs)), model_identification(model, motions, runs, None))
     try:
-        tested = [dependence_on_motion(followed, at).p_value.item() for at in range(len(runs))]
+        least = min(dependence_on_motion(followed, at).p_value.item() for at in range(len(runs)))
     except SysidTribError:
         return 0.0
-    return float(min(1.0, FAMILIES * len(tested) * min(tested)))
+    return float(min(1.0, FAMILIES * len(runs) * least))

@@ -168,17 +168,15 @@ def _expected_density(force: RandomForce) -> float:
 
 def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | None) -> Index:
     """Samples to predict from."""
-    time = tracked.time
-    period = 2.0 * np.pi / tracked.model.reference_frequency
+    time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
     first = time[0] + SETTLING_PERIODS * period
-    if origins is None:
-        origins = list(np.arange(first, time[-1] - longest * period, longest * period))
-        if not origins:
-            raise DecayError(
-                f"No prediction of {longest:g} periods fits into this record after "
-                f"{SETTLING_PERIODS:g} periods for the start; ask for fewer periods."
-            )
-    times = np.asarray(origins, dtype=float)
+    usual = np.arange(first, time[-1] - longest * period, longest * period) if origins is None else origins
+    if origins is None and not len(usual):
+        raise DecayError(
+            f"No prediction of {longest:g} periods fits into this record after "
+            f"{SETTLING_PERIODS:g} periods for the start; ask for fewer periods."
+        )
+    times = np.asarray(usual, dtype=float)
     if not (len(times) and np.all(np.isfinite(times)) and times.min() >= first and times.max() <= time[-1]):
         raise DecayError(
             f"Predictions start between {first:.4g} s, after {SETTLING_PERIODS:g} periods for the start, and "
