@@ -13,7 +13,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records import inputs, probe, tables
+from sysid_trib.records import inputs, tables
+from sysid_trib.records.probe import check_binary
 from sysid_trib.results.variables import record_groups
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
@@ -232,7 +233,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             hdf5 = file.read(4) == b"\x89HDF"
         if not hdf5:
             raise RecordError(f"{place.name}: not a result in netCDF, as commands write with -o.")
-        probe.check_binary(place, "read_tree")
+        check_binary(place, "read_tree")
         with xr.open_datatree(place, engine="h5netcdf") as tree:
             return current_format(tree.load(), place)
     except RecordError:

@@ -96,7 +96,7 @@ def identify(
     single = method is not None and not isinstance(method, Sequence)
     asked: Sequence[Any] = [method] if single else method or []  # type: ignore[assignment]
     library = checked_library("identify", library, asked)
-    chosen = [constrained(one, Constraints(constraints)) for one in asked or usual_methods(decay, library)]
+    chosen = [constrained(kind, Constraints(constraints)) for kind in asked or usual_methods(decay, library)]
     if single:
         (result,) = identifications(decay, library, chosen)
         return result if contactless is None else with_contactless_frequency(result, *contactless)
