@@ -10,8 +10,8 @@ from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
+from sysid_trib.physics import arrest_time, dissipated_energy
 from sysid_trib.physics.contact import SLIP_RATIO, contact_stiffness, slip_fingerprint, sphere_stiffness
-from sysid_trib.physics.energy import arrest_time, dissipated_energy
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.si_units import inertia_with_mass, physical_units
 from sysid_trib.simulation.simulate import simulate, trajectory

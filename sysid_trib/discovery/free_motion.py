@@ -22,6 +22,7 @@ from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.internal_states import begun_after
 from sysid_trib.simulation.model import Model, sensor_error
+from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 
 
 @dataclass(frozen=True)

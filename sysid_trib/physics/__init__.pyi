@@ -4,7 +4,12 @@ from sysid_trib.physics.contact import (
     slip_fingerprint as slip_fingerprint,
     sphere_stiffness as sphere_stiffness,
 )
-from sysid_trib.physics.force_weights import crossovers as crossovers, weights as weights
+from sysid_trib.physics.force_weights import (
+    crossovers as crossovers,
+    dissipated_energy as dissipated_energy,
+    weights as weights,
+)
+from sysid_trib.physics.model_estimate import arrest_time as arrest_time
 from sysid_trib.physics.si_units import (
     in_si_units as in_si_units,
     inertia_with_mass as inertia_with_mass,
@@ -18,4 +23,3 @@ from sysid_trib.results.references import (
 from sysid_trib.validation.refits import sliding_coefficients as sliding_coefficients
 
 from ..results.schema import model_of as model_of
-from .energy import arrest_time as arrest_time, dissipated_energy as dissipated_energy

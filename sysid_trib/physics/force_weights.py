@@ -1,4 +1,4 @@
-"""How much each force weighs at an amplitude, and where two weigh the same."""
+"""What each force does in a cycle: its weight, its energy, and where two weigh the same."""
 
 import itertools
 from collections.abc import Callable, Mapping
@@ -13,9 +13,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles import one_cycle, signatures
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
+from sysid_trib.physics import model_estimate as estimates
 from sysid_trib.physics.model_estimate import ModelEstimate, amplitude_row, model_estimate
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described
+from sysid_trib.results.variables import described, with_error
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440
@@ -67,6 +68,68 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) 
         "frequency_share": shift_shares,
     }
     return estimate.over_amplitude(described("weights", data), amplitude)
+
+
+def dissipated_energy(
+    result: xr.Dataset,
+    amplitude: ArrayLike,
+    inertia: float | None = None,
+    *,
+    inertia_standard_error: float = 0.0,
+    time: ArrayLike = 0.0,
+) -> xr.Dataset:
+    """Energy that each force takes from a cycle, to first order in the forces.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    amplitude : float or (amplitude,) array of float, rad
+        A number or one row of them.
+    inertia : float, kg m^2, optional
+        Moment of inertia; without it energies are in units of I w^2.
+    inertia_standard_error : float, kg m^2
+        Its standard error.
+    time : float or (amplitude,) array of float, s
+        `t` of the formulas, at all amplitudes or at each.
+
+    Returns
+    -------
+    Dataset
+        Over `force` (and `amplitude`): `energy` = -2 pi a c <h sin phi> (rad^2, in units of I w^2; J with an
+        inertia; negative where a force feeds energy in) and `energy_share`, each over the sum of their
+        sizes; `total_energy` and `lost_fraction`, the total over a^2/2. Each with its standard error.
+
+    Raises
+    ------
+    UsageError
+        Not an identification, not positive angles, or no positive inertia.
+    """
+    estimate, a = model_estimate(result), amplitude_row(amplitude)
+    if inertia is not None:
+        estimates.check_quantity("inertia", inertia, inertia_standard_error)
+    at = np.broadcast_to(np.asarray(time, float), a.shape)
+    sine = np.array([signatures.averages(f, a, estimate.shapes, at)[0] for f in estimate.forces])
+    unit = -2.0 * np.pi * a * sine
+    taken, covariance = estimate.coefficients[:, None] * unit, estimate.coefficient_covariance
+
+    def energies(z: Array) -> Array:
+        """Energy of each force, of all, and of all as a part of a^2/2."""
+        of_forces, factor = z[: len(unit), None] * unit, 1.0 if inertia is None else z[-1] * z[-2] ** 2
+        total = of_forces.sum(axis=0)
+        return np.vstack([factor * of_forces, factor * total, total / (0.5 * a**2)])
+
+    energy, error = estimates.propagate(
+        energies, *estimate.with_inertia(inertia or 1.0, inertia_standard_error)
+    )
+    units, both = "rad2" if inertia is None else "J", ("force", "amplitude")
+    data = (
+        with_error("energy", both, (energy[:-2], error[:-2]), "energy taken from a cycle", units)
+        | described("weights", {"energy_share": shares(taken, unit, covariance)})
+        | with_error("total_energy", both[1:], (energy[-2], error[-2]), "energy lost in a cycle", units)
+        | with_error("lost_fraction", both[1:], (energy[-1], error[-1]), "part of the energy lost in a cycle")
+    )
+    return estimate.over_amplitude(data, amplitude)
 
 
 def shares(terms: Array, unit: Array, covariance: Array) -> tuple[Array, Array]:

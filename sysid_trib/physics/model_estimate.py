@@ -1,4 +1,4 @@
-"""An identified model at one reference with the covariance of its numbers, propagated to first order."""
+"""An identified model at one reference, its covariance propagated to first order, and when it stops."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,11 +8,13 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.errors import UsageError
+from sysid_trib.cycles.averaged_motion import predict_envelope
+from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.results.schema import covariance_with_frequency, library_of, shape_values_of
 from sysid_trib.results.variables import Variables, variable, with_error
 from sysid_trib.simulation.model import Model, rescaling_factors
+from sysid_trib.simulation.simulate import trajectory
 
 
 def propagate(
@@ -230,3 +232,64 @@ def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
         whole[:count, -1] = whole[-1, :count] = slope * its_error**2
         whole[-1, -1] = its_error**2
     return whole
+
+
+def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
+    """When the motion stops, from rest at an amplitude.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    amplitude : float, rad
+        At which the motion starts.
+
+    Returns
+    -------
+    Dataset
+        `arrest_time`, by the averaged equations (s, nan if the motion fades or goes on) and its standard
+        error, and `stop_time` of the exact motion (s, in steps of about half a period; nan if it does not
+        stop, or only after 20,000 periods).
+
+    Raises
+    ------
+    UsageError
+        Not an identification, or not a positive angle.
+
+    Notes
+    -----
+    With dry and viscous friction ln(1 + pi zeta a/(2 lambda))/(zeta w), of which the paper's remaining time
+    pi/(4 zeta w) after a = lambda/(2 zeta) is a rough bound (Le Bot et al. 2019, Sec. 4).
+    """
+    estimate = model_estimate(result)
+    if np.ndim(amplitude):
+        raise UsageError("One amplitude (rad) at which the motion starts is needed.")
+    start = float(amplitude_row(amplitude)[0])
+
+    def arrest(values: Array) -> float:
+        try:
+            return float(predict_envelope(estimate.model(values), [0.0], start).arrest_time)
+        except SimulationError:
+            return np.nan
+
+    end, error = arrest(estimate.values), np.nan
+    if np.isfinite(end):
+        error = float(propagate(arrest, estimate.values, estimate.covariance)[1])
+    stop = _exact_stop(estimate, start, end)
+    data = with_error("arrest_time", (), (end, error), "arrest of the averaged motion", "s")
+    data["stop_time"] = variable((), stop, "stop of the exact motion", "s")
+    at = variable((), start, "amplitude at the start", "rad")
+    return xr.Dataset(data, {"amplitude": at}, estimate.provenance)
+
+
+def _exact_stop(estimate: ModelEstimate, start: float, averaged: float) -> float:
+    period = 2.0 * np.pi / estimate.frequency
+    # Of periods: a longer motion is not simulated to its end.
+    if not averaged < 20_000 * period:
+        return np.nan
+    # Averaging errs by no more than a few periods and a part of the whole.
+    time = np.array([0.0, 1.2 * averaged + 5.0 * period])
+    try:
+        return float(trajectory(estimate.model(estimate.values), time, start, 0.0).stop_time)
+    except SimulationError:
+        return np.nan

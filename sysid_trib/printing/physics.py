@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.errors import LibraryError
 from sysid_trib.physics.contact import SIGNIFICANT_FRICTION, slip_fingerprint, speaks_of_slip
-from sysid_trib.physics.energy import arrest_time, dissipated_energy
-from sysid_trib.physics.force_weights import crossovers, weights
-from sysid_trib.physics.model_estimate import amplitude_row
+from sysid_trib.physics.force_weights import crossovers, dissipated_energy, weights
+from sysid_trib.physics.model_estimate import amplitude_row, arrest_time
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import ALWAYS, Block
 from sysid_trib.printing.layout import KEYS, by_label, mapped, per_label, quantity, text_table

@@ -31,6 +31,8 @@ USUAL_ANGLES = 1e-4, 1e4
 NO_SIGNAL = ("phase", "frequency", "refers_to", "omega0")
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2/Hz": 2}
 SHAPE_VARIABLES = ("shape", "shape_standard_error", "competing_shape")
+# Units of what is counted by coefficients.
+PER_FORCE = (PER_FORCE_UNIT, "1; rad/s for the frequency")
 UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
 
 
@@ -125,7 +127,7 @@ class _SignalScale:
             if power:
                 values = variable.values * factor**power
                 changed[name] = (variable.dims, values, attrs | {"units": units.replace(old, new)})
-            elif units == PER_FORCE_UNIT or _per_force(name, units) or name in SHAPE_VARIABLES:
+            elif units in PER_FORCE or name == "frequency_covariance" or name in SHAPE_VARIABLES:
                 # Of the shapes of what competes, those of each step are in one row.
                 dims = variable.dims[-1:] if name in SHAPE_VARIABLES else variable.dims
                 changed[name] = (variable.dims, (variable * self._factors(data, dims, factor)).values, attrs)
@@ -280,11 +282,6 @@ def _power(name: str, units: str, old: str) -> int:
     if any(part in name for part in NO_SIGNAL) or old not in units:
         return 0
     return POWERS.get(units.replace(old, ANGLE_UNIT), 0)
-
-
-def _per_force(name: str, units: str) -> bool:
-    """True if a variable with a frequency's unit is one by coefficients: their covariance with it."""
-    return name == "frequency_covariance" or units == "1; rad/s for the frequency"
 
 
 def _labels(data: xr.Dataset, dim: str) -> Any:

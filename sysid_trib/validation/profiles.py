@@ -64,18 +64,15 @@ class Profile:
         """The best fit's value."""
         return float(self.likelihood.best.values[self.likelihood.parameters.index(self.name)])
 
-    def limit(self, sign: float) -> float:
-        """Give the place of the parameter's limit on one side."""
+    def end(self, sign: float) -> float:
+        """Where the deviance refuses the parameter on one side; infinite, or its limit, where it does not."""
         parameters = self.likelihood.parameters
-        limit = float(parameters.limits[int(sign > 0.0)][parameters.index(self.name)])
-        return sign * max(0.0, sign * (limit - self.estimate) / self.error)
-
-    def end(self, sign: float, root: float = END_ROOT) -> float:
-        """Where the root of the deviance is so large on one side; infinite, or the limit, where it is not."""
-        at, step, limit = 0.0, STEP_OUT, self.limit(sign)
+        farthest = float(parameters.limits[int(sign > 0.0)][parameters.index(self.name)])
+        limit = sign * max(0.0, sign * (farthest - self.estimate) / self.error)
+        at, step = 0.0, STEP_OUT
         for _ in range(MOST_STEPS_OUT):
             at = sign * min(abs(at) + step, abs(limit))
-            if self._look(at) >= root:
+            if self._look(at) >= END_ROOT:
                 break
             if at == limit:
                 return limit
@@ -84,10 +81,10 @@ class Profile:
             return sign * np.inf
         for _ in range(MOST_LOOKS):
             # The root is nearly a straight line: the end by interpolation, looked at once more.
-            at = self._by_root(sign * root)
-            if abs(self._look(at) - root) < END_TOLERANCE:
+            at = self._by_root(sign * END_ROOT)
+            if abs(self._look(at) - END_ROOT) < END_TOLERANCE:
                 break
-        return self._by_root(sign * root)
+        return self._by_root(sign * END_ROOT)
 
     def _look(self, at: float) -> float:
         """The root of the deviance at a place, by a fit from the nearest one towards the best."""
