@@ -1,6 +1,7 @@
 """Which columns of a table are times and signal, where names, units and the swing make that certain."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -151,17 +152,15 @@ def _candidate(column: Column, time: Column | None) -> _Candidate | None:
     # Fewer numbers are none that move.
     if np.count_nonzero(np.isfinite(values)) < 3:
         return None
-    try:
+    with suppress(SysidTribError):
         stamps = np.arange(values.size) if time is None else time.numbers
-        if stamps.size != values.size:
-            return _Candidate(column, values, None)
-        clock, rows, _, _ = read_clock(stamps.astype(float), 1.0, column.source, values)
-        good = np.isfinite(values[rows])
-        turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-        whole, _ = unwrapped(values[rows][good], turn)
-        return _Candidate(column, values, *swing_within(clock[good], unwrapped_anywhere(whole)[0]))
-    except SysidTribError:
-        return _Candidate(column, values, None)
+        if stamps.size == values.size:
+            clock, rows, _, _ = read_clock(stamps.astype(float), 1.0, column.source, values)
+            good = np.isfinite(values[rows])
+            turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
+            whole, _ = unwrapped(values[rows][good], turn)
+            return _Candidate(column, values, *swing_within(clock[good], unwrapped_anywhere(whole)[0]))
+    return _Candidate(column, values, None)
 
 
 def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[Column, str]:

@@ -39,12 +39,13 @@ def begun_with(force: Force, values: Mapping[str, float]) -> Force:
     return replace(force, start=starts)
 
 
-def leading(tau: Array, x: Array, v: Array) -> Forcing:
+def leading(force: Force, tau: Array, x: Array, v: Array) -> Forcing:
     """What leads a body without forces along the cubics through angles and rates (Hermite), from tau = 0."""
     cube, square, slope, value = CubicHermiteSpline(tau, x, v).c
-    # x'' + x of each cubic.
-    forcing = np.stack([value + 2.0 * square, slope + 6.0 * cube, square, cube], axis=1)
-    return tau[:-1] - tau[0], forcing[:, None], np.zeros((len(forcing), 2))
+    forcing = np.zeros((len(tau) - 1, 1 + len(force.channels), 4))
+    # x'' + x of each cubic; inputs of the force, which does not act, are zero.
+    forcing[:, 0] = np.stack([value + 2.0 * square, slope + 6.0 * cube, square, cube], axis=1)
+    return tau[:-1] - tau[0], forcing, np.zeros((len(forcing), 2))
 
 
 def states_along(
@@ -101,7 +102,7 @@ def states_along(
     elapsed = np.broadcast_to(np.asarray(time, dtype=float), tau.shape)
     force, span = force_counted_from(force, float(elapsed[0])), float(elapsed[-1] - elapsed[0])
     model = watched(force, shapes, float(tau[-1] - tau[0]) / span if span > 0.0 else FROZEN)
-    return _followed(force, model, tau - tau[0], (float(x[0]), float(v[0])), leading(tau, x, v))
+    return _followed(force, model, tau - tau[0], (float(x[0]), float(v[0])), leading(force, tau, x, v))
 
 
 def begun_after(
