@@ -41,8 +41,7 @@ class ClassicalMethod:
 
     scope: ClassVar[MethodScope]
     FORMULAS: ClassVar[tuple[str, ...]] = ()
-    # See `decrement`.
-    _relation: ClassVar[Any]
+    _relation: ClassVar[Any]  # see `decrement`
     _beta: ClassVar[Any] = staticmethod(np.asarray)
     _rates: ClassVar[bool] = False
 
