@@ -17,6 +17,7 @@ from sysid_trib.cycles.signatures import (
     indistinguishable,
     inseparable,
     signature,
+    tabulated_averages,
     without_signature,
 )
 from sysid_trib.errors import LibraryError, UsageError
@@ -130,6 +131,14 @@ def test_narrow_features_are_resolved():
     # A needle at x = 0.1: <h cos phi> = (width sqrt(pi)) cos phi/(pi a |sin phi|) to leading order.
     needle = signature(force("exp(-((x - 0.1)/0.0003)**2)"), 0.2).cosine.item()
     assert needle == pytest.approx(0.0003 * np.sqrt(pi) * 0.5 / (pi * 0.2 * np.sqrt(0.75)), rel=1e-4)
+
+
+@pytest.mark.parametrize(("symbol", "off"), [("dahl", 1e-12), ("stribeck", 1e-11), ("jenkins", 5e-6)])
+def test_series_are_the_averages(symbol, off):
+    a = np.geomspace(1e-3, 1.0, 60)
+    pairs = zip(tabulated_averages(candidate(symbol), a), averages(candidate(symbol), a), strict=True)
+    # Where a slip begins, the signature of the last has a kink.
+    assert all(np.all(np.abs(series - exact) <= off * a) for series, exact in pairs)
 
 
 def test_time_is_held_in_a_cycle_and_runs_with_the_amplitudes():
