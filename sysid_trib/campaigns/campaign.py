@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
-from sysid_trib.campaigns.rows import FAILED, LOST, REFUSED, Row, sole_writer
+from sysid_trib.campaigns.rows import LOST, Row, sole_writer
 from sysid_trib.campaigns.store import Store, as_dataset
 from sysid_trib.campaigns.study import CampaignRecords, record_at
 from sysid_trib.campaigns.task import Task, empty_row, rows_of
@@ -105,11 +105,9 @@ def campaign(
     with sole_writer(path):
         count = len(records)
         store = Store(path, task, records, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
-        changed = store.changed(records)
-        blocks = store.unfinished(changed)
+        blocks, changed, bad = store.unfinished(records)
         done = count - sum(len(at) for at in blocks)
-        bad = int((np.isin(store.status, (REFUSED, FAILED)) & ~changed).sum())
-        tell(f"workers; {changed.sum():,} records have changed" if changed.any() else "workers")
+        tell(f"workers; {changed:,} records have changed" if changed else "workers")
         for at, rows in _finished_blocks(
             task, blocks, partial(record_at, records), workers=workers, memory=memory
         ):

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib._version import __version__
-from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.arrays import Index
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
 from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
@@ -82,30 +82,26 @@ class Store:
         for partial in path.rglob(f"*{stored.UNFINISHED}"):
             partial.unlink(missing_ok=True)
 
-    @property
-    def status(self) -> Array:
-        """What became of each record (see `STATUS`)."""
-        return np.asarray(self.arrays["status"][:])
+    def unfinished(self, records: CampaignRecords) -> tuple[list[Index], int, int]:
+        """What is still to be done of a campaign's records.
 
-    def unfinished(self, changed: Mask) -> list[Index]:
-        """The records of each block that are still to be done; those whose worker died are tried again.
-
-        `changed` : (record,) array of bool; what was done of these is done anew.
+        Returns
+        -------
+        blocks : list of (record,) arrays of int
+            Records of each block: those that wait, whose worker died, or that have another file now.
+        changed, bad : int
+            How many have another file; how many others were refused, or failed.
         """
-        status = self.status
-        blocks = np.arange(len(status)) // self.block
-        todo = np.flatnonzero((status == WAITING) | (status == stored.LOST) | changed)
-        return [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
-
-    def changed(self, records: CampaignRecords) -> Mask:
-        """Which records that were done, or refused, have another file now, (record,)."""
-        changed = np.zeros(len(records), dtype=bool)
-        known = np.asarray(self.arrays["record_checksum"][:]).astype(str)
-        for at in np.flatnonzero(self.status != WAITING).tolist():
+        status, known = (np.asarray(self.arrays[name][:]) for name in ("status", "record_checksum"))
+        changed = np.zeros(len(status), dtype=bool)
+        for at in np.flatnonzero(status != WAITING).tolist():
             checksum = checksum_of(record_at(records, at))
             # One that is no longer there, or that only the workers see, is what it was.
-            changed[at] = bool(checksum) and checksum != known[at]
-        return changed
+            changed[at] = bool(checksum) and checksum != str(known[at])
+        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (stored.REFUSED, stored.FAILED))
+        todo = np.flatnonzero(np.isin(status, (WAITING, stored.LOST)) | changed)
+        of_blocks = [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
+        return of_blocks, int(changed.sum()), int((bad & ~changed).sum())
 
     def write(self, at: Index, rows: Sequence[Row]) -> None:
         """Write the rows of records of one block.
