@@ -78,10 +78,10 @@ def identified_driven(
     tell("direct")
     fits = [_followed(runs, answer.with_noise(direct, "off").identify(decay, library))]
     # A residual of so many times the noise is more than noise.
-    if direct.random_force == "auto" and fits[0][2].residual_over_noise > 1.5:
+    if direct.random_force == "auto" and fits[0][2]["residual_over_noise"] > 1.5:
         fits.append(_followed(runs, replace(direct, random_force="estimated").identify(decay, library)))
-    best = min(fits, key=lambda fit: float(fit[2].residual_rms))
-    slipped, pairs = best[2].residual_over_motion >= SLIPPED_PART, {"direct": best}
+    best = min(fits, key=lambda fit: fit[2]["residual_rms"])
+    slipped, pairs = best[2]["residual_over_motion"] >= SLIPPED_PART, {"direct": best}
     tell("trajectory")
     begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force="off")
     if not slipped and not trajectory.start:
@@ -95,7 +95,7 @@ def identified_driven(
     except DecayError:
         if slipped:
             raise
-    kept = {name: pair for name, pair in pairs.items() if pair[2].residual_over_motion < SLIPPED_PART}
+    kept = {name: pair for name, pair in pairs.items() if pair[2]["residual_over_motion"] < SLIPPED_PART}
     if not kept:
         raise DecayError(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
@@ -116,7 +116,7 @@ def clock_of(record: xr.Dataset) -> float:
 
 
 # An identification, its motion in each run, and the sizes of what that leaves.
-Followed: TypeAlias = tuple[xr.Dataset, list[FittedMotion | None], xr.Dataset]
+Followed: TypeAlias = tuple[xr.Dataset, list[FittedMotion | None], dict[str, float]]
 SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
 
 
@@ -134,12 +134,12 @@ def _followed(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
         record = root_mean_square([float(run.angle.std()) for run in runs])
         white = min(1.0, len(runs) * min(map(white_p_value, residuals)))
         sizes = np.array([rms, over_noise, rms / record, white])
-    return result, motions, xr.Dataset(dict(zip(SIZES, sizes, strict=True)))
+    return result, motions, dict(zip(SIZES, sizes.tolist(), strict=True))
 
 
 def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
     names, (results, motions, sizes) = list(kept), zip(*kept.values(), strict=True)
-    of_models = {name: [size[name].item() for size in sizes] for name in SIZES}
+    of_models = {name: [size[name] for size in sizes] for name in SIZES}
     compared = xr.Dataset(described("driven", of_models), {"model": names})
     if len(names) == 2:
         compared = compared.merge(_difference(*results))

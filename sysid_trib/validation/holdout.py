@@ -140,11 +140,10 @@ def in_all_runs(
     """
     motions = []
     for at, (run, envelope) in enumerate(zip(runs, envelopes, strict=True)):
-        if before is None:
-            motion = motion_residual(run, result, envelope, at)
-        else:
+        later = result
+        if before is not None:
             later = carried_on(result, library_of(result, whole=True), before[at])
-            motion = motion_residual(run, later, envelope)
+        motion = motion_residual(run, later, envelope, at)
         if motion is None or not np.all(np.isfinite(motion.residual)):
             return []
         motions.append(motion)
