@@ -13,6 +13,7 @@ from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records import sensor, smoothing
+from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
@@ -37,7 +38,6 @@ RESIDUALS = (
     *("residual_rms", "residual_over_noise", "departure_time", "residual_p_value"),
     *("line_frequency", "line_amplitude"),
 )
-NO_MOTION = (np.nan, np.nan)
 
 
 def fitted_motion(
@@ -105,12 +105,7 @@ def residuals(
     is no noise: within the band of the motion the p-value is zero with one.
     """
     rows = [
-        [
-            _of_innovations(pair, motion, run)
-            if random_force_of(pair.result, run) or sensor_noise_of(pair.result, run).warm_up
-            else _of_free_motion(pair.runs[run], pair.result, motion, noise_of_run(noise_of, run))
-            for run, motion in enumerate(of_model)
-        ]
+        [_of_run(pair, motion, run, noise_of_run(noise_of, run)) for run, motion in enumerate(of_model)]
         for pair, of_model in zip(followed.values(), motions, strict=True)
     ]
     # Each of `RESIDUALS`, (run, model).
@@ -129,37 +124,38 @@ def residuals(
     return xr.Dataset(described("cross_check", values), {"model": list(followed)})
 
 
-def _fitted_numbers(result: xr.Dataset) -> int:
-    """How many numbers were fitted: coefficients and frequency, and the start of the motion."""
-    errors = [*result.standard_error.values, result.reference_frequency_standard_error.item()]
-    return int(np.count_nonzero(np.asarray(errors) > 0.0)) + 2
-
-
-def _of_free_motion(
-    decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion | None, noise: float
-) -> tuple[float, ...]:
-    """What `RESIDUALS` lists, of record minus motion."""
-    time, angle = decay.time.values, decay.angle.values
-    if motion is None:
-        return *NO_MOTION, float(time[0]), 0.0, *NO_LINE
-    residual = angle - motion.offset - motion.x
-    if int(decay.attrs.get("integrations", 0)) and MEASURED in decay:
-        residual = _measured_residual(decay, result, motion)
-    rms, width = float(np.sqrt(np.mean(residual**2))), half_period(motion.v)
+def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise: float) -> tuple[float, ...]:
+    """What `RESIDUALS` lists of a run: of record minus motion, or of the innovations over their deviation."""
+    decay, result = followed.runs[run], followed.result
+    time, line, fitted, noises = decay.time.values, NO_LINE, 0, None
+    stochastic = random_force_of(result, run) or sensor_noise_of(result, run).warm_up
+    if motion is not None:
+        residual, path = decay.angle.values - motion.offset - motion.x, (motion.x, motion.v)
+        if not stochastic and int(decay.attrs.get("integrations", 0)) and MEASURED in decay:
+            residual = _measured_residual(decay, result, motion)
+        line = spectral_line(time, residual, path)
+    try:
+        tracked = followed.tracked(run) if stochastic else None
+    except SysidTribError:
+        motion = tracked = None
+    if motion is None and tracked is None:
+        return np.nan, np.nan, float(time[0]), 0.0, *line
+    if tracked is not None:
+        innovation, deviation = tracked.innovations()
+        rms, residual, noise = root_mean_square(innovation), innovation / deviation, 1.0
+        path = (tracked.linear.path[:, 0], tracked.linear.path[:, 1])
+    else:
+        rms, step = root_mean_square(residual), sensor.coarse_step(decay, noise)
+        noises = sensor.rounded_noise(path[0], step, noise) if step else None
+        # Coefficients and frequency, and the start of the motion.
+        errors = [*result.standard_error.values, result.reference_frequency_standard_error.item()]
+        fitted = int(np.count_nonzero(np.asarray(errors) > 0.0)) + 2
+    width = half_period(path[1])
     departure = departure_time(time, residual, noise, width)
-    path, fitted = (motion.x, motion.v), _fitted_numbers(result)
-    line = spectral_line(time, residual, path)
-    step = sensor.coarse_step(decay, noise)
-    noises = sensor.rounded_noise(motion.x, step, noise) if step else None
     p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
-    return rms, rms / noise, departure, 0.0 if _in_band(line, result) else p_value, *line
-
-
-def _in_band(line: tuple[float, float], result: xr.Dataset) -> bool:
-    """True if there is a line where the motion has its harmonics."""
-    # The sensor's noise is that above so many times the frequency of the swing: a line below is no part of
-    # it.
-    return line[0] < 6.0 * result.asymptotic_frequency.item()
+    # The sensor's noise is above so many times the frequency of the swing: a line below is no part of it.
+    in_band = line[0] < 6.0 * result.asymptotic_frequency.item()
+    return rms, root_mean_square(residual) / noise, departure, 0.0 if in_band else p_value, *line
 
 
 def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion) -> Array:
@@ -175,25 +171,6 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     free = np.column_stack([np.ones(len(time)), start])
     residual = residual - free @ np.linalg.lstsq(free, residual, rcond=None)[0]
     return np.asarray(residual / smoothing.swing_frequency(decay) ** int(decay.attrs["integrations"]))
-
-
-def _of_innovations(followed: FollowedRuns, motion: FittedMotion | None, run: int) -> tuple[float, ...]:
-    """What `RESIDUALS` lists, of the innovations with a random force (see `innovations`)."""
-    decay = followed.runs[run]
-    time, line = decay.time.values, NO_LINE
-    if motion is not None:
-        line = spectral_line(time, decay.angle.values - motion.offset - motion.x, (motion.x, motion.v))
-    try:
-        tracked = followed.tracked(run)
-    except SysidTribError:
-        return *NO_MOTION, float(time[0]), 0.0, *line
-    innovation, deviation = tracked.innovations()
-    x, v = tracked.linear.path[:, 0], tracked.linear.path[:, 1]
-    normalised, width = innovation / deviation, half_period(v)
-    rms, over_noise = (float(np.sqrt(np.mean(values**2))) for values in (innovation, normalised))
-    departure = departure_time(time, normalised, 1.0, width)
-    p_value = _noise_p_value(normalised, 1.0, width, (x, v), 0)
-    return rms, over_noise, departure, 0.0 if _in_band(line, followed.result) else p_value, *line
 
 
 def departure_time(time: Array, residual: Array, noise: float, width: int) -> float:
