@@ -87,9 +87,8 @@ def test_what_is_given_carries_its_parts_and_its_verdict(checked):
 
 def test_a_model_that_diverges_is_withheld_everywhere(checked):
     tree = checked.copy(deep=True)
-    angle = tree["record"].simulated_angle
-    angle.loc[{"model": "averaging"}] = np.nan
-    tree["record"] = tree["record"].to_dataset().assign(simulated_angle=angle)
+    failure = ("model", ["its motion diverges", ""])
+    tree["comparison"] = tree["comparison"].to_dataset().assign(failure=failure)
     tree["comparison"].attrs["answer"] = "direct"
     data = identification_json(tree)
     assert data["methods"]["averaging"]["coefficients"] == {}

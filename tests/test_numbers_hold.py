@@ -8,8 +8,7 @@ from helpers import library_of_formulas, measured
 
 import sysid_trib as st
 from sysid_trib.methods import Direct
-from sysid_trib.physics import dissipated_energy
-from sysid_trib.physics.force_weights import weights
+from sysid_trib.physics.force_weights import dissipated_energy, weights
 
 SIX = st.load_library("contact_forces")
 
