@@ -82,36 +82,20 @@ def new_frames(signal: Array) -> Index | None:
     return np.concatenate(([0], change))
 
 
-def unwrapped(angle: Array, turn: float) -> tuple[Array, int]:
-    """An angle that was cut at a whole turn, put together again, and the number of cuts.
-
-    Parameters
-    ----------
-    angle : (sample,) array of float
-        Within one turn where it was cut.
-    turn : float
-        A whole turn in its unit.
-    """
-    jumps = np.abs(np.diff(angle)) > WRAP_SHARE * turn
-    if not jumps.any() or np.ptp(angle) > turn * (1.0 + 1e-6):
-        return angle, 0
-    whole = np.unwrap(angle, period=turn)
-    # A spike of a whole turn and back is none.
-    return (angle, 0) if np.ptp(whole) > 2.0 * turn else (whole, int(np.count_nonzero(jumps)))
-
-
 # Weights of samples before and after a cut that give the step of a cubic there, by least squares.
 _AT = np.arange(-CUT_REACH - 0.5, CUT_REACH + 1.0)
 _STEP_WITHIN_CUBIC = np.linalg.pinv(np.column_stack([_AT**0, _AT, _AT**2, _AT**3, _AT > 0.0]))[-1]
 
 
-def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
-    """A signal that was cut at the end of its sensor's range, put together again.
+def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, int]:
+    """A signal that was cut at a whole turn, or at the end of its sensor's range, put together again.
 
     Parameters
     ----------
     signal : (sample,) array of float
         In any unit, such as an encoder's counts of one turn.
+    turn : float, optional
+        A whole turn, where that is known: what was cut there is within one.
 
     Returns
     -------
@@ -119,9 +103,20 @@ def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
     turn : float
         What was added or taken off at each cut; nan where there is none.
     cuts : int
+    """
+    if turn is None:
+        turn, cuts = _turn_and_cuts(signal)
+    else:
+        within = np.ptp(signal) <= turn * (1.0 + 1e-6)
+        cuts = int(np.count_nonzero(np.abs(np.diff(signal)) > WRAP_SHARE * turn)) if within else 0
+    whole = np.unwrap(signal, period=turn) if cuts else signal
+    # A spike of a whole turn and back is none.
+    return (whole, turn, cuts) if cuts and np.ptp(whole) <= 2.0 * turn else (signal, float("nan"), 0)
 
-    Notes
-    -----
+
+def _turn_and_cuts(signal: Array) -> tuple[float, int]:
+    """What is added at each cut at the end of a sensor's range, and how many there are.
+
     At a cut the signal leaps over most of its range in one step, against its motion, which goes on beyond.
     The step that a cubic through the samples on either side leaves is a whole turn. A light barrier leaps as
     well, but rests on either side.
@@ -131,23 +126,19 @@ def unwrapped_anywhere(signal: Array) -> tuple[Array, float, int]:
     cut = np.flatnonzero(np.abs(step) > WRAP_SHARE * span)
     cut = cut[(cut >= CUT_REACH) & (cut < step.size - CUT_REACH)]
     if not cut.size:
-        return signal, float("nan"), 0
+        return float("nan"), 0
     before, after = signal[cut] - signal[cut - CUT_REACH], signal[cut + 1 + CUT_REACH] - signal[cut + 1]
     apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
     slope = 0.5 * (before + after) / CUT_REACH
     against = (before * after > 0.0) & (slope * step[cut] < 0.0)
     # Part of the cuts at which the motion goes on on either side, and fewest of them.
     if np.count_nonzero(against & apart) < max(4, 0.6 * np.count_nonzero(apart)):
-        return signal, float("nan"), 0
+        return float("nan"), 0
     # The step between the two ends of a cubic through the samples on either side.
     near = np.lib.stride_tricks.sliding_window_view(signal, 2 * CUT_REACH + 2)[cut - CUT_REACH]
     turn = float(np.median(np.abs(near @ _STEP_WITHIN_CUBIC)[against & apart]))
-    if np.all(signal == np.round(signal)):
-        turn = float(round(turn))
-    whole = np.unwrap(signal, period=turn)
-    if np.ptp(whole) > 2.0 * turn:
-        return signal, float("nan"), 0
-    return whole, turn, int(cut.size)
+    whole = np.all(signal == np.round(signal))
+    return float(round(turn)) if whole else turn, int(cut.size)
 
 
 def pulses(signal: Array) -> bool:

@@ -12,7 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import are_axes, in_phase, is_magnitude
-from sysid_trib.records.cleaning import unwrapped, unwrapped_anywhere
+from sysid_trib.records.cleaning import unwrapped
 from sysid_trib.records.clock import read_clock
 from sysid_trib.records.column import Column
 from sysid_trib.records.equilibrium import Swing
@@ -158,8 +158,8 @@ def _candidate(column: Column, time: Column | None) -> _Candidate | None:
             clock, rows, _, _ = read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-            whole, _ = unwrapped(values[rows][good], turn)
-            return _Candidate(column, values, *swing_within(clock[good], unwrapped_anywhere(whole)[0]))
+            whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
+            return _Candidate(column, values, *swing_within(clock[good], whole))
     return _Candidate(column, values, None)
 
 

@@ -14,7 +14,7 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import as_felt, as_position
 from sysid_trib.records.assumed_units import assumed_unit
-from sysid_trib.records.cleaning import spikes, unwrapped, unwrapped_anywhere
+from sysid_trib.records.cleaning import spikes, unwrapped
 from sysid_trib.records.column import Column
 from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.inputs import named_inputs
@@ -226,13 +226,12 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
     calm = np.delete(np.arange(values.size), spikes(time, values))
     unit, why = _unit_of(table, column, how, time[calm], values[calm])
     values = values * unit.factor
-    if unit.quantity == "angle":
-        values, cuts = unwrapped(values, 2.0 * np.pi)
-        said += [f"put together again where it was cut at a whole turn ({cuts} times)"] if cuts else []
-    elif unit.quantity == "displacement":
-        values, turn, cuts = unwrapped_anywhere(values)
-        times = f"({cuts} times, {turn:.6g} {unit.text})"
-        said += [f"put together again where it was cut at the end of its range {times}"] if cuts else []
+    if unit.quantity in POSITIONS:
+        is_angle = unit.quantity == "angle"
+        values, turn, cuts = unwrapped(values, 2.0 * np.pi if is_angle else None)
+        at_end = f"the end of its range ({cuts} times, {turn:.6g} {unit.text})"
+        where = f"a whole turn ({cuts} times)" if is_angle else at_end
+        said += [f"put together again where it was cut at {where}"] if cuts else []
     attrs: dict[str, Any] = {
         "source": table.source,
         "signal": unit.quantity,
