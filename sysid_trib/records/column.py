@@ -104,7 +104,7 @@ class Column:
                 ) from None
         return np.array(values)
 
-    @property
+    @cached_property
     def signal(self) -> tuple[Array, str]:
         """Its numbers with nan in place of -999 and its like, and a sentence on them.
 
@@ -118,6 +118,21 @@ class Column:
                 said = f"{np.count_nonzero(marked)} values of {sentinel:g} taken as missing"
                 return np.where(marked, np.nan, self.numbers), said
         return self.numbers, ""
+
+    @property
+    def values(self) -> Array:
+        """Its numbers as a signal."""
+        return self.signal[0]
+
+    @cached_property
+    def amplitude(self) -> float:
+        """How far it goes to either side, but for a few samples."""
+        return 0.5 * float(np.ptp(np.nanpercentile(self.values, [0.5, 99.5])))
+
+    @property
+    def unit_text(self) -> str:
+        """Name of the unit that the file states of it; nothing where it states none."""
+        return self.unit.text if self.unit else ""
 
     @property
     def unit(self) -> lab.SignalUnit | None:

@@ -2,13 +2,12 @@
 
 import re
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
 
-from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import units as lab
 from sysid_trib.records.as_angle import are_axes, in_phase, is_magnitude
@@ -25,30 +24,8 @@ from sysid_trib.records.tables import LISTED, FileTable
 Chosen: TypeAlias = tuple[Column | None, Column, str]
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """A column that could be the signal, and how it swings, or why it does not."""
-
-    column: Column
-    values: Array
-    swing: Swing | None
-    reason: str = ""
-
-    @property
-    def name(self) -> str:
-        return self.column.name
-
-    @property
-    def unit(self) -> str:
-        return self.column.unit.text if self.column.unit else ""
-
-    @property
-    def amplitude(self) -> float:
-        return 0.5 * float(np.ptp(np.nanpercentile(self.values, [0.5, 99.5])))
-
-    @property
-    def period(self) -> float:
-        return self.swing.oscillation.period if self.swing else np.inf
+# Columns that could be the signal: how each swings, or why it does not.
+Swings: TypeAlias = dict[Column, tuple[Swing | None, str]]
 
 
 def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> list[Chosen]:
@@ -89,8 +66,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
     # Runs that hold no decay where others do are left out, and named.
-    seen = [_candidate(signal, time) for time, signal in pairs]
-    swings = [candidate.column for candidate in seen if candidate and candidate.swing] or signals
+    swings = [signal for time, signal in pairs if (_swing_of(signal, time) or (None, ""))[0]] or signals
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
     return [(time, signal, why) for time, signal in pairs if signal in swings]
@@ -136,17 +112,17 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     """The column that alone can be meant, its times, and why."""
     own = {signal: _time_of(table, signal, times) for signal in signals}
     # Columns that are looked at.
-    made = (_candidate(signal, own[signal]) for signal in signals[:40]) if len(signals) > 1 else ()
-    candidates = [candidate for candidate in made if candidate is not None]
+    made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
+    swings = {signal: swing for signal, swing in made.items() if swing is not None}
     # Where each of them holds a text, the refusal says where.
-    chosen, why = _certain(candidates, how.quantity, table.source) if candidates else (signals[0], "")
+    chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
     return own[chosen], chosen, why
 
 
-def _candidate(column: Column, time: Column | None) -> _Candidate | None:
-    """A column with its swing; None if it holds a text, or next to no numbers."""
+def _swing_of(column: Column, time: Column | None) -> tuple[Swing | None, str] | None:
+    """How a column swings, or why it does not; None if it holds a text, or next to no numbers."""
     try:
-        values, _ = column.signal
+        values = column.values
     except SysidTribError:
         return None
     # Fewer numbers are none that move.
@@ -159,42 +135,42 @@ def _candidate(column: Column, time: Column | None) -> _Candidate | None:
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
             whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
-            return _Candidate(column, values, *swing_within(clock[good], whole))
-    return _Candidate(column, values, None)
+            return swing_within(clock[good], whole)
+    return None, ""
 
 
-def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> tuple[Column, str]:
+def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, str]:
     """The one column that can be meant, and why."""
-    moving = [c for c in candidates if c.amplitude > 0.0] or candidates
+    moving = [c for c in swings if c.amplitude > 0.0] or [*swings]
     moving = [c for c in moving if not is_magnitude(c.values)] or moving
-    pool = [c for c in moving if c.swing is not None] or moving
+    pool = [c for c in moving if swings[c][0]] or moving
     if signal is not None:
-        pool = [c for c in pool if c.column.quantity == signal] or pool
+        pool = [c for c in pool if c.quantity == signal] or pool
     # A position is worth more than its rate, and that than its acceleration: what need not be integrated.
-    integrations = {c: lab.INTEGRATIONS.get(c.column.quantity, 0) for c in pool}
+    integrations = {c: lab.INTEGRATIONS.get(c.quantity, 0) for c in pool}
     pool = [c for c in pool if integrations[c] == min(integrations.values())]
-    named = [c for c in pool if c.column.quantity == lab.names_quantity(c.column.base) == "angle"]
-    others = f"of {len(candidates)} columns" if len(candidates) > 1 else ""
+    named = [c for c in pool if c.quantity == lab.names_quantity(c.base) == "angle"]
+    others = f"of {len(swings)} columns" if len(swings) > 1 else ""
     if len(pool) == 1:
-        _ask_of_larger(pool[0], moving, source)
-        return pool[0].column, f"the one {others} that swings as a decay" if others and pool[0].swing else ""
+        _ask_of_larger(pool[0], moving, swings)
+        return pool[0], f"the one {others} that swings as a decay" if others and swings[pool[0]][0] else ""
     if len(named) == 1:
-        return named[0].column, f"named as an angle, {others}"
+        return named[0], f"named as an angle, {others}"
     axes = _without_smaller_axes(named or pool)
     if len(axes) == 1:
-        return axes[0].column, "the largest of the axes of one sensor, which swing together as one motion"
-    pool = _without_copies(axes)
+        return axes[0], "the largest of the axes of one sensor, which swing together as one motion"
+    pool = _without_copies(axes, swings)
     if len(pool) == 1:
-        return pool[0].column, f"of the columns that swing alike, {others}"
+        return pool[0], f"of the columns that swing alike, {others}"
     largest, second = sorted(pool, key=lambda c: c.amplitude)[:-3:-1]
-    one_unit = len({c.unit for c in pool}) == 1
+    one_unit = len({c.unit_text for c in pool}) == 1
     # Of columns in one unit, one is the signal if it swings so many times as far as any other.
     if one_unit and largest.amplitude > 5.0 * second.amplitude:
         times = f"{largest.amplitude / second.amplitude:.2g}"
-        return largest.column, f"it swings {times} times as far as any other"
-    if not any(c.swing for c in pool):
+        return largest, f"it swings {times} times as far as any other"
+    if not any(swings[c][0] for c in pool):
         pool = named or pool
-        reasons = "; ".join(f"{c.name}: {c.reason}" for c in pool[:LISTED] if c.reason)
+        reasons = "; ".join(f"{c.name}: {swings[c][1]}" for c in pool[:LISTED] if swings[c][1])
         beat = "two modes beat" in reasons and "driven" not in reasons
         driven = "is it driven? A free decay is needed: switch the drive off, and record what follows."
         raise RecordError(
@@ -202,65 +178,71 @@ def _certain(candidates: list[_Candidate], signal: str | None, source: str) -> t
             f"{'record one mode alone.' if beat else driven}"
         )
     raise UsageError(
-        f"{source}: {_listed(pool)} could each be the signal; name one, such as "
+        f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
 
 
-def _ask_of_larger(swinging: _Candidate, moving: list[_Candidate], source: str) -> None:
+def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
     """Ask which one is the signal where a column of the same kind that is no clean decay is far larger."""
     for other in moving:
-        alike = other.unit == swinging.unit != "" or are_axes(other.column.base, swinging.column.base)
+        swing, reason = swings[other]
+        alike = other.unit_text == swinging.unit_text != "" or are_axes(other.base, swinging.base)
         # What is so many times as large as the column that swings is no noise of it, and is asked about.
-        if alike and other.swing is None and other.amplitude > 50.0 * swinging.amplitude:
+        if alike and swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
-                f"{source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far as "
-                f"{swinging.name}, but is no free decay ({other.reason}): cut that out, or name the column, "
+                f"{other.source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far "
+                f"as {swinging.name}, but is no free decay ({reason}): cut that out, or name the column, "
                 f'--angle "{swinging.name}" (angle= in Python).'
             )
 
 
-def _without_smaller_axes(pool: list[_Candidate]) -> list[_Candidate]:
+def _without_smaller_axes(pool: list[Column]) -> list[Column]:
     """Without axes of one sensor that move in phase with a larger one: all see the same motion."""
     largest = max(pool, key=lambda c: c.amplitude)
     return [
         c
         for c in pool
-        if c is largest
-        or not (are_axes(c.column.base, largest.column.base) and in_phase(c.values, largest.values))
+        if c is largest or not (are_axes(c.base, largest.base) and in_phase(c.values, largest.values))
     ]
 
 
-def _without_copies(pool: list[_Candidate]) -> list[_Candidate]:
+def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
     """Without columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
-    ranked = sorted(pool, key=lambda c: (c.column.quantity != "angle", not c.unit))
-    kept: list[_Candidate] = []
+    ranked = sorted(pool, key=lambda c: (c.quantity != "angle", not c.unit_text))
+    periods = {c: swing.oscillation.period if swing else np.inf for c, (swing, _) in swings.items()}
+    kept: list[Column] = []
     for column in ranked:
         # Two columns are one signal twice.
         alike = any(in_phase(column.values, other.values, 0.9999) for other in kept)
-        doubled = any(abs(other.period / column.period - 2.0) < 0.1 for other in pool)
-        if not alike and not doubled and not any(_is_rate_of(column, other) for other in pool):
+        doubled = any(abs(periods[other] / periods[column] - 2.0) < 0.1 for other in pool)
+        if (
+            not alike
+            and not doubled
+            and not any(_is_rate_of(swings[column][0], swings[other][0]) for other in pool)
+        ):
             kept.append(column)
     return [c for c in pool if c in kept] or pool[:1]
 
 
-def _is_rate_of(column: _Candidate, other: _Candidate) -> bool:
-    """True if a column is the derivative of another: a quarter of a period ahead, and w times as large."""
-    if column.swing is None or other.swing is None or column is other:
+def _is_rate_of(swing: Swing | None, other: Swing | None) -> bool:
+    """True if a swing is the derivative of another: a quarter of a period ahead, and w times as large."""
+    if swing is None or other is None or swing is other:
         return False
-    mine, its = column.swing.oscillation, other.swing.oscillation
+    mine, its = swing.oscillation, other.oscillation
     if mine.signal.size != its.signal.size or abs(mine.period / its.period - 1.0) > 0.05:
         return False
     w = 2.0 * np.pi / its.period
     wave = np.exp(-1j * w * its.time)
-    rate, angle = (np.sum((swing.signal - swing.signal.mean()) * wave) for swing in (mine, its))
+    rate, angle = (np.sum((part.signal - part.signal.mean()) * wave) for part in (mine, its))
     return bool(abs(rate / angle / (1j * w) - 1.0) < 0.2)
 
 
-def _listed(pool: list[_Candidate]) -> str:
+def _listed(pool: list[Column], swings: Swings) -> str:
     texts = []
     for column in pool[:LISTED]:
         low, high = np.nanpercentile(column.values, [0.0, 100.0])
-        period = f", period {column.period:.4g}" if column.swing else ""
+        swing, _ = swings[column]
+        period = f", period {swing.oscillation.period:.4g}" if swing else ""
         texts.append(f"{column.name} ({low:.4g} to {high:.4g}{period})")
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)

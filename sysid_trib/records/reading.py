@@ -120,7 +120,7 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
     """
     signal, parts, held = evaluated(table, text, "--angle")
     # The usual name of a unit, so that deg and degrees are one.
-    follows = _unit(parts, {name: column.unit.text if column.unit else "" for name, column in held.items()})
+    follows = _unit(parts, {name: column.unit_text for name, column in held.items()})
     unit = _agreed(follows, units)
     if unit is None:
         columns = ", ".join(column.name for column in held.values())
