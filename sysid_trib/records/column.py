@@ -126,7 +126,7 @@ class Column:
 
     @cached_property
     def amplitude(self) -> float:
-        """How far it goes to either side, but for a few samples."""
+        """Largest way to either side, but for a few samples."""
         return 0.5 * float(np.ptp(np.nanpercentile(self.values, [0.5, 99.5])))
 
     @property
