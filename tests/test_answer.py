@@ -9,7 +9,7 @@ from helpers import measured
 
 import sysid_trib as st
 from sysid_trib.printing.exported import csv_text, latex_text
-from sysid_trib.printing.json_results import identification_json
+from sysid_trib.printing.identification import identification_json
 from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.findings import error_parts
 

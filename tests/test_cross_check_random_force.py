@@ -7,8 +7,7 @@ from helpers import density_that_wanders, measured, sentences_of
 import sysid_trib as st
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.printing.identification import identification_blocks
-from sysid_trib.printing.json_results import runs_json
-from sysid_trib.printing.verdict import runs_sentences
+from sysid_trib.printing.verdict import runs_json, runs_sentences
 from sysid_trib.validation.holdout import PERIODS_PER_STRETCH, compared_part
 
 W, NOISE = 8.87, 2e-4

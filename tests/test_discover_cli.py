@@ -9,11 +9,10 @@ from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, sentences_of
 
 from sysid_trib import Model, load
-from sysid_trib.commands.options import Given, options_of
+from sysid_trib.commands.options import Asked, options_of
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.plots.declared import figures_of
-from sysid_trib.printing.discovery import discovery_blocks
-from sysid_trib.printing.json_results import discovery_json
+from sysid_trib.printing.discovery import discovery_blocks, discovery_json
 from sysid_trib.printing.next_step import next_step
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
@@ -111,7 +110,7 @@ def test_what_is_not_predicted_is_said_and_fitted_next(twin):
     tree["holdout"].rms[-1] = 3.4 * record_noise(tree)
     assert "But it leaves 3.4 times the noise of what was held out (the last third)." in story(tree)
     step = next_step(tree)
-    given = Given(options_of("search"), max_effects=2)
+    given = Asked(options_of("search"), max_effects=2)
     assert command_after(step, given) == "sysid-trib discover --max-effects 2 --refit"
     tree.attrs["options"] = json.dumps({"refit": True})
     assert "But" not in story(tree)

@@ -15,8 +15,10 @@ from command_line import write_csv
 from numpydoc.validate import validate
 
 import sysid_trib as st
+from sysid_trib.printing.comparison import comparison_json
+from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.driven import driven_json, prediction_json
-from sysid_trib.printing.json_results import comparison_json, discovery_json, identification_json
+from sysid_trib.printing.identification import identification_json
 from sysid_trib.printing.sureness import difference_json
 from sysid_trib.validation.samples import held_against
 

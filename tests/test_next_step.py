@@ -12,7 +12,7 @@ from command_line import run, write_csv
 from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
-from sysid_trib.commands.options import Given, options_of
+from sysid_trib.commands.options import Asked, options_of
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.next_step import NextStep, next_step
@@ -55,7 +55,7 @@ def test_the_next_command_takes_over_what_was_given(tmp_path):
     record = tmp_path / "a swing.csv"
     read = {"records": [record], "angle": "theta", "units": "deg", "window": "2:60"}
     model = {"forces": "zeta", "omega0": "8.87±0.02", "fix": ["zeta=0.01", "lambda=0"]}
-    given = Given(options_of("records", "model"), **read, **model)
+    given = Asked(options_of("records", "model"), **read, **model)
     compare = shlex.split(command_after(NextStep("compare", ""), given))
     assert compare[:3] == ["sysid-trib", "compare", str(record)]
     for pair in (["--angle", "theta"], ["--window", "2:60"], ["--fix", "zeta=0.01"], ["--fix", "lambda=0"]):
@@ -109,12 +109,12 @@ def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors
 
 
 def test_a_file_that_begins_with_a_dash_is_no_option():
-    given = Given(options_of("records"), records=[Path("-a.csv"), Path("b.csv")])
+    given = Asked(options_of("records"), records=[Path("-a.csv"), Path("b.csv")])
     assert command_after(NextStep("identify", ""), given) == "sysid-trib identify ./-a.csv b.csv"
 
 
 def test_forces_of_one_s_own_that_were_candidates_are_known_to_the_next_command():
-    given = Given(options_of("search", "model"), candidates="own.toml")
+    given = Asked(options_of("search", "model"), candidates="own.toml")
     step = NextStep("identify", "", {"forces": "zeta,slip"})
     assert command_after(step, given) == "sysid-trib identify --library own.toml --forces zeta,slip"
     assert "--candidates own.toml" in command_after(NextStep("discover", ""), given)

@@ -10,8 +10,8 @@ from helpers import decay
 
 from sysid_trib import discover
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.discovery_tables import effect_with_ties
-from sysid_trib.printing.json_results import discovery_json
 from sysid_trib.results.effects import credible_set, replacing_pairs, tied_name
 from sysid_trib.results.files import load, save
 

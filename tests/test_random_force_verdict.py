@@ -8,8 +8,7 @@ from helpers import correlated_noise, density_that_wanders, measured, sentences_
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
-from sysid_trib.printing.identification import identification_blocks
-from sysid_trib.printing.json_results import identification_json
+from sysid_trib.printing.identification import identification_blocks, identification_json
 from sysid_trib.printing.verdict import verdict_sentence
 
 W, NOISE = 8.87, 2e-4

@@ -10,7 +10,7 @@ from typer.core import TyperCommand
 from sysid_trib._version import __version__
 from sysid_trib.commands import terminal
 from sysid_trib.commands.destination import check_values
-from sysid_trib.commands.options import COMMANDS, Given, options_of
+from sysid_trib.commands.options import COMMANDS, Asked, options_of
 
 
 class GroupedCommand(TyperCommand):
@@ -62,7 +62,7 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     known = options_of(*options)
 
     def run(**values: Any) -> None:
-        given = Given(known, **values)
+        given = Asked(known, **values)
         with terminal.working(values.get(terminal.RECORDS, ())) as tell:
             check_values(given)
             say = getattr(import_module(f"sysid_trib.commands.{home}"), name)(tell, given)

@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.options import MOST, Given, assigned, parse_number, parse_value_with_error
+from sysid_trib.commands.options import MOST, Asked, assigned, parse_number, parse_value_with_error
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -86,7 +86,7 @@ class AskedModel:
         return {label: with_random_force(method, self.random_force) for label, method in methods.items()}
 
 
-def asked_model(given: Given) -> AskedModel:
+def asked_model(given: Asked) -> AskedModel:
     """What is to be identified, with what the system always has."""
     moving = load_system(given.system)
     contactless, held = parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
@@ -131,13 +131,13 @@ def _pairs(texts: list[str], option: str, example: str) -> dict[str, str]:
 
 
 def asked_search(
-    given: Given, inputs: Collection[str] = ()
+    given: Asked, inputs: Collection[str] = ()
 ) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
     """The start model, what it may lack, and how to search, as `discover` takes them.
 
     Parameters
     ----------
-    given : Given
+    given : Asked
         Without forces the start model has viscous friction and inputs. Without candidates of its own it may
         lack the library's other forces and the usual effects. What the system always has is held, what it
         cannot have is not offered.

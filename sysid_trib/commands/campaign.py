@@ -16,7 +16,7 @@ from sysid_trib.campaigns.store import counts_of
 from sysid_trib.campaigns.study import load_study, names_of
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.destination import check_output, print_json
-from sysid_trib.commands.options import GROUPS, Given
+from sysid_trib.commands.options import GROUPS, Asked
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import command_line, print_blocks
 from sysid_trib.errors import RecordError, Tell, UsageError
@@ -24,7 +24,7 @@ from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 from sysid_trib.validation.between_runs import between_runs, without_collinear
 
 
-def campaign(tell: Tell, given: Given) -> Callable[[], None]:
+def campaign(tell: Tell, given: Asked) -> Callable[[], None]:
     """Do a task with each record, and write what varies between them on a page."""
     check_extra()
     records = _records(given.records, given.study, given.conditions)
@@ -65,12 +65,12 @@ def campaign(tell: Tell, given: Given) -> Callable[[], None]:
     return say
 
 
-def decays_of(given: Given, path: str) -> Sequence[xr.Dataset]:
+def decays_of(given: Asked, path: str) -> Sequence[xr.Dataset]:
     """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
     return read_decays(given.but(records=[Path(path)]))[0]
 
 
-def _task(given: Given) -> task.Task:
+def _task(given: Asked) -> task.Task:
     """The task that the options ask for; an option that it does not have is refused."""
     name = given.task
     if name not in task.TASKS:
@@ -128,7 +128,7 @@ def _records(patterns: list[Path], study: Path | None, conditions: Path | None) 
     return [file for file in dict.fromkeys(files) if conditions is None or Path(file) != conditions]
 
 
-def _conditions(given: Given, names: list[str]) -> Any:
+def _conditions(given: Asked, names: list[str]) -> Any:
     """The table of conditions, if there is one."""
     if given.conditions is None:
         if given.laboratories is not None:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.options import Given, check_between
+from sysid_trib.commands.options import Asked, check_between
 from sysid_trib.commands.terminal import command_line, print_blocks
 from sysid_trib.errors import RecordError, Tell, UsageError, printable
 from sysid_trib.printing import Block, Layer
@@ -21,7 +21,7 @@ INCH = 25.4
 READ = ("result", "test", "library", "candidates", "system")
 
 
-def check_values(given: Given) -> None:
+def check_values(given: Asked) -> None:
     """Refuse, before the work is done, a number out of its range, and places that cannot be written.
 
     Raises
@@ -74,7 +74,7 @@ def check_folder(folder: Path | None) -> None:
 
 
 def deliver(
-    given: Given,
+    given: Asked,
     tell: Tell,
     says: tuple[Callable[[], Sequence[Block]], Callable[[], dict[str, Any]]],
     tree: "xr.DataTree",
@@ -86,7 +86,7 @@ def deliver(
 
     Parameters
     ----------
-    given : Given
+    given : Asked
         Where it goes.
     tell : Tell
         Called with what begins.
@@ -140,13 +140,13 @@ def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell
     from sysid_trib.plots.declared import figures_of
     from sysid_trib.results.files import kind_of, write_figure
 
-    drawings = [one for figure in figures_of(kind or kind_of(tree)) for one in figure.drawings(tree)]
+    drawings = [drawn for figure in figures_of(kind or kind_of(tree)) for drawn in figure.drawings(tree)]
     for at, (name, _, draw) in enumerate(drawings):
         tell(f"figure {name}", at / len(drawings))
         write_figure(draw(width=width), folder / name)
 
 
-def texts_of(given: Given, tree: "xr.DataTree") -> dict[Path | None, Callable[[], str]]:
+def texts_of(given: Asked, tree: "xr.DataTree") -> dict[Path | None, Callable[[], str]]:
     """What stands in the files of text of a result, by their places."""
     from sysid_trib.printing.exported import csv_text, latex_text
 

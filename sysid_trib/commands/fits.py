@@ -10,16 +10,16 @@ import xarray as xr
 
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.destination import deliver, texts_of
-from sysid_trib.commands.options import EXAMPLE_FORCES, Given, parse_value_with_error, parse_window
+from sysid_trib.commands.options import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
 from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
-from sysid_trib.printing import ALWAYS, Block, driven, exported, identification, json_results, sureness
-from sysid_trib.printing.comparison import comparison_blocks
-from sysid_trib.printing.discovery import discovery_blocks
+from sysid_trib.printing import ALWAYS, Block, driven, exported, identification, sureness
+from sysid_trib.printing.comparison import comparison_blocks, comparison_json
+from sysid_trib.printing.discovery import discovery_blocks, discovery_json
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
@@ -35,7 +35,7 @@ def names_in(text: str | None) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
 
 
-def identify(tell: Tell, given: Given) -> Callable[[], None]:
+def identify(tell: Tell, given: Asked) -> Callable[[], None]:
     """Identify the forces of records in two ways."""
     measured, calibration = _measured(given), calibration_of(given)
     wanted = asked_model(given)
@@ -87,7 +87,7 @@ def identify(tell: Tell, given: Given) -> Callable[[], None]:
     return deliver(given, tell, says, tree, texts)
 
 
-def _measured(given: Given) -> dict[str, tuple[float, float]]:
+def _measured(given: Asked) -> dict[str, tuple[float, float]]:
     """What gives SI units, with its errors; refused where it is too little for what it is for."""
     names = ("inertia", "mass", "load", "radius")
     read = {name: parse_value_with_error(getattr(given, name), f"--{name}") for name in names}
@@ -122,11 +122,13 @@ def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) 
 
 
 def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
-    whole = driven.driven_json(tree) if kind_of(tree) == "driven" else json_results.identification_json(tree)
+    whole = (
+        driven.driven_json(tree) if kind_of(tree) == "driven" else identification.identification_json(tree)
+    )
     return whole | driven.prediction_json(predicted) | sureness.sureness_json(tree)
 
 
-def discover(tell: Tell, given: Given) -> Callable[[], None]:
+def discover(tell: Tell, given: Asked) -> Callable[[], None]:
     """Search what a model lacks."""
     driving = driving_of(given)
     of_example = {} if given.records or given.forces else {"forces": EXAMPLE_FORCES}
@@ -141,7 +143,7 @@ def discover(tell: Tell, given: Given) -> Callable[[], None]:
         keep_next(tree, given)
     stretches = tree.attrs["stretches"]
     sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
-    says = partial(discovery_blocks, tree, sentences), partial(json_results.discovery_json, tree)
+    says = partial(discovery_blocks, tree, sentences), partial(discovery_json, tree)
     return deliver(given, tell, says, tree, texts_of(given, tree))
 
 
@@ -168,7 +170,7 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
     return seen, held, said + (" of each run" if len(decays) > 1 else "")
 
 
-def compare(tell: Tell, given: Given) -> Callable[[], None]:
+def compare(tell: Tell, given: Asked) -> Callable[[], None]:
     """Identify the forces of records by every method."""
     asked = asked_model(given)
     tell("reading")
@@ -183,7 +185,7 @@ def compare(tell: Tell, given: Given) -> Callable[[], None]:
     )
     keep_next(tree, given)
     blocks = partial(comparison_blocks, tree, record_sentences(tree, sources))
-    says = blocks, partial(json_results.comparison_json, tree)
+    says = blocks, partial(comparison_json, tree)
     return deliver(given, tell, says, tree, texts_of(given, tree))
 
 
@@ -191,7 +193,7 @@ def compare(tell: Tell, given: Given) -> Callable[[], None]:
 AND = Path(":")
 
 
-def difference(tell: Tell, given: Given) -> Callable[[], None]:
+def difference(tell: Tell, given: Asked) -> Callable[[], None]:
     """Hold two samples against each other."""
     sides = _sides(given.records)
     asked = asked_model(given)

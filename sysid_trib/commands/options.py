@@ -20,8 +20,8 @@ EXAMPLE_FORCES = "lambda,zeta,delta"
 LEAST, MOST = 1e-9, 1e9
 POSITIVE = (LEAST, MOST, "")
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
-KINDS: dict[str, Any] = {"text": str, "number": float, "count": int, "switch": bool, "file": Path}
-KINDS |= {"files": list[Path], "texts": list[str]}
+PYTHON_TYPES: dict[str, Any] = {"text": str, "number": float, "count": int, "switch": bool, "file": Path}
+PYTHON_TYPES |= {"files": list[Path], "texts": list[str]}
 # What stands for an option that is left out, where it is not None.
 ABSENT: dict[str, Any] = {"files": [], "texts": [], "switch": False}
 
@@ -46,14 +46,14 @@ class Option:
     @property
     def parameter(self) -> Parameter:
         """It as the argument of a function that typer reads, under the title of its group in the help."""
-        told: dict[str, Any] = {"metavar": self.value, "help": self.help, "rich_help_panel": self.title}
+        usual: dict[str, Any] = {"metavar": self.value, "help": self.help, "rich_help_panel": self.title}
         if self.positional:
             # What cannot be read is refused where it is read.
-            read = typer.Argument(show_default=self.default != [], readable=False, **told)
+            read = typer.Argument(show_default=self.default != [], readable=False, **usual)
         else:
             flags = ("-o", "--output") if self.flag == "-o" else (self.flag,)
-            read = typer.Option(*flags, min=self.least, **told)
-        kind = KINDS[self.kind] | None if self.default is None else KINDS[self.kind]
+            read = typer.Option(*flags, min=self.least, **usual)
+        kind = PYTHON_TYPES[self.kind] | None if self.default is None else PYTHON_TYPES[self.kind]
         of = {"default": copy(self.default), "annotation": Annotated[kind, read]}
         return Parameter(self.name, Parameter.KEYWORD_ONLY, **of)
 
@@ -81,7 +81,7 @@ GROUPS: dict[str, dict[str, Option]] = {
 }
 
 
-class Given:
+class Asked:
     """What a command was given: the values of its options by their names, and these as `options`."""
 
     def __init__(self, options: Mapping[str, Option], **values: Any) -> None:
@@ -92,9 +92,9 @@ class Given:
         """Refuse what is no option of the command."""
         raise AttributeError(name)
 
-    def but(self, **values: Any) -> "Given":
+    def but(self, **values: Any) -> "Asked":
         """Options and values, some of them others."""
-        return Given(**vars(self) | values)
+        return Asked(**vars(self) | values)
 
     def changed(self, names: Iterable[str]) -> list[str]:
         """Flags of the options among these that have another value than their default."""

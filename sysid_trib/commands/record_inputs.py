@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.options import Given, parse_number, parse_value_with_error, parse_window
+from sysid_trib.commands.options import Asked, parse_number, parse_value_with_error, parse_window
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.selection import load_system
 from sysid_trib.records.free_decay import free_decays
@@ -96,13 +96,13 @@ INSTEAD = {
 
 
 def read_decays(
-    given: Given, *, as_it_is: bool = False, driven: bool = False
+    given: Asked, *, as_it_is: bool = False, driven: bool = False
 ) -> tuple[list[xr.Dataset], list[str]]:
     """Read free decays of the files, or of the embedded example.
 
     Parameters
     ----------
-    given : Given
+    given : Asked
         The files, none for the embedded example, and how to read them. Frequencies of a model are refused
         where they cannot be the records'.
     as_it_is : bool
@@ -138,7 +138,7 @@ def read_decays(
     return decays, sentences
 
 
-def read_sources(given: Given, *, driven: bool = False) -> list[RunsOfFile]:
+def read_sources(given: Asked, *, driven: bool = False) -> list[RunsOfFile]:
     """The runs of each file as they are in it, uncut, and what they are."""
     if given.input_ is not None and not driven:
         raise UsageError(
@@ -149,7 +149,7 @@ def read_sources(given: Given, *, driven: bool = False) -> list[RunsOfFile]:
 
 
 def decays_within(
-    given: Given, source: RunsOfFile, *, as_it_is: bool = False
+    given: Asked, source: RunsOfFile, *, as_it_is: bool = False
 ) -> tuple[list[xr.Dataset], str]:
     """The decays of a file, or the one that is asked for, and what they are."""
     record, runs, sentence = source
@@ -164,17 +164,17 @@ def decays_within(
     return chosen, sentence + (f" {count}{taken}." if len(those) > 1 else "")
 
 
-def calibration_of(given: Given) -> tuple[float, float]:
+def calibration_of(given: Asked) -> tuple[float, float]:
     """By which the signal of the records is multiplied, and its standard error."""
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
-def driving_of(given: Given) -> dict[str, str | int]:
+def driving_of(given: Asked) -> dict[str, str | int]:
     """Columns of inputs by their names."""
     return named_inputs(given.input_ and given.input_.split(","))
 
 
-def _read(given: Given, record: Path | None) -> RunsOfFile:
+def _read(given: Asked, record: Path | None) -> RunsOfFile:
     """The runs of a file, or the embedded example, and what they are."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
@@ -206,7 +206,7 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
     return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
 
-def _decays(given: Given, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
+def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
         return [driven_part(record, limits)]

@@ -9,7 +9,7 @@ import xarray as xr
 
 from sysid_trib.commands.asked import asked_model, model_of_file
 from sysid_trib.commands.destination import check_output, deliver
-from sysid_trib.commands.options import MOST, Given, assigned, parse_window
+from sysid_trib.commands.options import MOST, Asked, assigned, parse_window
 from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
 from sysid_trib.commands.terminal import command_after, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
@@ -32,7 +32,7 @@ from sysid_trib.validation.next_run import plan as best_run
 from sysid_trib.validation.steady_response import forced_response
 
 
-def backbone(tell: Tell, given: Given) -> Callable[[], None]:
+def backbone(tell: Tell, given: Asked) -> Callable[[], None]:
     """The curves of each decay."""
     tell("reading")
     decays, sources = read_decays(given)
@@ -44,7 +44,7 @@ def backbone(tell: Tell, given: Given) -> Callable[[], None]:
     return deliver(given, tell, says, xr.DataTree.from_dict(curves), texts, kind="backbone")
 
 
-def look(tell: Tell, given: Given) -> Callable[[], None]:
+def look(tell: Tell, given: Asked) -> Callable[[], None]:
     """What is in files."""
     tell("reading")
     sources = read_sources(given)
@@ -68,7 +68,7 @@ def _refuse(sentences: list[str], error: DecayError) -> None:
     raise error
 
 
-def report(tell: Tell, given: Given) -> Callable[[], None]:
+def report(tell: Tell, given: Asked) -> Callable[[], None]:
     """The page of a result."""
     from sysid_trib.reporting.page import page, write_page
 
@@ -83,7 +83,7 @@ def report(tell: Tell, given: Given) -> Callable[[], None]:
     return partial(print_written, given.output)
 
 
-def export(tell: Tell, given: Given) -> Callable[[], None]:
+def export(tell: Tell, given: Asked) -> Callable[[], None]:
     """The equation of a result as a program."""
     result, language, output = given.result, given.language, given.output
     check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
@@ -94,7 +94,7 @@ def export(tell: Tell, given: Given) -> Callable[[], None]:
     return partial(print_written, output)
 
 
-def forces(tell: Tell, given: Given) -> Callable[[], None]:
+def forces(tell: Tell, given: Asked) -> Callable[[], None]:
     """The forces of a library."""
     offered = load_library(given.library)
     table = looked.force_table(offered)
@@ -109,7 +109,7 @@ def forces(tell: Tell, given: Given) -> Callable[[], None]:
     return say
 
 
-def plan(tell: Tell, given: Given) -> Callable[[], None]:
+def plan(tell: Tell, given: Asked) -> Callable[[], None]:
     """Say which run tells most, of a result or of records."""
     limits = {
         "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
@@ -129,7 +129,7 @@ def plan(tell: Tell, given: Given) -> Callable[[], None]:
     return deliver(given, tell, says, xr.DataTree(data), kind="plan")
 
 
-def response(tell: Tell, given: Given) -> Callable[[], None]:
+def response(tell: Tell, given: Asked) -> Callable[[], None]:
     """Sweep the frequency of a drive."""
     low, high = parse_window(given.frequencies, "--frequencies")
     if low is None or high is None or not 0.0 < low < high:
@@ -147,7 +147,7 @@ def response(tell: Tell, given: Given) -> Callable[[], None]:
 MAX_SAMPLES, MAX_PERIODS = 20_000_000, 1_000_000
 
 
-def simulate(tell: Tell, given: Given) -> Callable[[], None]:
+def simulate(tell: Tell, given: Asked) -> Callable[[], None]:
     """Simulate a record and write it."""
     named = [text.partition("=")[0].partition(".")[0].strip() for text in given.set_]
     offered = with_shipped(load_library(given.library), named)
@@ -176,7 +176,7 @@ def _settings(
     return coefficients or PAPER_COEFFICIENTS, shapes
 
 
-def _simulated(model: Model, motion: Given) -> xr.Dataset:
+def _simulated(model: Model, motion: Asked) -> xr.Dataset:
     """What `simulate` returns, with the noise in `angle`; numbers from which no record comes are refused."""
     duration, sampling_rate, noise = motion.duration, motion.sampling_rate, motion.noise
     samples = round(duration * sampling_rate)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from sysid_trib.commands.options import Given, options_of
+from sysid_trib.commands.options import Asked, options_of
 from sysid_trib.errors import DecayError, Tell, printable, readable, silent
 from sysid_trib.printing import Block, Layer
 
@@ -167,14 +167,14 @@ RECORDS = "records"
 TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
 
 
-def keep_next(tree: "xr.DataTree", given: Given) -> None:
+def keep_next(tree: "xr.DataTree", given: Asked) -> None:
     """Keep the command that follows from a result as its attribute `next`.
 
     Parameters
     ----------
     tree : DataTree
         Result of a command.
-    given : Given
+    given : Asked
         What the command was given; the next command takes over the options that it knows.
     """
     from sysid_trib.printing.next_step import next_step
@@ -183,7 +183,7 @@ def keep_next(tree: "xr.DataTree", given: Given) -> None:
     tree.attrs["next"] = f"{command_after(step, given)} # {step.reason}"
 
 
-def command_after(step: "NextStep", given: Given) -> str:
+def command_after(step: "NextStep", given: Asked) -> str:
     """The command of a next step, with the options that were given before."""
     from sysid_trib.commands.app import app
 

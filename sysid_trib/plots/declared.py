@@ -16,7 +16,10 @@ from sysid_trib.results.variables import group_names, record_groups
 
 Draw = TypeVar("Draw", bound=Callable[..., Figure])
 # What `kind_of` says of results, and commands that show what is no result.
-KINDS = ("cross_check", "driven", "compare", "difference", "discover", "look", "backbone", "plan", "response")
+RESULT_KINDS = (
+    *("cross_check", "driven", "compare", "difference", "discover"),
+    *("look", "backbone", "plan", "response"),
+)
 NO_CAPTIONS: Mapping[str, str] = MappingProxyType({})
 
 
@@ -32,7 +35,7 @@ class Declared:
 
     @property
     def of_each_run(self) -> bool:
-        """Whether each run of a result has one."""
+        """True if each run of a result has one."""
         return "run" in inspect.signature(self.draw).parameters
 
     def caption(self, tree: xr.DataTree) -> str:
@@ -71,7 +74,7 @@ def shows(
     Parameters
     ----------
     *kinds : str
-        Kinds of result, of `KINDS`.
+        Kinds of result, of `RESULT_KINDS`.
     block : str
         Title of the section of a page that has it; without one `--plot` alone draws it.
     groups : tuple of str
@@ -79,8 +82,8 @@ def shows(
     captions : mapping of str to str
         Captions of kinds of result of which the docstring says too much.
     """
-    if unknown := {*kinds, *captions} - set(KINDS):
-        raise ValueError(f"No result is of the kind {', '.join(sorted(unknown))}; there are {KINDS}.")
+    if others := {*kinds, *captions} - set(RESULT_KINDS):
+        raise ValueError(f"No result is of the kind {', '.join(sorted(others))}; there are {RESULT_KINDS}.")
 
     def declare(draw: Draw) -> Draw:
         _DECLARED[draw.__name__] = Declared(draw, kinds, block, groups, captions)

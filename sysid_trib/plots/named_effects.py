@@ -160,20 +160,10 @@ def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float)
 
 
 def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:
-    """Mean force over angle and rate that a model lacks, relative to I w^2.
+    """Mean force over angle and rate that the final model lacks, or the start model, relative to I w^2.
 
-    Parameters
-    ----------
-    tree : xr.DataTree
-        Result of `discover`.
-    after : bool
-        Of the final model, else of the start model.
-
-    Returns
-    -------
-    tuple
-        The force and its standard error, in small units, nan where samples are few; and the force at which
-        the colours of both models end.
+    With its standard error, in small units, nan where samples are few; and the force at which the colours of
+    both models end.
     """
     first, last = (tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after"))
     kept = np.abs(first.force.values[first.samples.values >= FEWEST_IN_CELL])

@@ -1,6 +1,7 @@
 """Methods side by side, in sentences and tables: which predicts best, which differ and probably why."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -270,3 +271,22 @@ def _reference(table: xr.Dataset) -> list[str]:
         "numbers are rather too small.",
         *[inseparable] * bool(symbol),
     ]
+
+
+def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
+    """A result of `compare` as plain data."""
+    table, groups = tree["comparison"].to_dataset(), record_groups(tree)
+    several = len(groups) > 1
+    starts = [layout.number(tree[group].holdout_start.item()) for group in groups]
+    data = {
+        **layout.records_json(tree),
+        "holdout_start": starts[0],
+        **layout.mapped(table, {name: name for name in ("common_frequency", "noise")}),
+        **table.attrs,
+        "methods": layout.per_label(
+            table, "method", layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})
+        ),
+    }
+    if several:
+        data |= {"holdout_starts": starts, **layout.mapped(table, {"run_noises": "run_noise"})}
+    return data

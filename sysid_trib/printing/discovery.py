@@ -1,7 +1,8 @@
 """A discovery: where the gap is, what closes it, what remains, and what could have been seen."""
 
+import json
 from collections.abc import Callable, Iterable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -21,9 +22,19 @@ from sysid_trib.printing.discovery_tables import (
     times_noise,
 )
 from sysid_trib.printing.discovery_verdict import verdict_sentences
-from sysid_trib.printing.layout import coefficient_table, in_small_units
-from sysid_trib.printing.verdict import step_heterogeneity_sentences
-from sysid_trib.results.effects import NAMED, candidates_of, credible_set, failed_competitors, replacing_pairs
+from sysid_trib.printing.layout import (
+    KEYS,
+    Source,
+    coefficient_table,
+    in_small_units,
+    mapped,
+    number,
+    per_label,
+    records_json,
+)
+from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
+from sysid_trib.records.decay import RECORD_PARTS
+from sysid_trib.results import effects
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import given_results, record_noise, residual_of
 
@@ -107,18 +118,18 @@ def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> list[str]:
             "No force in its place, a random force taking the blame, has the probability "
             f"{_probability(probability)}."
         )
-    if failed := failed_competitors(step):
+    if failed := effects.failed_competitors(step):
         remarks.append(f"In place of {symbol} these were tried, but their fits failed: {', '.join(failed)}.")
     return remarks
 
 
 def _competing(tree: xr.DataTree, step: xr.Dataset) -> list[str]:
     """The credible set of an effect, how probable each member is, and what would separate them."""
-    probabilities = credible_set(step)
+    probabilities = effects.credible_set(step)
     symbol, *others = probabilities
     if not others:
         return []
-    offered = candidates_of(tree)
+    offered = effects.candidates_of(tree)
     named = ", ".join(f"{s} ({offered[s].formula.text})" for s in others[:COMPETING])
     more = f", and {len(others) - COMPETING} more" if len(others) > COMPETING else ""
     likely = ", ".join(f"{s} {_probability(p)}" for s, p in [*probabilities.items()][: COMPETING + 1])
@@ -154,7 +165,7 @@ def _grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list
 
 def _competing_pairs(step: xr.Dataset) -> list[str]:
     """Pairs of candidates that explain together what an effect does, and how probable the likeliest is."""
-    pairs = replacing_pairs(step)
+    pairs = effects.replacing_pairs(step)
     if not pairs:
         return []
     more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
@@ -196,7 +207,9 @@ def _detectability(tree: xr.DataTree) -> list[str]:
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()
     groups = _grouped(symbols, lambda first, symbol: bool(pairs.at[symbol, first]))
     if alike := "; ".join(", ".join(group) for group in groups if len(group) > 1):
-        sentences.append(f"On this record, these look alike even at {NAMED:g} standard errors: {alike}.")
+        sentences.append(
+            f"On this record, these look alike even at {effects.NAMED:g} standard errors: {alike}."
+        )
     # The reason may name the record already.
     reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")
     for reason, untested in reasons[reasons != ""].groupby(reasons, sort=False):
@@ -206,3 +219,72 @@ def _detectability(tree: xr.DataTree) -> list[str]:
     if failed := tree.attrs["failed_fits"]:
         sentences.append(f"Tried, but not fitted: their motions could not be computed: {', '.join(failed)}.")
     return sentences
+
+
+# Keys of the JSON where they differ from the names of the variables.
+SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
+SPANS = KEYS["spans"] | {
+    "parts": lambda spans: ", ".join(spans.attrs["parts"]),
+    "spans": lambda spans: {
+        SPAN_KEYS.get(str(name), str(name)): number(column.values.tolist())
+        for name, column in spans.data_vars.items()
+        if column.dims == ("span",)
+    },
+}
+DISCOVERY: dict[str, Source] = KEYS["discover"] | {
+    "disagreement": ("discrepancy", SPANS),
+    "steps": lambda tree: [_step(tree, at, step) for at, step in enumerate(steps_of(tree))],
+    "converged": lambda tree: tree.attrs["converged"] == "True",
+    "closing_effect": lambda tree: tree.attrs.get("closing_effect") or None,
+    "not_improving": lambda tree: tree.attrs.get("not_improving") or None,
+    "noise_p_value": lambda tree: number(float(tree.attrs.get("noise_p_value", "nan"))),
+    "noise": lambda tree: number(record_noise(tree)),
+    "residual_noise": lambda tree: number(record_noise(tree)),
+    "residual": lambda tree: number(residual_of(tree, "after")),
+    "disagreement_after": ("discrepancy_after", SPANS),
+    "generic_p_value": lambda tree: number(tree["omnibus"].p_value.values[-1].item()),
+    "error_widening": lambda tree: number(effects.error_widening(tree)),
+    "not_testable": ("detectability_after", lambda candidates: _reasons(candidates)),
+    "options": lambda tree: json.loads(tree.attrs["options"]),
+}
+
+
+def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
+    """A result of `discover` as plain data."""
+    several = {"run_differences": (GROUP, KEYS["run_differences"])} if GROUP in tree.children else {}
+    return records_json(tree) | mapped(tree, DISCOVERY | several)
+
+
+def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
+    """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
+    held, offered = number(tree["holdout"].rms.values.tolist()), effects.candidates_of(tree)
+    probabilities = {
+        s: number(round(probability, 4)) for s, probability in effects.credible_set(step).items()
+    }
+    likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)
+    pairs = effects.replacing_pairs(step)
+    computed = {
+        "shapes": effects.shapes_of(step, step.symbol.item()),
+        "shape_errors": effects.shapes_of(step, step.symbol.item(), "shape_standard_error"),
+        "indistinguishable_pairs": [pair.split(effects.PAIR) for pair in pairs],
+        "pair_odds": number(step.pair_odds.item()) if pairs else None,
+        "probability_of_chance": number(round(step.chance_probability.item(), 4)),
+    }
+    known = mapped(step, {key: source for key, source in KEYS["step"].items() if key not in computed})
+    return {key: (known | computed)[key] for key in KEYS["step"]} | {
+        "probability": probabilities.pop(step.symbol.item()),
+        "holdout_before": held[at],
+        "holdout_after": held[at + 1],
+        "stands_in": int(step.stands_in),
+        "parts": len(likeliest),
+        "likeliest_in": dict(zip(RECORD_PARTS, likeliest, strict=True)),
+        "indistinguishable_from": [
+            {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
+            for s, p in probabilities.items()
+        ],
+    }
+
+
+def _reasons(candidates: xr.Dataset) -> dict[str, str]:
+    """Why candidates cannot be tested, of those that cannot."""
+    return {s: reason for s, reason in per_label(candidates, "candidate", "reason").items() if reason}

@@ -1,17 +1,18 @@
 """A cross-checked identification: is the record explained, do the methods agree, what follows."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from rich.table import Table
 
 from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.physics.si_units import si_of
+from sysid_trib.physics.si_units import MU, SI, si_of
 from sysid_trib.printing import ALWAYS, Block, Layer, layout, verdict
 from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.physics import physics_sentences, si_block, weight_sentences
-from sysid_trib.printing.random_force import random_force_sentences
+from sysid_trib.printing.physics import physics_json, physics_sentences, si_block, weight_sentences
+from sysid_trib.printing.random_force import random_force_json, random_force_sentences
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
@@ -232,3 +233,45 @@ def _own_quantity(tree: xr.DataTree) -> list[str]:
                 f"residuals are of the {measured}{over}."
             ]
     return []
+
+
+def identification_json(tree: xr.DataTree) -> dict[str, Any]:
+    """A result of `cross_check` as plain data, see `identification_blocks`."""
+    checked, failed = tree["comparison"].to_dataset(), findings.failures(tree)
+    answer, si, methods, models = findings.answer_of(tree), si_of(tree), {}, {}
+    held_out = {"held_out_rms": lambda result: layout.number(float(result.get("held_out_rms", np.nan)))}
+    table = layout.KEYS["identification"] | held_out
+    withheld: dict[str, Any] = dict.fromkeys(table) | {"coefficients": {}}
+    for name in (checked.attrs["first"], checked.attrs["second"]):
+        result = findings.with_error_parts(tree[name].to_dataset())
+        methods[name] = dict(withheld) if name in failed else layout.mapped(result, table)
+        methods[name] |= {"failed": failed.get(name, "")}
+        models[name] = layout.mapped(checked.sel(model=name), layout.KEYS["motion"]) | {
+            "residual_rms": layout.number(findings.residual_of(tree, name)),
+            "residual_over_noise": layout.number(findings.residual_over_noise(tree, name)),
+        }
+    if findings.holds(tree):
+        result, at = tree[answer].to_dataset(), findings.times_of_amplitudes(tree)
+        follows = physics_json(result, findings.amplitudes(tree), si, time=at)
+    else:
+        follows = {"refused": consequences(tree)[0]}
+    data = {
+        **layout.records_json(tree),
+        **random_force_json(tree),
+        "answer": None if answer in failed else answer,
+        "methods": methods,
+        "cross_check": layout.mapped(checked, layout.KEYS["cross_check"])
+        | {"models": models, "noise": findings.record_noise(tree)}
+        | checked.attrs,
+        "consequences": follows,
+        "sufficient_forces": [
+            {s: {"value": value, "standard_error": error} for s, (value, error) in forces.items()}
+            for forces in findings.fewer_forces(tree)
+        ],
+    }
+    if "runs" in tree:
+        data["runs"] = verdict.runs_json(tree["runs"].to_dataset())
+    if si is not None:
+        friction = {MU: f"{MU}±"} if MU in si else {}
+        data[SI] = layout.per_label(si, "force", layout.KEYS["si"] | friction)
+    return data

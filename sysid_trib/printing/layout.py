@@ -102,10 +102,9 @@ def text_table(
     ----------
     rows : sequence of mapping of str to str
         A cell that a row lacks is empty.
-    words : collection of str
-        Heads of the columns of words, which a narrow terminal may fold; the others are numbers.
-    whole : collection of str
-        Heads of those that it may not fold.
+    words, whole : collection of str
+        Heads of the columns of words, which a narrow terminal may fold, and of those that it may not; the
+        others are numbers.
     """
     table = Table(box=None, pad_edge=False, header_style="bold")
     heads = list(dict.fromkeys(head for row in rows for head in row))
@@ -237,8 +236,7 @@ def mapped(data: Any, table: Mapping[str, Source]) -> dict[str, Any]:
     data : Dataset or DataTree
         Its variables and attributes are named by the table.
     table : mapping of str to str, tuple, mapping or callable
-        By key what `keys.toml` says; a dimension or a group with what stands there; a table; or what takes
-        `data`.
+        By key what `keys.toml` says; a dimension or group with what stands there; or what takes `data`.
     """
     return {key: _value(data, source) for key, source in table.items() if not _is_missing(data, source)}
 

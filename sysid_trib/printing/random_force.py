@@ -1,11 +1,14 @@
 """A random force in words and as plain data: its size, what it lets be predicted, whether it is one."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
-from sysid_trib.printing.layout import p_value_text, value_with_error
-from sysid_trib.results.variables import record_groups, signal_units
+from sysid_trib.printing.layout import number, p_value_text, value_with_error
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results.variables import group_names, record_groups, signal_units
 from sysid_trib.validation.findings import second_of, verdict_of
 from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
 
@@ -125,3 +128,31 @@ def _dependences(tested: xr.Dataset) -> str:
     if "force" not in on:
         return f"its size depends on {on['size']}"
     return f"it depends on {on['force']}" + (f", and its size on {on['size']}" if "size" in on else "")
+
+
+def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
+    """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
+    result = second_of(tree)
+    data: dict[str, Any] = {"verdict": verdict_of(tree), "random_force": None, "innovations": None}
+    force = random_force_of(result)
+    if not force:
+        return data
+    tested = tree["random_force"].to_dataset() if "random_force" in tree.children else None
+    data["random_force"] = {
+        "density": force.density,
+        "standard_error": number(force.standard_error),
+        "relative": force.relative(float(result.reference_frequency)),
+        "p_value": number(force.p_value),
+        "dependence_p_value": None if tested is None else number(p_value_of_dependence(tested)),
+        "density_p_value": None if tested is None else number(float(tested.density_p_value.min())),
+    }
+    groups = group_names("innovations", len(record_groups(tree)))
+    if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
+        # Of runs whose lengths differ, records too short for all lags have fewer.
+        lags = min(run.sizes["lag"] for run in followed)
+        correlations = [run.autocorrelation.values[:lags] for run in followed]
+        data["innovations"] = {
+            "rms": root_mean_square([run.innovation_rms.item() for run in followed]),
+            "autocorrelation": np.mean(correlations, axis=0).tolist(),
+        }
+    return data

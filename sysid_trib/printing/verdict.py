@@ -265,3 +265,9 @@ def reference_sentence(result: xr.Dataset) -> str:
         if unit != "1":
             units.append(f"{symbol} in {unit}")
     return f"{'; '.join(refers)}. {'; '.join(units)}."
+
+
+def runs_json(runs: xr.Dataset) -> dict[str, Any]:
+    """The test of runs of one experiment as plain data."""
+    densities = {"random_force": layout.KEYS["densities"]} if "density_verdict" in runs.attrs else {}
+    return layout.mapped(runs, layout.KEYS["runs"] | densities)
