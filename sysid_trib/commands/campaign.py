@@ -78,7 +78,7 @@ def _task(given: Asked) -> task.Task:
     # How a file is read does not depend on which others there are.
     read = partial(decays_of, given.but(records=[]))
     if name == "discover":
-        _refuse(name, given.changed(GROUPS["model"].keys() - GROUPS["start"].keys()))
+        _refuse(name, given.changed([option for option in GROUPS["model"] if option not in GROUPS["start"]]))
         if given.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
         start, offered, how = asked_search(given)

@@ -131,7 +131,7 @@ def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
 def discover(tell: Tell, given: Asked) -> Callable[[], None]:
     """Search what a model lacks."""
     driving = driving_of(given)
-    of_example = {} if given.records or given.forces else {"forces": EXAMPLE_FORCES}
+    of_example = {} if given.records or given.forces is not None else {"forces": EXAMPLE_FORCES}
     start, offered, options = asked_search(given.but(**of_example), driving)
     tell("reading")
     decays, sources = read_decays(given, driven=True)
