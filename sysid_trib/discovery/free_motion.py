@@ -109,8 +109,8 @@ def random_forces(model: FittedModel) -> list[RandomForce]:
     """The random force of a model in each of its runs."""
     of_fit, frequency = model.likelihood, model.rows[0].path.frequency
     densities = [RandomForce.density_of(q, frequency) for q in (of_fit.ratios * of_fit.variances).tolist()]
-    each = zip(densities, of_fit.ratio_errors, of_fit.gains, strict=True)
-    return [RandomForce(q, q * error, RandomForce.p_value_of_gain(gain)) for q, error, gain in each]
+    estimates = zip(densities, of_fit.ratio_errors, of_fit.gains, strict=True)
+    return [RandomForce(q, q * error, RandomForce.p_value_of_gain(gain)) for q, error, gain in estimates]
 
 
 def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:

@@ -41,11 +41,11 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     run with the amplitude: the test says that the runs ask for different coefficients, not why.
     """
     names = ("chi_square", "degrees_of_freedom", "most")
-    found = dict(zip(names, map(list, zip(*map(_differing, models), strict=True)), strict=True))
-    p_value = chi2.sf(found["chi_square"], found["degrees_of_freedom"])
+    tests = dict(zip(names, map(list, zip(*map(_differing, models), strict=True)), strict=True))
+    p_value = chi2.sf(tests["chi_square"], tests["degrees_of_freedom"])
     gains = [before.deviance - after.deviance for before, after in pairwise(models)]
     differ = p_value < models[0].settings.level
-    return {**found, "p_value": p_value, "differ": differ, "gain": [*gains, np.nan]}
+    return {**tests, "p_value": p_value, "differ": differ, "gain": [*gains, np.nan]}
 
 
 def _differing(model: FittedModel) -> tuple[float, int, str]:
