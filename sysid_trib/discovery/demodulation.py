@@ -47,20 +47,19 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     offsets = (run[:, None] == np.unique(run)).astype(float)
     plain = np.column_stack([offsets, tau])
     steady, chi_square = _fitted_trend(plain, value, error)
-    constant = best = np.full(len(value), steady[-1]), "all amplitudes"
+    constant = np.full(len(value), steady[-1]), "all amplitudes"
     if len(value) <= plain.shape[1] + 1:
         return constant
-    least = chi_square
+    trends = []
     for name, power in SHAPES.items():
         rate = tau - tau.min() if power is None else amplitude**power
         # From one run to the next it steps, as the runs' offsets do.
         integral = cumulative_trapezoid(rate, tau, initial=0.0)
         values, remaining = _fitted_trend(np.column_stack([plain, integral]), value, error)
-        if remaining < least:
-            least = remaining
-            best = values[-2] + values[-1] * rate, name.replace("larger", "large")
+        trends.append((remaining, values[-2] + values[-1] * rate, name.replace("larger", "large")))
+    least, *best = min(trends, key=lambda trend: trend[0])
     counts = chi_square - least > max(EXPLAINED_PART * chi_square, float(chi2.isf(LEVEL, 1)))
-    return best if counts else constant
+    return (best[0], best[1]) if counts else constant
 
 
 def _fitted_trend(columns: Array, value: Array, error: Array) -> tuple[Array, float]:

@@ -283,8 +283,8 @@ def chance_in_set(
     effects: Sequence[str], rivals: Mapping[str, Mapping[str, float]], fits: Fits
 ) -> FittedModel | None:
     """The model without the effect whose credible set chance is in; None if there is none."""
-    chance, symbol = min(((of.get("", np.inf), at) for at, of in rivals.items()), default=(np.inf, ""))
-    in_set = chance < fits.start.settings.outside_of_set
+    excess, symbol = min(((of.get("", np.inf), at) for at, of in rivals.items()), default=(np.inf, ""))
+    in_set = excess < fits.start.settings.outside_of_set
     fitted = fits.kept.get(frozenset(effects) - {symbol}) if in_set else None
     if fitted is not None:
         fits.by_chance.add(frozenset(effects))
