@@ -203,10 +203,10 @@ def restricted_by_colour(
         band = covariance_of_local_rows(coloured(rows.operator, filter_))
         by_ratio = rows_by_ratio(band, rows.path.form.gram, whole)
         if alone:
-            found = held_ratio(by_ratio, 0.0)
+            noise = held_ratio(by_ratio, 0.0)
         else:
-            found = variance_ratio(by_ratio, *span_of(rows.path.form), start)
-        return found.deviance, found.variance
+            noise = variance_ratio(by_ratio, *span_of(rows.path.form), start)
+        return noise.deviance, noise.variance
 
     return by_filter
 
