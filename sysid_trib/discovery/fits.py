@@ -292,9 +292,7 @@ def _fitted(
             trials,
             frequency_free=near.frequency_free,
             first=first,
-            part=part,
-            worst=worst,
-            possible=possible,
+            limits=(worst, possible, part),
         )
     except NOT_FITTED:
         return None
