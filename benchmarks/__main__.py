@@ -17,6 +17,7 @@ curve_bands   simultaneous bands of a model's curves
 posterior     posteriors beside random-walk Metropolis, three records; --seeds: its steps
 backbone      bands of frequency and damping against amplitude, twelve kinds of forces
 plan          discover, plan, run, discover again: whether what is stated comes true
+loops         runs until one right name, with planned releases and with drawn ones
 
 Measured and driven records: measured, answer, random_force_kinds, driven. Others on the same records: arena.
 Time, memory, kills: simulator, timing, cost, campaign (--only a part of each).
@@ -44,6 +45,7 @@ NAMES = {
     "curve_bands": ("study.intervals", 400),
     "backbone": ("backbone", 20),
     "plan": ("plan", 20),
+    "loops": ("plan", 20),
     "measured": ("measured", None),
     "answer": ("measured", None),
     "random_force_kinds": ("random_force_kinds", None),
@@ -60,7 +62,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("name", choices=[*NAMES])
     parser.add_argument("--seeds", "--records", type=int, help="how many (at most, for precision)")
-    parser.add_argument("--first", type=int, default=0, help="first seed of verdicts, rigs and plan")
+    parser.add_argument("--first", type=int, default=0, help="first seed of verdicts, rigs, plan, loops")
     parser.add_argument("--method", default="", help="direct, trajectory, averaging, or one with -off")
     parser.add_argument("--only", default="", help="part of the titles of what is done")
     parser.add_argument("--out", type=Path, help="file of rows that is gone on with")

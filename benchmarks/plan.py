@@ -1,9 +1,10 @@
-"""Does what a plan states come true? Discover, plan, run, discover again.
+"""Does what a plan states come true, and how many runs does it save? Discover, plan, run, discover again.
 
 python -m benchmarks plan [--drawn] [--first 1000] [--seeds 60] [--out FILE]     with FILE resumable
+python -m benchmarks loops [--first 3000] [--seeds 15] [--out FILE]
 
 Of each plan two runs are made: the one that is planned, and another row of its table. With --drawn the hidden
-effect is drawn from all candidates, as probabilities suppose.
+effect is drawn from all candidates, as probabilities suppose. Loops go on until the right name stands alone.
 """
 
 import itertools
@@ -20,7 +21,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.trials import from_unit
 from sysid_trib.validation.rivals import ODDS
 
-LIMITS, DURATION, RATE, NOISE = (0.1, 0.8), 12.0, 50.0, 2e-3
+LIMITS, DURATION, RATE, NOISE, MOST_RUNS = (0.1, 0.8), 12.0, 50.0, 2e-3, 5
 # Release of the first run (rad), frequency (rad/s); strengths that are drawn, over what that run detects.
 FIRST, FREQUENCY, STRENGTHS = 0.25, 9.9, (1.0, 6.0)
 # Between which probabilities stated ones are counted together.
@@ -130,3 +131,29 @@ def plan(asked: Namespace) -> None:
     for best, words in ((True, "the run that is planned"), (False, "another row of the table")):
         print(f"{words}:")
         table_of([tuple(run[:3]) for _, said in rows for run in said if run[3] == best])
+
+
+def runs_needed(seed: int, planned: bool) -> int:
+    """Runs until the set is the right name alone, with releases that are planned or drawn."""
+    (symbol, model), rng = hidden_in(seed, False), np.random.default_rng([seed, 7])
+    runs = [decay_of(model, FIRST, DURATION, 1000 * seed)]
+    for count in range(1, MOST_RUNS + 1):
+        tree = st.discover(runs)
+        if named(tree) == [symbol]:
+            return count
+        amplitude = float(np.exp(rng.uniform(*np.log(LIMITS))))
+        if planned and len(named(tree)) > 1:
+            table = st.validation.plan(tree, amplitude=LIMITS, duration=(DURATION, DURATION))
+            amplitude = table.amplitude[0].item()
+        runs.append(decay_of(model, amplitude, DURATION, 1000 * seed + count))
+    return MOST_RUNS + 1
+
+
+def loops(asked: Namespace) -> None:
+    rows = read(asked.out)
+    for seed in range(asked.first + len(rows), asked.first + asked.seeds):
+        rows.append([runs_needed(seed, planned) for planned in (True, False)])
+        print(f"{seed}: {rows[-1]}", flush=True)
+        added(asked.out, rows[-1])
+    for words, counts in zip(("planned", "at random"), zip(*rows, strict=True), strict=True):
+        print(f"{words}: median {np.median(counts):g} runs, mean {np.mean(counts):.2f}, {len(counts)} loops")
