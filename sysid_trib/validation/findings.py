@@ -127,9 +127,16 @@ def failures(tree: xr.DataTree) -> dict[str, str]:
 
 
 def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications of a cross-check by the name of their method, without one that failed."""
-    checked, failed = tree["comparison"].attrs, failures(tree)
+    """The identifications of a cross-check by the name of their method, without one that failed.
+
+    Raises
+    ------
+    KeyError
+        Two methods are not held against each other here.
+    """
+    checked = tree["comparison"].attrs
     names = (checked["first"], checked["second"])
+    failed = failures(tree)
     return {name: tree[name].to_dataset() for name in names if name not in failed}
 
 
