@@ -292,7 +292,9 @@ def _fitted(
             trials,
             frequency_free=near.frequency_free,
             first=first,
-            limits=(worst, possible, part),
+            part=part,
+            worst=worst,
+            possible=possible,
         )
     except NOT_FITTED:
         return None

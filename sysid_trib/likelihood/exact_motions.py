@@ -94,7 +94,7 @@ def _refined(
                 break
             values, motions = 0.5 * (followed.values + values), list(followed.motions)
             continue
-        followed = begun.linearised_along(paths, values[:-1], motions, operators)
+        followed = begun.about(paths, values[:-1], motions, operators)
         solution = followed.solve(active)
         change = solution.values - values
         step = change / (SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest)

@@ -45,7 +45,9 @@ def fit_model(
     *,
     frequency_free: bool,
     first: Array | None = None,
-    limits: tuple[float, Callable[[FittedModel], bool], float] = (np.inf, _always, 1.0),
+    worst: float = np.inf,
+    possible: Callable[[FittedModel], bool] = _always,
+    part: float = 1.0,
     constraints: ConstraintMap | None = None,
 ) -> FittedModel:
     """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
@@ -59,10 +61,12 @@ def fit_model(
     frequency_free : bool
     first : (trial + 1,) array of float, optional
         First guess of the coefficients and the stiffness, for the operator of small deviations.
-    limits : (float, callable, float)
-        A deviance: a fit that will not reach it, by what its last round gained, is given up. Whether physics
-        allows a model: a fit that has left that for two rounds is given up. The part of the way that a round
-        goes at first.
+    worst : float
+        A deviance: a fit that will not reach it, by what its last round gained, is given up.
+    possible : callable
+        Whether physics allows a model: a fit that has left that for two rounds is given up.
+    part : float
+        Of the way that a round goes at first.
     constraints : ConstraintMap, optional
         Of the coefficients.
 
@@ -71,7 +75,7 @@ def fit_model(
     The next path is the most likely motion of the model at hand: without a random force it becomes a free
     motion (Newton's method on all samples), with one the smoothed motion.
     """
-    guess, (worst, possible, part) = np.zeros(len(trials) + 1) if first is None else first, limits
+    guess = np.zeros(len(trials) + 1) if first is None else first
     model = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free, constraints)
     settings = paths[0].settings
     longest = part * settings.shape_step

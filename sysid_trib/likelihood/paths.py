@@ -386,9 +386,7 @@ def path_of_run(
 ) -> RecordPath:
     """A run as a path, with what drives it, and the rows in which it sticks to what moves or is at rest."""
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
-    path, inputs = path_of(time, angle, frequency, sensor, settings), inputs_of(run)
-    if origin is not None:
-        path = replace(path, origin=origin)
+    path, inputs = path_of(time, angle, frequency, sensor, origin, settings), inputs_of(run)
     if not inputs:
         return path
     surfaces = [name for name in inputs if run[name].attrs.get("units") == unit_of_signal(run)]
@@ -426,6 +424,7 @@ def path_of(
     angle: Array,
     frequency: float,
     sensor: NoiseModel,
+    origin: float | None = None,
     settings: Settings = DEFAULTS,
     intervals: int | None = None,
 ) -> RecordPath:
@@ -433,7 +432,8 @@ def path_of(
     tau = frequency * (time - time[0])
     intervals = intervals or knot_intervals(tau)
     form, spline = build_weak_form(tau, intervals), _spline(tau, angle, intervals)
-    return RecordPath(time, angle, frequency, form, spline, sensor, float(time[0]), settings)
+    since = float(time[0]) if origin is None else origin
+    return RecordPath(time, angle, frequency, form, spline, sensor, since, settings)
 
 
 def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:

@@ -91,9 +91,7 @@ def with_random_force(
     model = refitted(model)
     if of_colour:
         model = _with_colours_alone(recoloured(model, restricted=True))
-    regression = begun.linearised_along(
-        [rows.path for rows in model.rows], model.coefficients, operators=model.rows
-    )
+    regression = begun.about([rows.path for rows in model.rows], model.coefficients, operators=model.rows)
     noises = tuple(_noises(regression, active, model, run, of_colour) for run in range(len(paths)))
     regression = replace(regression, noises=noises)
     if not any(noise.ratio for noise in noises):
@@ -114,7 +112,7 @@ def _sensor_above(path: RecordPath) -> NoiseModel:
 
 def _colour_alone(model: FittedModel, run: int, order: int) -> tuple[NoiseModel, float]:
     """Most likely noise of the sensor where there is no random force, of an order, and its deviance."""
-    by_colour, path = restricted_by_colour(model, run, without_force=True), model.rows[run].path
+    by_colour, path = restricted_by_colour(model, run, alone=True), model.rows[run].path
     starts = [of_order(start, order) for start in (np.ones(1), path.sensor.filter_)]
     samples = float(path.form.rows)
     filter_, deviance = most_likely_colour(lambda colour: by_colour(colour)[0], starts, samples=samples)
@@ -129,10 +127,10 @@ def _with_colours_alone(model: FittedModel) -> FittedModel:
     sensors = [rows.path.sensor for rows in model.rows]
     for run, sensor in enumerate(sensors):
         if model.noises(run)[0] and len(sensor.filter_) <= MAX_COLOUR:
-            still, deviance = _colour_alone(model, run, len(sensor.filter_))
+            alone, deviance = _colour_alone(model, run, len(sensor.filter_))
             # One parameter more, and a random force less.
             if deviance < restricted_by_colour(model, run)(sensor.filter_)[0]:
-                sensors[run] = still
+                sensors[run] = alone
     same = all(a is rows.path.sensor for a, rows in zip(sensors, model.rows, strict=True))
     return model if same else with_sensor_noises(model, sensors)
 

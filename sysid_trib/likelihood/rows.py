@@ -169,7 +169,7 @@ class Regression:
             covariance[j, j] = self.solve(added).covariance[j, j]
         return replace(solution, covariance=covariance)
 
-    def linearised_along(
+    def about(
         self,
         paths: Sequence[RecordPath],
         coefficients: Array,
@@ -195,7 +195,7 @@ class Regression:
         guess, rows = np.append(coefficients, 0.0), list[RunRows]()
         for run, path in enumerate(paths):
             rows.append(
-                run_rows(path, self.trials, guess) if operators is None else operators[run].along(path)
+                run_rows(path, self.trials, guess) if operators is None else operators[run].about(path)
             )
         tables = list[Array]()
         for run, of_run in enumerate(rows):
@@ -211,7 +211,7 @@ class Regression:
 
     def along_smoothed(self, values: Array) -> "Regression":
         """The regression about the same paths, with another estimate (force + 1,)."""
-        return self.linearised_along([path.rescaled(float(values[-1])) for path in self.paths], values[:-1])
+        return self.about([path.rescaled(float(values[-1])) for path in self.paths], values[:-1])
 
     def in_strong_form(self) -> "Regression":
         """Rows theta'' + theta of the smoothed records, one a sample.
@@ -320,7 +320,7 @@ def begin(
     noises = tuple(known_noise(path.sensor.innovation**2) for path in paths)
     # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
     held = constraints.impose(np.zeros(len(library)))
-    regression = Regression((), (), trials, constraints, free, noises, held).linearised_along(paths, held)
+    regression = Regression((), (), trials, constraints, free, noises, held).about(paths, held)
     for _ in range(FIRST_ESTIMATES):
         solution = regression.solve(np.ones(len(library), bool))
         regression = regression.along_smoothed(solution.values)

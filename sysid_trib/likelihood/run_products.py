@@ -118,10 +118,11 @@ def products_of(
     bands: tuple[Array, Array],
     form: WeakForm,
     table: Array,
-    near: float | Array | None = None,
+    near: float | None = None,
     *,
     level: float,
     settings: Settings = DEFAULTS,
+    given: float | None = None,
 ) -> RunProducts:
     """Products of a run's columns.
 
@@ -134,13 +135,14 @@ def products_of(
     table : (row, column) array of float
         The target, then columns.
     near : float, optional
-        A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many. An
-        array are those that are tried.
+        A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
     level : float, rad
         Of the sensor's innovations, as their spectrum has it.
     settings : Settings
+    given : float, optional
+        The one ratio, where it is known.
     """
-    ratios = near if isinstance(near, np.ndarray) else _ratios(form, settings, near)
+    ratios = _ratios(form, settings, near) if given is None else np.array([given])
     table = np.where(np.sum(table**2, axis=0) < LEAST_SQUARES, 0.0, table)
     products, determinants = np.empty((len(ratios), *2 * table.shape[1:])), np.empty(len(ratios))
     for at, ratio in enumerate(ratios.tolist()):

@@ -86,7 +86,7 @@ class RunRows:
     white_band: Array
     gain: Array
 
-    def along(self, path: RecordPath) -> "RunRows":
+    def about(self, path: RecordPath) -> "RunRows":
         """The rows about another path of the same record, with this operator of small deviations."""
         factor = self.path.frequency / path.frequency
         bands = factor**2 * self.band, factor**2 * self.white_band
@@ -117,8 +117,8 @@ class RunRows:
         path, table = self.path, np.column_stack([self.target - known, columns])
         bands, level, given = (self.band, self.white_band), path.sensor.innovation, path.given_force
         # Of the level of the noise there is a guess at first.
-        tried = near if given is None else np.array([path.ratio or given / level**2])
-        made = products_of(bands, path.form, table, tried, level=level, settings=path.settings)
+        ratio = None if given is None else path.ratio or given / level**2
+        made = products_of(bands, path.form, table, near, level=level, settings=path.settings, given=ratio)
         return made if path.sticking is None else replace(made, rows=made.rows - int(path.sticking.sum()))
 
     def white(self, table: Array, ratio: float, variance: float) -> Array:

@@ -192,9 +192,9 @@ def likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], tupl
 
 
 def restricted_by_colour(
-    model: FittedModel, run: int, *, without_force: bool = False
+    model: FittedModel, run: int, *, alone: bool = False
 ) -> Callable[[Array], tuple[float, float]]:
-    """`likelihood_by_colour`, restricted; of noise `without_force` where that is asked for."""
+    """`likelihood_by_colour`, restricted; where the noise is `alone` without a random force."""
     rows, table = model.rows[run], model.free_table(run)
     whole = np.asfortranarray(np.roll(table, -1, axis=1))
     start = model.noises(run)[0]
@@ -202,7 +202,7 @@ def restricted_by_colour(
     def by_filter(filter_: Array) -> tuple[float, float]:
         band = covariance_of_local_rows(coloured(rows.operator, filter_))
         by_ratio = rows_by_ratio(band, rows.path.form.gram, whole)
-        if without_force:
+        if alone:
             noise = held_ratio(by_ratio, 0.0)
         else:
             noise = variance_ratio(by_ratio, *span_of(rows.path.form), start)

@@ -200,7 +200,7 @@ class Direct(Constrained):
         first = begun.solve(active)
         if not active.all():
             # Linear about the kept forces alone.
-            begun = begun.linearised_along(begun.paths, np.where(active, first.values[:-1], 0.0))
+            begun = begun.about(begun.paths, np.where(active, first.values[:-1], 0.0))
         refined = along_exact_motions(begun, first, active)
         return (begun if refined is None else refined), refined is not None, NOTHING_OPEN
 
@@ -215,11 +215,11 @@ def _estimate(regression: Regression, solution: Solution) -> Estimate:
     motions = regression.motions or [first_motion(path) for path in paths]
     if any(path.inputs for path in paths) and regression.motions:
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
-        residuals = [
+        left = [
             path.angle - path.sensor_terms(regression.trials) @ solution.values[:-1] - motion.x
             for path, motion in zip(paths, motions, strict=True)
         ]
-        noises = np.minimum(noises, [np.std(residual) for residual in residuals]).tolist()
+        noises = np.minimum(noises, [np.std(residual) for residual in left]).tolist()
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (solution.birge_ratio, "1", "Birge ratio of the rows"),
         **start_variables([(m.angle, m.rate) for m in motions], solution.zeros.tolist()),
