@@ -212,9 +212,9 @@ def fitted_along(
     of_shapes = [at for at, trial in enumerate(trials) for _ in trial.fitted]
     columns = tables[0].shape[1]
     if constraints is not None:
-        likely = _constrained(rows, tables, guess, frequency_free, constraints, trials)
+        found = _constrained(rows, tables, guess, frequency_free, constraints, trials)
         return FittedModel(
-            tuple(trials), rows, tuple(tables), frequency_free, likely, likely, {}, constraints=constraints
+            tuple(trials), rows, tuple(tables), frequency_free, found, found, {}, constraints=constraints
         )
     kept = range(columns - len(of_shapes))
     runs = [partial(run.products, table) for run, table in zip(rows, tables, strict=True)]
@@ -248,15 +248,15 @@ def _constrained(
             for run, table in zip(rows, tables, strict=True)
         ]
         ratios = [run.path.ratio for run in rows]
-        _, likely = likeliest_near(runs, ratios, range(1, 1 + design.shape[1]))
-        if not constraints.passed(likely.coefficients[: len(constraints.free)]):
+        _, found = likeliest_near(runs, ratios, range(1, 1 + design.shape[1]))
+        if not constraints.passed(found.coefficients[: len(constraints.free)]):
             break
-        root = np.linalg.cholesky(np.linalg.inv(likely.covariance)).T
-        constraints = constraints.hold_at_bounds(root, root @ likely.coefficients)
+        root = np.linalg.cholesky(np.linalg.inv(found.covariance)).T
+        constraints = constraints.hold_at_bounds(root, root @ found.coefficients)
     return replace(
-        likely,
-        coefficients=design @ likely.coefficients + held,
-        covariance=design @ likely.covariance @ design.T,
+        found,
+        coefficients=design @ found.coefficients + held,
+        covariance=design @ found.covariance @ design.T,
     )
 
 

@@ -106,8 +106,8 @@ def with_random_force(
 def _sensor_above(path: RecordPath) -> NoiseModel:
     """Noise of the sensor by the spectrum above what a path follows; as it is where that is white."""
     tau = path.form.tau
-    likely = colour_above(path.angle - smooth(tau, path.angle)[0], tau, ABOVE)
-    return likely if len(likely.filter_) > 1 else path.sensor
+    found = colour_above(path.angle - smooth(tau, path.angle)[0], tau, ABOVE)
+    return found if len(found.filter_) > 1 else path.sensor
 
 
 def _colour_alone(model: FittedModel, run: int, order: int) -> tuple[NoiseModel, float]:

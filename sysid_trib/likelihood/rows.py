@@ -33,7 +33,7 @@ from sysid_trib.simulation.initial_conditions import FittedMotion
 # The paths of the first are at a frequency of two digits, and its operator knows no force that is free.
 FIRST_ESTIMATES = 2
 # Motions that are exact need fewer points between samples than a search does.
-DIRECT_SETTINGS = replace(DEFAULTS, points_per_period=120)
+SETTINGS = replace(DEFAULTS, points_per_period=120)
 # Part by which a step of the square of a frequency lowers it at most.
 LOWEST_STEP = 0.25
 
@@ -331,7 +331,7 @@ def _first_path(run: xr.Dataset, library: ForceLibrary, frequency: float, number
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
     sensor = NoiseModel(sensor_noise(run), np.ones(1))
     intervals = knot_intervals(frequency * (time - time[0]), SAMPLES_PER_ROW)
-    path = path_of(time, angle, frequency, sensor, settings=DIRECT_SETTINGS, intervals=intervals)
+    path = path_of(time, angle, frequency, sensor, settings=SETTINGS, intervals=intervals)
     return replace(path, inputs=inputs_for(run, library), number=number)
 
 

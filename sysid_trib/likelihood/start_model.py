@@ -203,10 +203,10 @@ def restricted_by_colour(
         band = covariance_of_local_rows(coloured(rows.operator, filter_))
         by_ratio = rows_by_ratio(band, rows.path.form.gram, whole)
         if alone:
-            noise = held_ratio(by_ratio, 0.0)
+            found = held_ratio(by_ratio, 0.0)
         else:
-            noise = variance_ratio(by_ratio, *span_of(rows.path.form), start)
-        return noise.deviance, noise.variance
+            found = variance_ratio(by_ratio, *span_of(rows.path.form), start)
+        return found.deviance, found.variance
 
     return by_filter
 

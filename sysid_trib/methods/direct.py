@@ -168,8 +168,8 @@ class Direct(Constrained):
                 break
         if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
             first = replace(begun.solve(active), values=nearer)
-            if (settled := along_exact_motions(begun, first, active)) is not None:
-                regression, refined = settled, True
+            if (found := along_exact_motions(begun, first, active)) is not None:
+                regression, refined = found, True
         solution = regression.solve(active)
         solution = replace(solution, covariance=solution.covariance + further)
         solution = regression.with_errors_of_dropped(solution, active)
