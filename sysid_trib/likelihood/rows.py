@@ -16,7 +16,6 @@ from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.paths import RecordPath, path_of
 from sysid_trib.likelihood.run_rows import RunRows, nuisances, run_rows
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.settings import DEFAULTS
 from sysid_trib.likelihood.trials import TrialEffect, stiffness_powers
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, known_noise
 from sysid_trib.likelihood.weak_form import SAMPLES_PER_ROW
@@ -32,8 +31,6 @@ from sysid_trib.simulation.initial_conditions import FittedMotion
 
 # The paths of the first are at a frequency of two digits, and its operator knows no force that is free.
 FIRST_ESTIMATES = 2
-# Motions that are exact need fewer points between samples than a search does.
-SETTINGS = replace(DEFAULTS, points_per_period=120)
 # Part by which a step of the square of a frequency lowers it at most.
 LOWEST_STEP = 0.25
 
@@ -331,7 +328,7 @@ def _first_path(run: xr.Dataset, library: ForceLibrary, frequency: float, number
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
     sensor = NoiseModel(sensor_noise(run), np.ones(1))
     intervals = knot_intervals(frequency * (time - time[0]), SAMPLES_PER_ROW)
-    path = path_of(time, angle, frequency, sensor, settings=SETTINGS, intervals=intervals)
+    path = path_of(time, angle, frequency, sensor, intervals=intervals)
     return replace(path, inputs=inputs_for(run, library), number=number)
 
 
