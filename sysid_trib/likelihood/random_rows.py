@@ -29,17 +29,17 @@ from sysid_trib.likelihood.rows import Regression
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.start_model import (
     ABOVE,
+    likelihood_by_colour,
     recoloured,
     refitted,
-    restricted_by_colour,
     with_sensor_noises,
 )
 from sysid_trib.likelihood.variance_ratio import (
     VarianceRatio,
     WhiteRows,
     held_ratio,
+    ratio_span,
     rows_by_ratio,
-    span_of,
     variance_ratio,
 )
 from sysid_trib.records.smoothing import smooth
@@ -112,11 +112,13 @@ def _sensor_above(path: RecordPath) -> NoiseModel:
 
 def _colour_alone(model: FittedModel, run: int, order: int) -> tuple[NoiseModel, float]:
     """Most likely noise of the sensor where there is no random force, of an order, and its deviance."""
-    by_colour, path = restricted_by_colour(model, run, alone=True), model.rows[run].path
+    by_colour = likelihood_by_colour(model, run, restricted=True, alone=True)
+    path = model.rows[run].path
     starts = [of_order(start, order) for start in (np.ones(1), path.sensor.filter_)]
-    samples = float(path.form.rows)
-    filter_, deviance = most_likely_colour(lambda colour: by_colour(colour)[0], starts, samples=samples)
-    return NoiseModel(float(np.sqrt(by_colour(filter_)[1])), filter_), deviance
+    filter_, deviance = most_likely_colour(
+        lambda colour: by_colour(colour).deviance, starts, samples=float(path.form.rows)
+    )
+    return NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_), deviance
 
 
 def _with_colours_alone(model: FittedModel) -> FittedModel:
@@ -124,13 +126,15 @@ def _with_colours_alone(model: FittedModel) -> FittedModel:
 
     Then a random force has to be likely with that colour.
     """
-    sensors = [rows.path.sensor for rows in model.rows]
-    for run, sensor in enumerate(sensors):
+    sensors = list[NoiseModel]()
+    for run, rows in enumerate(model.rows):
+        sensor = rows.path.sensor
         if model.noises(run)[0] and len(sensor.filter_) <= MAX_COLOUR:
             alone, deviance = _colour_alone(model, run, len(sensor.filter_))
             # One parameter more, and a random force less.
-            if deviance < restricted_by_colour(model, run)(sensor.filter_)[0]:
-                sensors[run] = alone
+            if deviance < likelihood_by_colour(model, run, restricted=True)(sensor.filter_).deviance:
+                sensor = alone
+        sensors.append(sensor)
     same = all(a is rows.path.sensor for a, rows in zip(sensors, model.rows, strict=True))
     return model if same else with_sensor_noises(model, sensors)
 
@@ -146,10 +150,11 @@ def _noises(
     path, rows = regression.paths[run], _by_ratio(regression, run, active)
     if path.given_force is not None:
         return held_ratio(rows, path.given_force, path.sensor.innovation**2)
-    noise, filter_ = variance_ratio(rows, *span_of(path.form), path.ratio), path.sensor.filter_
+    duration, step = float(np.ptp(path.form.tau)), float(np.median(np.diff(path.form.tau)))
+    noise, filter_ = variance_ratio(rows, *ratio_span(duration, step), path.ratio), path.sensor.filter_
     if not of_colour or len(filter_) == 1 or not noise.ratio:
         return noise
-    with_force = restricted_by_colour(model, run)(filter_)[0]
+    with_force = likelihood_by_colour(model, run, restricted=True)(filter_).deviance
     return replace(noise, gain=max(0.0, _colour_alone(model, run, len(filter_) - 1)[1] - with_force))
 
 

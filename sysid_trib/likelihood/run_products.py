@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
-from sysid_trib.likelihood.variance_ratio import span_of
+from sysid_trib.likelihood.variance_ratio import ratio_span
 from sysid_trib.likelihood.weak_form import WeakForm, cholesky_factor, log_determinant, whiten
 
 # Squares of columns above which the products of products overflow, and below which they vanish.
@@ -64,6 +64,17 @@ class RunProducts:
         products = self.block(ratio, kept, kept)[None]
         return replace(self, products=products, log_determinant=determinant, ratios=np.array([ratio]))
 
+    def restricted(self) -> "RunProducts":
+        """Those whose likelihood, of all columns, is the restricted one (Patterson and Thompson 1971).
+
+        It allows for the coefficients that are estimated.
+        """
+        information = self.products[:, 1:, 1:]
+        size = np.sqrt(np.max(np.einsum("gii->gi", information), axis=0))
+        size = np.where(size > 0.0, size, 1.0)
+        determinant = np.linalg.slogdet(information / np.outer(size, size))[1] + 2.0 * np.sum(np.log(size))
+        return replace(self, rows=self.rows - len(size), log_determinant=self.log_determinant + determinant)
+
     def block(self, ratio: float, rows: Array, columns: Array) -> Array:
         """Products of any columns, the target among them, with others, (row, column)."""
         at, weights = self._weighed(ratio)
@@ -118,10 +129,10 @@ def products_of(
     bands: tuple[Array, Array],
     form: WeakForm,
     table: Array,
-    near: float | None = None,
     *,
     level: float,
     settings: Settings = DEFAULTS,
+    near: float | None = None,
     given: float | None = None,
 ) -> RunProducts:
     """Products of a run's columns.
@@ -134,11 +145,11 @@ def products_of(
         That has the covariance by a random force.
     table : (row, column) array of float
         The target, then columns.
-    near : float, optional
-        A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
     level : float, rad
         Of the sensor's innovations, as their spectrum has it.
     settings : Settings
+    near : float, optional
+        A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
     given : float, optional
         The one ratio, where it is known.
     """
@@ -156,7 +167,7 @@ def products_of(
 
 def _ratios(form: WeakForm, settings: Settings, near: float | None) -> Array:
     """Ratios that are tried, 0 among them."""
-    span = np.log(span_of(form))
+    span = np.log(ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau)))))
     logs = np.arange(span[0], span[1], settings.ratio_step)
     if near:
         # None beyond the ends of all, with which columns are screened; the ends where they are near.

@@ -118,7 +118,9 @@ class RunRows:
         bands, level, given = (self.band, self.white_band), path.sensor.innovation, path.given_force
         # Of the level of the noise there is a guess at first.
         ratio = None if given is None else path.ratio or given / level**2
-        made = products_of(bands, path.form, table, near, level=level, settings=path.settings, given=ratio)
+        made = products_of(
+            bands, path.form, table, level=level, settings=path.settings, near=near, given=ratio
+        )
         return made if path.sticking is None else replace(made, rows=made.rows - int(path.sticking.sum()))
 
     def white(self, table: Array, ratio: float, variance: float) -> Array:
@@ -227,8 +229,9 @@ def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> R
     if np.any(gain != 1.0):
         operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()
     white_band = _sensor_band(path, operator)
-    acting = coloured(operator, path.sensor.filter_)
-    band = white_band if acting is operator else _sensor_band(path, acting)
+    is_white, band = len(path.sensor.filter_) == 1, white_band
+    if not is_white:
+        band = _sensor_band(path, coloured(operator, path.sensor.filter_))
     return RunRows(path, operator, band, white_band, gain)
 
 

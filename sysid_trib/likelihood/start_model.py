@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -18,14 +17,13 @@ from sysid_trib.likelihood.colour import (
     of_order,
 )
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likeliest_near
+from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
 from sysid_trib.likelihood.paths import RecordPath, path_of_run
-from sysid_trib.likelihood.run_products import products_of
+from sysid_trib.likelihood.run_products import RunProducts, products_of
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows, fractional_difference
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
-from sysid_trib.likelihood.variance_ratio import held_ratio, rows_by_ratio, span_of, variance_ratio
 from sysid_trib.likelihood.weak_form import coloured
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, first_frequency, smooth
 
@@ -147,12 +145,14 @@ def _likeliest_sensor(
     """Noise of a run of the likeliest colour, of the order that its rows ask for."""
     path = model.rows[run].path
     known, samples = path.sensor.filter_, len(path.time)
-    by_colour = (restricted_by_colour if restricted else likelihood_by_colour)(model, run)
+    by_colour = likelihood_by_colour(model, run, restricted=restricted)
 
     def deviance_of(filter_: Array) -> float:
-        return by_colour(filter_)[0]
+        return by_colour(filter_).deviance
 
-    least = likelihood_by_colour(other, run)(other.rows[run].path.sensor.filter_)[0] if other else np.inf
+    least = (
+        likelihood_by_colour(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
+    )
     best, filter_ = deviance_of(known) + _parameters_of(path.sensor) * float(np.log(samples)), known
     # The spectrum mostly shows the colour: a little more of it is tried before a search.
     if gain_of_little_colour(deviance_of, known) > np.log(samples):
@@ -170,43 +170,35 @@ def _likeliest_sensor(
     # An autoregression may be the likeliest of its kind where noise is as 1/f.
     if not restricted and deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
-    return NoiseModel(float(np.sqrt(by_colour(filter_)[1])), filter_)
+    return NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
 
 
-def likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], tuple[float, float]]:
-    """Least deviance of a run's rows with noise of a whitening filter (tap,), and its variance."""
-    rows, table = model.rows[run], np.column_stack([model.rows[run].target, model.tables[run]])
+def likelihood_by_colour(
+    model: FittedModel, run: int, *, restricted: bool = False, alone: bool = False
+) -> Callable[[Array], Likelihood]:
+    """Maximum likelihood of a run's rows with noise of a whitening filter (tap,).
+
+    Restricted, or with that noise `alone` and no random force, where these are asked for.
+    """
+    rows, table = model.rows[run], model.free_table(run)
     # Of a level that another colour gave nothing is known.
     settings, level = replace(model.settings, level_rows=0.0), rows.path.sensor.innovation
     likely = model.likelihood.ratios[[run]]
 
-    def by_filter(filter_: Array) -> tuple[float, float]:
+    def by_filter(filter_: Array) -> Likelihood:
         bands = covariance_of_local_rows(coloured(rows.operator, filter_)), rows.white_band
-        products = partial(products_of, bands, rows.path.form, table, level=level, settings=settings)
+
+        def products(near: float) -> RunProducts:
+            given = 0.0 if alone else None
+            made = products_of(
+                bands, rows.path.form, table, level=level, settings=settings, near=near, given=given
+            )
+            return made.restricted() if restricted else made
+
         likeliest = likeliest_near([products], likely.tolist(), range(1, table.shape[1]))[1]
         # The next colour is near to this one.
         likely[:] = likeliest.ratios
-        return likeliest.deviance, float(likeliest.variances[0])
-
-    return by_filter
-
-
-def restricted_by_colour(
-    model: FittedModel, run: int, *, alone: bool = False
-) -> Callable[[Array], tuple[float, float]]:
-    """`likelihood_by_colour`, restricted; where the noise is `alone` without a random force."""
-    rows, table = model.rows[run], model.free_table(run)
-    whole = np.asfortranarray(np.roll(table, -1, axis=1))
-    start = model.noises(run)[0]
-
-    def by_filter(filter_: Array) -> tuple[float, float]:
-        band = covariance_of_local_rows(coloured(rows.operator, filter_))
-        by_ratio = rows_by_ratio(band, rows.path.form.gram, whole)
-        if alone:
-            found = held_ratio(by_ratio, 0.0)
-        else:
-            found = variance_ratio(by_ratio, *span_of(rows.path.form), start)
-        return found.deviance, found.variance
+        return likeliest
 
     return by_filter
 

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood.weak_form import WeakForm, cholesky_factor, log_determinant, whiten
+from sysid_trib.likelihood.weak_form import cholesky_factor, log_determinant, whiten
 
 # Ratios tried: a random walk far below a noise level at the end, and impulses far above it at each sample.
 SMALLEST_WALK = 0.03
@@ -245,11 +245,6 @@ def ratio_span(duration: float, step: float) -> tuple[float, float]:
         Between two samples, in tau.
     """
     return SMALLEST_WALK**2 / (0.5 * duration), 3.0 * LARGEST_IMPULSE**2 / step**3
-
-
-def span_of(form: WeakForm) -> tuple[float, float]:
-    """`ratio_span` of the record of a weak form."""
-    return ratio_span(float(np.ptp(form.tau)), float(np.median(np.diff(form.tau))))
 
 
 def held_ratio(
