@@ -28,8 +28,9 @@ from sysid_trib import methods, simulate
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.least_squares import constraint_map
-from sysid_trib.likelihood.random_rows import with_random_force
-from sysid_trib.likelihood.rows import begin
+from sysid_trib.likelihood.regression import begin
+from sysid_trib.likelihood.rows import deviation_matrix, linearised, rows_about, solve, weak_regression
+from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.likelihood.variance_ratio import WhiteRows
 from sysid_trib.likelihood.weak_form import coloured
 from sysid_trib.physics import model_of
@@ -152,17 +153,19 @@ def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     """Rows of a record as `Direct` has them beside a random force."""
     library = forces_to_identify(BOTH.select(forces.split()), None, sensors=True)
     constraints, every = constraint_map(Constraints(), library, {}), np.ones(len(library), bool)
-    begun = begin([decay], library, constraints, reference_frequency=None, shapes={})
-    found, *_ = with_random_force(begun, every, "estimated")
-    (rows,), (table,) = found.rows, found.tables
-    acting, form = coloured(rows.operator, rows.path.sensor.filter_), rows.path.form
-    x, v = rows.path.at_samples
+    runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
+    rows = weak_regression(runs, [linearised(run) for run in runs])
+    runs = solve(rows, runs[0], every, constraints).applied_to(runs)
+    (run, *_), *_ = regress_stochastic(runs, every, constraints, "estimated")
+    matrix = deviation_matrix(run)
+    acting, weak = coloured(matrix, run.sensor.filter_), rows_about(run, matrix)
+    form = run.form
     half = max(3, round(np.pi / float(np.median(np.diff(form.tau)))))
-    padded = np.pad(np.hypot(x, v), half, mode="edge")
+    padded = np.pad(np.hypot(run.x, run.v), half, mode="edge")
     amplitude = np.convolve(padded, np.ones(half) / half, "same")[half:-half]
-    table = np.column_stack([table[:, 1:], table[:, 0]])
+    table = np.column_stack([weak.columns, weak.nuisances, weak.target])
     sensor = (acting @ acting.T).toarray()
-    return DenseRows(table, sensor, form.value.toarray(), form.tau, x, v, amplitude)
+    return DenseRows(table, sensor, form.value.toarray(), form.tau, run.x, run.v, amplitude)
 
 
 def alike(decay: xr.Dataset, forces: str, seed: int) -> xr.Dataset:

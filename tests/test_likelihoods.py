@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.run_products import products_of
+from sysid_trib.likelihood.run_products import RowNoise, products_of
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.settings import DEFAULTS
 from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
@@ -17,6 +17,7 @@ OPERATOR = noise_operator(FORM, np.ones(90), np.full(90, 0.02))
 BAND = covariance_band(OPERATOR @ OPERATOR.T)
 SENSOR = (OPERATOR @ OPERATOR.T).toarray()
 LEVEL = 0.7
+NOISE = RowNoise(BAND, BAND, FORM, LEVEL)
 
 
 def dense(band):
@@ -37,7 +38,7 @@ def drawn(seed, count, *, ratio=0.0, scale=1.0):
     table[:, 1:] *= 10.0 ** rng.uniform(-4.0, 4.0, count)
     noise = np.linalg.cholesky(SENSOR + ratio * FORCE) @ rng.standard_normal(FORM.rows)
     table[:, 0] = scale * noise + table[:, 1:] @ (rng.standard_normal(count) / np.std(table[:, 1:], axis=0))
-    return table, products_of((BAND, BAND), FORM, table, level=LEVEL)
+    return table, products_of(NOISE, table)
 
 
 def dense_deviance(table, b, variance, ratio):

@@ -15,7 +15,7 @@ from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_row
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_products import RunProducts
 from sysid_trib.likelihood.run_rows import RunRows
-from sysid_trib.likelihood.weak_form import whiten
+from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
 # Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
@@ -233,12 +233,13 @@ def _of_noise(
     random: np.random.Generator,
 ) -> list[RunProducts]:
     """Products of a run with noise alone as the target, for each draw."""
-    lower = rows.factor(ratio)
+    gram = rows.path.form.gram
+    lower = cholesky_factor(rows.band, gram, ratio)
     factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(len(table), len(table)))
     noise = deviation * (factor @ random.standard_normal((len(table), ROWS_OF_NOISE)))
     whole = []
     for tried in products.ratios.tolist():
-        white = whiten(rows.factor(tried), np.column_stack([noise, table]))
+        white = whiten(cholesky_factor(rows.band, gram, tried), np.column_stack([noise, table]))
         whole.append(white.T @ white)
     of_draws, columns = np.array(whole), np.arange(table.shape[1])
     # The level that the spectrum gives scatters as well.

@@ -243,7 +243,7 @@ def outside_of(
     base = base_of(model) if base is None else base
     white = np.vstack(
         [
-            rows.white(np.where(has_products(column), column, 0.0), *model.noises(at))
+            rows.whitened(np.where(has_products(column), column, 0.0), model.likelihood, at)
             for at, (rows, column) in enumerate(zip(model.rows, columns, strict=True))
         ]
     )

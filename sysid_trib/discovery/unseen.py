@@ -19,7 +19,7 @@ from sysid_trib.likelihood.run_rows import decimated, run_rows
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.start_model import default_shapes
 from sysid_trib.likelihood.trials import TrialEffect
-from sysid_trib.likelihood.weak_form import whiten
+from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
@@ -167,7 +167,7 @@ def predicted(
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
     """Mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
-    ratio, deviation = model.noises(run)[0], float(np.sqrt(model.noises(run)[1]))
+    ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
     guess = model.estimate
     sensors = [at for at, trial in enumerate(model.trials) if trial.force.kind == "sensor"]
     # Rounds of the path of a part that is predicted.
@@ -176,7 +176,7 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         unexplained = rows.target - rows.columns(model.trials) @ model.coefficients
         unexplained = unexplained - model.stiffness * path.stiffness_column
         zero = -(rows.operator @ np.ones(len(path.time)))
-        factor = rows.factor(ratio)
+        factor = cholesky_factor(rows.band, path.form.gram, ratio)
         white = whiten(factor, np.column_stack([unexplained, zero]))
         offset = float(white[:, 1] @ white[:, 0] / (white[:, 1] @ white[:, 1]))
         error = path.sensor_values([model.trials[at] for at in sensors]) @ model.coefficients[sensors]

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.likelihood import Likelihood
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_rows import RunRows, nuisances
@@ -19,7 +18,6 @@ from sysid_trib.likelihood.trials import (
     reference_power,
     slope_of_unit,
     stepped_shape,
-    stiffness_powers,
     to_unit,
 )
 from sysid_trib.records.decay import root_mean_square
@@ -51,8 +49,6 @@ class FittedModel:
         the standard error of that.
     settled : bool
         Whether paths and parameters have.
-    constraints : ConstraintMap, optional
-        Of the coefficients.
     """
 
     trials: tuple[TrialEffect, ...]
@@ -63,7 +59,6 @@ class FittedModel:
     stepped: Likelihood
     at_ends: dict[int, tuple[float, float]]
     settled: bool = True
-    constraints: ConstraintMap | None = None
 
     @property
     def coefficients(self) -> Array:
@@ -114,7 +109,7 @@ class FittedModel:
     @property
     def shape_columns(self) -> list[tuple[int, str, int]]:
         """TrialEffect, name and column, from 0, of each shape parameter."""
-        names = [(at, name) for at, trial in enumerate(self.trials) for name in trial.fitted]
+        names = [(at, name) for at, trial in enumerate(self.trials) for name in trial.force.shape]
         first = self.columns - len(names)
         return [(at, name, first + i) for i, (at, name) in enumerate(names)]
 
@@ -196,22 +191,18 @@ class FittedModel:
             by_name[key] = float(errors[column] * slope_of_unit(trial.force.shape[name], trial.shapes[key]))
         return by_name
 
-    def noises(self, run: int) -> tuple[float, float]:
-        """Ratio of the random force in a run to the noise of its sensor, and the variance of that (rad^2)."""
-        return float(self.likelihood.ratios[run]), float(self.likelihood.variances[run])
-
     def white_residuals(self) -> list[Array]:
         """Residuals, white and of unit variance."""
         b = self.likelihood.coefficients
         return [
-            rows.white((rows.target - table @ b)[:, None], *self.noises(at))[:, 0]
+            rows.whitened((rows.target - table @ b)[:, None], self.likelihood, at)[:, 0]
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
 
     def white_tables(self) -> list[Array]:
         """Target and columns of each run, (row, 1 + column), its noises white and of unit variance."""
         return [
-            rows.white(np.column_stack([rows.target, table]), *self.noises(at))
+            rows.whitened(np.column_stack([rows.target, table]), self.likelihood, at)
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
 
@@ -242,22 +233,8 @@ class FittedModel:
             errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
             motion = rows.smoothed_motion(residual, *errors, ratio, part)
             follower = rows.path.follow(motion, self.trials, coefficients)
-            paths.append(replace(follower, ratio=self._next_ratio(at)))
+            paths.append(replace(follower, ratio=float(self.likelihood.ratios[at])))
         return paths
-
-    def free_table(self, run: int) -> Array:
-        """Target and columns of a run, (row, 1 + column), by those that constraints leave free."""
-        table = np.column_stack([self.rows[run].target, self.tables[run]])
-        if self.constraints is None:
-            return table
-        powers = stiffness_powers(self.trials)
-        return self.constraints.free_table(table, self.coefficients, powers, self.frequency_free)
-
-    def _next_ratio(self, run: int) -> float:
-        """The likeliest ratio of a run, or that of the random force that is given."""
-        ratio, variance = self.noises(run)
-        given = self.rows[run].path.given_force
-        return ratio if given is None else given / variance
 
     def possible_rows(self, random: np.random.Generator) -> list[RunRows]:
         """The rows of each run along a motion that may be the true one as well, drawn by its probability."""
@@ -297,7 +274,7 @@ def table_of(
 ) -> Array:
     """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
     deviated = [
-        (at, *_stepped_aside(trial, name)) for at, trial in enumerate(trials) for name in trial.fitted
+        (at, *_stepped_aside(trial, name)) for at, trial in enumerate(trials) for name in trial.force.shape
     ]
     # All at once: forces with a history follow the motion together.
     whole = rows.columns([*trials, *(trial for _, trial, _ in deviated)])

@@ -55,58 +55,6 @@ class ConstraintMap:
         dropped = ~active[self.free]
         return self.hold(dropped, np.zeros(int(np.sum(dropped))))
 
-    def with_further(
-        self, coefficients: Array, powers: Array, frequency_free: bool, further: int
-    ) -> tuple[Array, Array]:
-        """All columns by the free ones, (column, free + further), and what is held, (column,).
-
-        Parameters
-        ----------
-        coefficients : (force,) array of float
-            Present ones.
-        powers : (force,) array of float
-            Of the reference frequency, with which a coefficient of the same force goes.
-        frequency_free : bool
-        further : int
-            Number of columns after those of forces; first the stiffness where the frequency is free.
-
-        Notes
-        -----
-        A constraint holds at the reference frequency that is fitted with it: a stiffness changes the
-        coefficients that hold it at the present frequency.
-        """
-        forces, free = self.matrix.shape
-        design, held = np.zeros((forces + further, free + further)), np.pad(self.constant, (0, further))
-        design[:forces, :free], design[forces:, free:] = self.matrix, np.eye(further)
-        if frequency_free:
-            in_model = self.matrix.any(axis=1) | (self.constant != 0.0)
-            change = -0.5 * powers * coefficients * in_model
-            design[:forces, free] = change - self.matrix @ change[self.free]
-        return design, held
-
-    def free_table(self, table: Array, coefficients: Array, powers: Array, frequency_free: bool) -> Array:
-        """Target and all columns, (row, 1 + column), by the free ones; see `with_further`."""
-        further = table.shape[1] - 1 - len(coefficients)
-        design, held = self.with_further(coefficients, powers, frequency_free, further)
-        return np.column_stack([table[:, 0] - table[:, 1:] @ held, table[:, 1:] @ design])
-
-    def hold_at_bounds(self, columns: Array, target: Array) -> "ConstraintMap":
-        """The map with those free coefficients held at a bound that are there in the least squares of rows.
-
-        `columns` : (row, free + further).
-        """
-        count, further = len(self.free), columns.shape[1] - len(self.free)
-        low, high = (
-            np.pad(limit, (0, further), constant_values=side * np.inf)
-            for limit, side in ((self.low, -1.0), (self.high, 1.0))
-        )
-        side = np.asarray(lsq_linear(columns, target, (low, high), method="bvls").active_mask)[:count]
-        return self.hold(side != 0, np.where(side < 0, self.low, self.high)[side != 0])
-
-    def passed(self, free: Array) -> bool:
-        """True if a free coefficient is beyond its bounds, (free,)."""
-        return bool(np.any((free < self.low) | (free > self.high)))
-
     def active(self, kept: Mask) -> Mask:
         """Coefficients (force,) that are in the model if some free ones (mask over `free`) are kept."""
         constrained = np.ones(len(self.constant), bool)
@@ -200,6 +148,11 @@ def _correlated(residual: Array) -> bool:
     if not lags.size or not residual.any():
         return False
     return ljung_box_p_value(autocorrelation(residual, lags), lags, count) < CORRELATION_LEVEL
+
+
+def bounds_reached(columns: Array, target: Array, low: Array, high: Array) -> Array:
+    """Bound that each coefficient has reached in bounded least squares: -1 the low, 1 the high, or 0."""
+    return np.asarray(lsq_linear(columns, target, (low, high), method="bvls").active_mask)
 
 
 def whitened(factor: Array | None, table: Array) -> Array:

@@ -3,18 +3,18 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.fitted_model import FittedModel, table_of
-from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near, likelihood
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_products import RunProducts
-from sysid_trib.likelihood.run_rows import RunRows, run_rows
-from sysid_trib.likelihood.trials import TrialEffect, end_of_range, shape_values, stiffness_powers, to_unit
+from sysid_trib.likelihood.run_rows import run_rows
+from sysid_trib.likelihood.trials import TrialEffect, end_of_range, shape_values, to_unit
 
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
@@ -30,13 +30,42 @@ CONTINUATION = (1e-2, 1e-4, 1e-6, 1e-8)
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
 
-def _cannot_reach(model: FittedModel, fall: float, worst: float) -> bool:
-    """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
-    return model.stepped.deviance - 2.0 * abs(fall) > worst
+class Limits(NamedTuple):
+    """Where a fit is given up.
+
+    It will not reach the deviance `worst`, by what its last round gained, or has left for two rounds what
+    physics allows (`possible`).
+    """
+
+    worst: float = np.inf
+    possible: Callable[[FittedModel], bool] = lambda model: True
+
+    def cannot_reach(self, model: FittedModel, fall: float) -> bool:
+        """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
+        return model.stepped.deviance - 2.0 * abs(fall) > self.worst
 
 
-def _always(model: FittedModel) -> bool:
-    return True
+NO_LIMITS = Limits()
+
+
+class RoundStep(NamedTuple):
+    """The step of a round: a shape by `reach` of its range, and by `longest` at most, the path by `part`."""
+
+    longest: float
+    reach: float
+    part: float
+
+    def after(self, turn: int, fall: float, before: float) -> "RoundStep":
+        """The length of the next round, after round `turn` whose deviance fell by `fall`.
+
+        Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
+        long a one is tried (trust region: Conn, Gould, Toint 2000). A force that is narrow or has a history
+        may have path and coefficients swing about where they settle.
+        """
+        uphill, swings = turn > 0 and fall < 0.0, turn > 1 and fall * before < 0.0
+        part = min(self.part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else self.part
+        reach = 0.5 * self.reach if uphill else min(2.0 * self.reach, self.longest)
+        return RoundStep(self.longest, reach, 0.5 * part if swings else part)
 
 
 def fit_model(
@@ -45,10 +74,8 @@ def fit_model(
     *,
     frequency_free: bool,
     first: Array | None = None,
-    worst: float = np.inf,
-    possible: Callable[[FittedModel], bool] = _always,
+    limits: Limits = NO_LIMITS,
     part: float = 1.0,
-    constraints: ConstraintMap | None = None,
 ) -> FittedModel:
     """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
 
@@ -61,14 +88,9 @@ def fit_model(
     frequency_free : bool
     first : (trial + 1,) array of float, optional
         First guess of the coefficients and the stiffness, for the operator of small deviations.
-    worst : float
-        A deviance: a fit that will not reach it, by what its last round gained, is given up.
-    possible : callable
-        Whether physics allows a model: a fit that has left that for two rounds is given up.
+    limits : Limits
     part : float
         Of the way that a round goes at first.
-    constraints : ConstraintMap, optional
-        Of the coefficients.
 
     Notes
     -----
@@ -76,17 +98,16 @@ def fit_model(
     motion (Newton's method on all samples), with one the smoothed motion.
     """
     guess = np.zeros(len(trials) + 1) if first is None else first
-    model = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free, constraints)
-    settings = paths[0].settings
+    model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
     longest = part * settings.shape_step
-    rounds, reach, before, unphysical = list[FittedModel](), longest, 0.0, 0
+    rounds, step, before, unphysical = list[FittedModel](), RoundStep(longest, longest, part), 0.0, 0
     if _has_new_sensor(trials, guess):
-        model = _continued(model, reach, part, worst)
+        model = _continued(model, step, limits)
         if not model.settled:
             return model
     for turn in range(settings.rounds):
-        guess = guess + part * (model.estimate - guess) if turn else model.estimate
-        after = _next_round(model, guess, reach, part, of_any_ratio=turn + 1 < WHOLE_STEPS)
+        guess = guess + step.part * (model.estimate - guess) if turn else model.estimate
+        after = _next_round(model, guess, step, of_any_ratio=turn + 1 < WHOLE_STEPS)
         if after is None:
             return _best([*rounds, model])
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
@@ -95,48 +116,26 @@ def fit_model(
         next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
         on_its_way = model.predicted_fall > ROUNDS_AGREE
-        if next_fall < min(1.0, 2.0 * part) * settings.least_gain and not on_its_way:
+        if next_fall < min(1.0, 2.0 * step.part) * settings.least_gain and not on_its_way:
             return model
-        unphysical = 0 if possible(model) else unphysical + 1
-        reachable = on_its_way or not _cannot_reach(model, fall, worst)
+        unphysical = 0 if limits.possible(model) else unphysical + 1
+        reachable = on_its_way or not limits.cannot_reach(model, fall)
         if turn > 1 and (unphysical > 1 or not reachable):
             return replace(model, settled=False)
-        # Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice
-        # as long a one is tried (trust region: Conn, Gould, Toint 2000).
-        uphill = turn > 0 and fall < 0.0
-        reach = 0.5 * reach if uphill else min(2.0 * reach, longest)
-        if uphill or turn + 1 >= WHOLE_STEPS:
-            part = min(part, 0.5)
-        # Path and coefficients may swing about where they settle, of a force that is narrow or has a history.
-        if turn > 1 and fall * before < 0.0:
-            part *= 0.5
-        before = fall
+        step, before = step.after(turn, fall, before), fall
         rounds.append(model.without_caches())
     return _ended(rounds, on_its_way)
 
 
 def _next_round(
-    model: FittedModel,
-    guess: Array,
-    reach: float,
-    part: float,
-    *,
-    of_any_ratio: bool,
-    random_force: float = 1.0,
+    model: FittedModel, guess: Array, step: RoundStep, *, of_any_ratio: bool, random_force: float = 1.0
 ) -> FittedModel | None:
-    """The model along its next paths, a part of the way, its shapes by `reach` of their ranges at most.
-
-    None where there is no fit.
-    """
-    paths, steps = model.next_paths(guess[:-1], part, random_force), model.next_steps(reach)
+    """The model along its next paths, with the next shapes; None where there is no fit."""
+    paths, steps = model.next_paths(guess[:-1], step.part, random_force), model.next_steps(step.reach)
     nearer = _of_any_ratio(paths) if of_any_ratio else paths
     try:
         after = fitted_along(
-            nearer,
-            model.next_trials(steps),
-            guess + model.ahead(steps),
-            model.frequency_free,
-            model.constraints,
+            nearer, model.next_trials(steps), guess + model.ahead(steps), model.frequency_free
         )
     except NOT_FITTED:
         return None
@@ -145,7 +144,7 @@ def _next_round(
 
 def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
     """Paths of which no ratio is known: as a path moves, another one far off may become the likeliest."""
-    return [replace(path, ratio=0.0) if path.density is None else path for path in paths]
+    return [replace(path, ratio=0.0) for path in paths]
 
 
 def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
@@ -153,18 +152,18 @@ def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
     return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
 
 
-def _continued(model: FittedModel, reach: float, part: float, worst: float) -> FittedModel:
+def _continued(model: FittedModel, round_step: RoundStep, limits: Limits) -> FittedModel:
     """The model after rounds whose paths are led more and more by what it says; not settled if given up.
 
     A continuation in the random force, whose likelihood has a maximum about each path that follows the record
     (graduated non-convexity: Blake, Zisserman 1987).
     """
     for turn, random_force in enumerate(CONTINUATION):
-        after = _next_round(model, model.estimate, reach, part, of_any_ratio=True, random_force=random_force)
+        after = _next_round(model, model.estimate, round_step, of_any_ratio=True, random_force=random_force)
         if after is None:
             return model
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
-        if turn and _cannot_reach(model, fall, worst):
+        if turn and limits.cannot_reach(model, fall):
             return replace(model, settled=False)
     return model
 
@@ -197,11 +196,7 @@ def _agree(rounds: Sequence[FittedModel]) -> bool:
 
 
 def fitted_along(
-    paths: Sequence[RecordPath],
-    trials: Sequence[TrialEffect],
-    guess: Array,
-    frequency_free: bool,
-    constraints: ConstraintMap | None = None,
+    paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
 ) -> FittedModel:
     """The most likely coefficients along paths that are held, and steps of the shapes with them.
 
@@ -209,13 +204,8 @@ def fitted_along(
     """
     rows = tuple(run_rows(path, trials, guess) for path in paths)
     tables = [table_of(run, at, len(rows), trials, frequency_free) for at, run in enumerate(rows)]
-    of_shapes = [at for at, trial in enumerate(trials) for _ in trial.fitted]
+    of_shapes = [at for at, trial in enumerate(trials) for _ in trial.force.shape]
     columns = tables[0].shape[1]
-    if constraints is not None:
-        found = _constrained(rows, tables, guess, frequency_free, constraints, trials)
-        return FittedModel(
-            tuple(trials), rows, tuple(tables), frequency_free, found, found, {}, constraints=constraints
-        )
     kept = range(columns - len(of_shapes))
     runs = [partial(run.products, table) for run, table in zip(rows, tables, strict=True)]
     ratios = [path.ratio for path in paths]
@@ -228,36 +218,6 @@ def fitted_along(
         stepped, at_ends = _within_ranges([run.scaled(factors) for run in products], columns, trials)
     likeliest = replace(at_shapes, covariance=stepped.covariance)
     return FittedModel(tuple(trials), rows, tuple(tables), frequency_free, likeliest, stepped, at_ends)
-
-
-def _constrained(
-    rows: Sequence[RunRows],
-    tables: Sequence[Array],
-    guess: Array,
-    frequency_free: bool,
-    constraints: ConstraintMap,
-    trials: Sequence[TrialEffect],
-) -> Likelihood:
-    """Maximum likelihood of constrained coefficients; one that would pass a bound is held there."""
-    powers = stiffness_powers(trials)
-    further = tables[0].shape[1] - len(trials)
-    while True:
-        design, held = constraints.with_further(guess[:-1], powers, frequency_free, further)
-        runs = [
-            partial(run.products, table @ design, known=table @ held)
-            for run, table in zip(rows, tables, strict=True)
-        ]
-        ratios = [run.path.ratio for run in rows]
-        _, found = likeliest_near(runs, ratios, range(1, 1 + design.shape[1]))
-        if not constraints.passed(found.coefficients[: len(constraints.free)]):
-            break
-        root = np.linalg.cholesky(np.linalg.inv(found.covariance)).T
-        constraints = constraints.hold_at_bounds(root, root @ found.coefficients)
-    return replace(
-        found,
-        coefficients=design @ found.coefficients + held,
-        covariance=design @ found.covariance @ design.T,
-    )
 
 
 def _within_ranges(

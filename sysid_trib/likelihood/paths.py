@@ -30,11 +30,10 @@ from sysid_trib.likelihood.linearisation import (
     fine_motion,
     sensor_slopes,
 )
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect
-from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator
+from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
 from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.records.smoothing import SplinesAt, knot_intervals, least_squares_spline
@@ -81,6 +80,8 @@ class RecordPath:
         Noise of the sensor; of its level there is but a guess.
     origin : float, s
         From which the `t` of formulas counts.
+    intervals : int
+        Between the knots of path and test functions: these stay where they are when the frequency changes.
     settings : Settings
     fine : FineMotion
         By the forces that gave the path.
@@ -94,10 +95,6 @@ class RecordPath:
         Rows that say nothing, since what holds the motion there is a reaction.
     before : RecordPath, optional
         The record up to the first sample, and with it, of which forces remember.
-    density : float, optional, (rad/s^2)^2/Hz
-        Of the random force, where it is given.
-    number : int
-        Of the run, from 1: forces that are another run's own do not act.
     """
 
     time: Array
@@ -107,6 +104,7 @@ class RecordPath:
     spline: BSpline
     sensor: NoiseModel
     origin: float
+    intervals: int
     settings: Settings
     fine: FineMotion = NO_FINE_MOTION
     ratio: float = 0.0
@@ -114,17 +112,6 @@ class RecordPath:
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
     sticking: Mask | None = None
     before: "RecordPath | None" = None
-    density: float | None = None
-    number: int = 1
-
-    @property
-    def given_force(self) -> float | None:
-        """Growth of the variance of x' a unit of tau by the random force that is given, rad^2."""
-        return None if self.density is None else RandomForce(self.density).per_tau(self.frequency)
-
-    def acts(self, trial: TrialEffect) -> bool:
-        """True of what acts in this run, or is seen by its sensor."""
-        return trial.force.run in (None, self.number)
 
     @property
     def elapsed(self) -> Array:
@@ -156,7 +143,8 @@ class RecordPath:
     @cached_property
     def points(self) -> Points:
         """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
-        splines, integrals = self.form.points_between(self.settings.points_per_period)
+        per_period = self.settings.points_per_period
+        splines, integrals = points_between(self.form.tau, self.intervals, per_period)
         tau = splines.points
         half = 0.5 * (tau[1] - tau[0])
         rise = self.fine.value(tau + half, 1) - self.fine.value(tau - half, 1)
@@ -201,9 +189,8 @@ class RecordPath:
         self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float
     ) -> tuple[Array, Array]:
         """Stiffness and damping of small deviations of the motion from a model, (point,) each."""
-        pairs = zip(trials, coefficients, strict=True)
         acting = [
-            *((trial, float(c)) for trial, c in pairs if self.acts(trial)),
+            *((trial, float(c)) for trial, c in zip(trials, coefficients, strict=True)),
             *((trial, (1.0 + stiffness) * c) for trial, c in self.held),
         ]
         shapes = _shapes_of(trial for trial, _ in acting)
@@ -240,40 +227,12 @@ class RecordPath:
 
     def sensor_values(self, trials: Sequence[TrialEffect]) -> Array:
         """Errors of the sensor of coefficient 1 at the samples, (sample, trial), rad."""
-        values = np.zeros((len(self.time), len(trials)))
-        for at, trial in enumerate(trials):
-            if self.acts(trial):
-                motion = *self.at_samples, self.elapsed
-                values[:, at] = trial.force.value(*motion, shapes=trial.shapes)
-        return values
-
-    def sensor_terms(self, trials: Sequence[TrialEffect]) -> Array:
-        """`sensor_values` of those trials that are terms of the sensor, zero of others, (sample, trial)."""
-        at = [i for i, trial in enumerate(trials) if trial.force.kind == "sensor"]
-        terms = np.zeros((len(self.time), len(trials)))
-        terms[:, at] = self.sensor_values([trials[i] for i in at])
-        return terms
-
-    def forces_at_samples(self, trials: Sequence[TrialEffect]) -> Array:
-        """Means of forces in the cells of samples, zero of terms of the sensor, (sample, trial)."""
-        at = [i for i, trial in enumerate(trials) if trial.force.kind == "force"]
-        values, means = self.force_values([trials[i] for i in at]), np.zeros((len(self.time), len(trials)))
-        parts = (len(values) - 1) // (len(self.time) - 1)
-        # Half of the points at the ends of a cell are another's.
-        inside = np.minimum(1.0, parts / 2.0 + 0.5 - np.abs(np.arange(-(parts // 2), parts // 2 + 1)))
-        weights = np.convolve(np.ones(len(values)), inside, "same")
-        for i, column in zip(at, values.T, strict=True):
-            means[:, i] = (np.convolve(column, inside, "same") / weights)[::parts]
-        return means
-
-    def mean_squares(self, trials: Sequence[TrialEffect]) -> Array:
-        """Mean square of each force, or of a term of the sensor, of coefficient 1, (trial,)."""
-        return np.mean((self.forces_at_samples(trials) + self.sensor_terms(trials)) ** 2, axis=0)
+        values = [t.force.value(*self.at_samples, self.elapsed, shapes=t.shapes) for t in trials]
+        return np.stack(values, axis=1) if values else np.zeros((len(self.time), 0))
 
     def sensor_slopes(self, trials: Sequence[TrialEffect], coefficients: Array) -> tuple[Array, Array]:
         """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
-        whole = zip(trials, coefficients, strict=True)
-        pairs = [(trial.force, float(c)) for trial, c in whole if self.acts(trial)]
+        pairs = [(trial.force, float(c)) for trial, c in zip(trials, coefficients, strict=True)]
         return sensor_slopes(pairs, _shapes_of(trials), self.elapsed, *self.at_samples)
 
     def sensor_gain(self, trials: Sequence[TrialEffect], coefficients: Array) -> Array:
@@ -285,9 +244,7 @@ class RecordPath:
         values = np.full((len(self.points.tau), len(trials)), np.nan)
         with_past: dict[str, list[int]] = {}
         for at, trial in enumerate(trials):
-            if not self.acts(trial):
-                values[:, at] = 0.0
-            elif trial.force.memoryless:
+            if trial.force.memoryless:
                 values[:, at] = self._memoryless(trial)
             else:
                 with_past.setdefault(trial.force.symbol, []).append(at)
@@ -351,19 +308,19 @@ class RecordPath:
         dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
         fine = fine_motion(self.points.tau, self._forcing - force - self._held_force)
-        spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.form.intervals)
+        spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
         return replace(self, spline=spline, fine=fine)
 
     def deviated(self, deviation: Array) -> "RecordPath":
         """The path with a deviation at the samples, (sample,), rad, added."""
         motion = self.at_samples[0] - self.fine.value(self.form.tau) + deviation
-        return replace(self, spline=_spline(self.form.tau, motion, self.form.intervals))
+        return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
 
     def rescaled(self, frequency: float) -> "RecordPath":
         """The rows with coefficients that refer to another frequency."""
-        factor = frequency / self.frequency
-        form, fine = self.form.rescaled(factor), self.fine.rescaled(factor)
-        spline = BSpline.construct_fast(factor * self.spline.t, self.spline.c, self.spline.k)
+        form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
+        fine = self.fine.rescaled(frequency / self.frequency)
+        spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)
         before = self.before and self.before.rescaled(frequency)
         return replace(self, frequency=frequency, form=form, spline=spline, fine=fine, before=before)
 
@@ -404,7 +361,7 @@ def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
     tau, _, v, _, _, integrals = path.points
     moving = [Channel(name, 1, "displacement") for name in surfaces]
     rates = values_of_inputs(path.inputs, moving, tau / path.frequency, path.frequency)
-    slowest, knot = PASSING * np.sqrt(np.mean(v**2)), (tau[-1] - tau[0]) / path.form.intervals
+    slowest, knot = PASSING * np.sqrt(np.mean(v**2)), (tau[-1] - tau[0]) / path.intervals
     sticking = np.zeros(len(tau), dtype=bool)
     for shortest, rate in ((2.0 * knot, np.zeros(1)), *((0.0, rate) for rate in rates.values())):
         slip = v - rate
@@ -426,14 +383,13 @@ def path_of(
     sensor: NoiseModel,
     origin: float | None = None,
     settings: Settings = DEFAULTS,
-    intervals: int | None = None,
 ) -> RecordPath:
     """A record with its least-squares spline as the path; see `RecordPath`."""
     tau = frequency * (time - time[0])
-    intervals = intervals or knot_intervals(tau)
+    intervals = knot_intervals(tau)
     form, spline = build_weak_form(tau, intervals), _spline(tau, angle, intervals)
     since = float(time[0]) if origin is None else origin
-    return RecordPath(time, angle, frequency, form, spline, sensor, since, settings)
+    return RecordPath(time, angle, frequency, form, spline, sensor, since, intervals, settings)
 
 
 def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:

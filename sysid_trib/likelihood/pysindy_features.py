@@ -13,9 +13,9 @@ from sklearn.utils.validation import check_is_fitted
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
+from sysid_trib.likelihood.force_columns import value_along
 from sysid_trib.likelihood.least_squares import significant, white_least_squares, whitened
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
-from sysid_trib.simulation.internal_states import states_along
 
 # What pysindy calls its inputs when nobody has named them.
 UNNAMED = ["x0", "x1"]
@@ -132,11 +132,13 @@ class ForceFeatures(BaseFeatureLibrary):
         -------
         (sample, force) array of float, rad
         """
-        frequency, values = float(self.reference_frequency or 1.0), list[Array]()
-        for force in self._forces:
-            hidden = states_along(force, time * frequency, angle, rate, self.shapes, time=time)
-            given = values_of_inputs(inputs or {}, force.channels, time, frequency)
-            values.append(force.value(angle, rate, time, shapes=self.shapes, hidden={**hidden, **given}))
+        frequency = float(self.reference_frequency or 1.0)
+
+        def given(force: Force, at: Array) -> dict[str, Array]:
+            return values_of_inputs(inputs or {}, force.channels, at, frequency)
+
+        motion = time, angle, rate
+        values = [value_along(force, motion, frequency, self.shapes, given) for force in self._forces]
         return np.stack(values, axis=1)
 
     def _columns(self, x: Any) -> AxesArray:

@@ -6,6 +6,7 @@ alone would be too small as well. Where nothing pushes it is above zero by chanc
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -20,8 +21,23 @@ NEGLIGIBLE_LOG_WEIGHT = 6.0
 LONGEST_LOG_STEP = 0.5
 
 
-# Shift and further covariance of parameters where the ratios are given, or there are none.
-NOTHING_OPEN: tuple[Array, Array] = np.zeros(1), np.zeros((1, 1))
+class RatioAverage(NamedTuple):
+    """Parameters over the ratios that a record leaves open.
+
+    Attributes
+    ----------
+    shift : (parameter,) array of float
+        From the parameters at the most likely ratio to their mean.
+    covariance : (parameter, parameter) array of float
+        What the open ratio adds to the covariance at the most likely one.
+    """
+
+    shift: Array
+    covariance: Array
+
+
+# Where the ratios are given, or there are none.
+NOTHING_OPEN = RatioAverage(np.zeros(1), np.zeros((1, 1)))
 
 
 def average_over_ratios(
@@ -29,7 +45,7 @@ def average_over_ratios(
     estimate: VarianceRatio,
     samples: int,
     solved: Callable[[VarianceRatio], tuple[Array, Array]],
-) -> tuple[Array, Array]:
+) -> RatioAverage:
     """Mean of parameters over the ratios that a record leaves open, and the errors of that mean.
 
     Parameters
@@ -45,10 +61,7 @@ def average_over_ratios(
 
     Returns
     -------
-    shift : (parameter,) array of float
-        From the parameters at the most likely ratio to their mean.
-    covariance : (parameter, parameter) array of float
-        What the open ratio adds to the covariance at the most likely one.
+    RatioAverage
 
     Notes
     -----
@@ -60,7 +73,7 @@ def average_over_ratios(
     best, best_covariance = solved(estimate)
     ratios, variances, weight = ratio_posterior(rows, estimate)
     if not len(ratios):
-        return np.zeros_like(best), np.zeros_like(best_covariance)
+        return RatioAverage(np.zeros_like(best), np.zeros_like(best_covariance))
     others = [
         solved(replace(estimate, ratio=ratio, variance=variance))
         for ratio, variance in zip(ratios.tolist(), variances.tolist(), strict=True)
@@ -71,7 +84,7 @@ def average_over_ratios(
     shift = probability * (none - best) + (1.0 - probability) * (weight @ change)
     added = np.array([covariance for _, covariance in others]) - best_covariance
     off = change - shift
-    return shift, np.tensordot(weight, added, 1) + (weight[:, None] * off).T @ off
+    return RatioAverage(shift, np.tensordot(weight, added, 1) + (weight[:, None] * off).T @ off)
 
 
 def probability_of_none(gain: float, samples: int) -> float:

@@ -1,38 +1,162 @@
-"""The regression of Eq. 1 on its force columns: rows of all runs about their paths, and their solution."""
+"""The regression of Eq. 1 on its force columns: its rows, in weak and in strong form, and their solution."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-import xarray as xr
+import scipy.linalg
+import scipy.sparse as sp
 
-from sysid_trib.arrays import Array, Mask, dependent_columns
-from sysid_trib.errors import DecayError
-from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.least_squares import ConstraintMap
-from sysid_trib.likelihood.paths import RecordPath, path_of
-from sysid_trib.likelihood.run_rows import RunRows, nuisances, run_rows
-from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.trials import TrialEffect, stiffness_powers
-from sysid_trib.likelihood.variance_ratio import VarianceRatio, known_noise
-from sysid_trib.likelihood.weak_form import SAMPLES_PER_ROW
-from sysid_trib.records.inputs import inputs_for
-from sysid_trib.records.smoothing import (
-    KNOTS_PER_PERIOD,
-    first_frequency,
-    knot_intervals,
-    nominal_frequency,
-    sensor_noise,
-)
-from sysid_trib.simulation.initial_conditions import FittedMotion
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.likelihood.least_squares import ConstraintMap, bounds_reached, whitened
+from sysid_trib.likelihood.linearisation import derivatives_along, sensor_slopes
+from sysid_trib.likelihood.regression import RunRegression, Runs, update
+from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
+from sysid_trib.likelihood.weak_form import cholesky_factor, noise_operator
+from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
 
-# The paths of the first are at a frequency of two digits, and its operator knows no force that is free.
-FIRST_ESTIMATES = 2
-# Part by which a step of the square of a frequency lowers it at most.
-LOWEST_STEP = 0.25
+# The operator of small deviations, and the Cholesky factor of the covariance of its rows in white noise.
+Operator: TypeAlias = tuple[sp.csr_matrix, Array]
+
+
+def linearised(run: RunRegression) -> Operator:
+    """The operator about a run's path, with what whitens its rows in white noise alone."""
+    matrix = deviation_matrix(run)
+    return matrix, cholesky_factor(covariance_of_local_rows(matrix))
+
+
+def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
+    """The operator of small deviations about a run's path, (row, sample), which does not depend on the noise.
+
+    It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made good.
+    """
+    k, pairs = run.stiffness_scale, zip(run.library, run.acting.tolist(), strict=True)
+    given = {name: values for force in run.library for name, values in run.given(force, run.elapsed).items()}
+    stiffness, damping = derivatives_along(pairs, run.shapes, run.elapsed, run.x, run.v, given)
+    matrix = noise_operator(run.form, k * stiffness, np.sqrt(k) * damping)
+    return (matrix @ sp.diags_array(1.0 / gain_of_sensor(run))).tocsr() if run.of_sensor.any() else matrix
+
+
+def gain_of_sensor(run: RunRegression) -> Array:
+    """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
+    pairs = zip(run.library, run.coefficients.tolist(), strict=True)
+    return 1.0 + sensor_slopes(pairs, run.shapes, run.elapsed, run.x, run.v)[0]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows ``target = columns @ coefficients + nuisances @ steps + noise``.
+
+    Attributes
+    ----------
+    target : (row,) array of float
+    columns : (row, force) array of float
+    nuisances : (row, run) or (row, run + 1) array of float
+        The sensor's zero in each run and, where the frequency is fitted, the stiffness.
+    factor : (band, row) array of float or None
+        Cholesky factor of the covariance of the rows in unit noise of the samples; None if they are white.
+    lags : int
+        Rows of two periods, over which residuals may be correlated.
+    """
+
+    target: Array
+    columns: Array
+    nuisances: Array
+    factor: Array | None = None
+    lags: int = 2 * KNOTS_PER_PERIOD
+
+
+def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None = None) -> Rows:
+    """Weak rows of the regression about a run's path.
+
+    Parameters
+    ----------
+    run : RunRegression
+    matrix : (row, sample) sparse array of float
+        Operator of small deviations about a motion nearby.
+    factor : (band, row) array of float, optional
+        See `Rows`.
+
+    Notes
+    -----
+    With L the operator of small deviations and S the terms h of the sensor,
+    ``A x + k value (H c) + L (angle - offset - S s - x) = L noise``, k = (frequency/nominal)^2. Along an
+    exact solution the first part vanishes, so that errors of quadrature cannot bias the result; of a path
+    nearby, what its first part differs is left. A known input is integrated where neither is there.
+    """
+    form, k = run.form, run.stiffness_scale
+    target = -(matrix @ (run.angle - run.offset - run.x))
+    columns, stiffness = k * (form.value @ run.columns), k * (form.value @ run.x)
+    if run.of_sensor.any():
+        columns[:, run.of_sensor] = -(matrix @ run.columns[:, run.of_sensor])
+    if run.exact:
+        target = target + columns @ run.acting
+    else:
+        near, force = (0.0, run.forcing) if run.near is None else run.near
+        target = target - form.curvature @ (run.x - near) - form.value @ (k * run.x - force)
+    nuisances = [-(matrix @ np.ones_like(run.x))] + [stiffness] * run.frequency_free
+    return Rows(target, columns, np.column_stack(nuisances), factor)
+
+
+def strong_regression(runs: Sequence[RunRegression]) -> Rows:
+    """Rows theta'' + theta of the smoothed records, one a sample.
+
+    For comparison: the noise of second derivatives makes them far less precise than the weak form, and
+    smoothing biases them.
+    """
+    rows = []
+    for run in runs:
+        x, _, acceleration, _ = smooth(run.form.tau, run.angle)
+        nuisances = np.column_stack([-np.ones_like(x)] + [x] * run.frequency_free)
+        lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(run.form.tau))))
+        rows.append(Rows(-(acceleration / run.stiffness_scale + x), run.columns, nuisances, lags=lags))
+    return stack_rows(runs, rows)
+
+
+def weak_regression(runs: Sequence[RunRegression], operators: Sequence[Operator] | None = None) -> Rows:
+    """The weak rows of all runs about their paths, with what whitens them; linearised there by default."""
+    near = operators or [linearised(run) for run in runs]
+    return stack_rows(runs, [rows_about(run, *of_run) for run, of_run in zip(runs, near, strict=True)])
+
+
+def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
+    """Rows of several runs, each weighted by its noise, as one regression.
+
+    It has common coefficients and a common stiffness, and a zero of the sensor for each run.
+    """
+    if len(rows) == 1:
+        return rows[0]
+    pairs = list(zip(rows, run_weights(runs), strict=True))
+    zeros = scipy.linalg.block_diag(*(w * run.nuisances[:, :1] for run, w in pairs))
+    stiffness = np.concatenate([w * run.nuisances[:, 1:] for run, w in pairs])
+    # Rows of different runs are independent: the factor of all of them is banded as well.
+    factors = [run.factor for run in rows if run.factor is not None]
+    bands = max(map(len, factors), default=0)
+    padded = [np.pad(factor, ((0, bands - len(factor)), (0, 0))) for factor in factors]
+    return Rows(
+        np.concatenate([w * run.target for run, w in pairs]),
+        np.concatenate([w * run.columns for run, w in pairs]),
+        np.column_stack([zeros, stiffness]),
+        np.concatenate(padded, axis=1) if padded else None,
+        rows[0].lags,
+    )
+
+
+def run_weights(runs: Sequence[RunRegression]) -> Array:
+    """Weight of the rows of each run, (run,): its noise, relative to their RMS."""
+    if len(runs) == 1:
+        return np.ones(1)
+    noise = np.array([run.noise for run in runs])
+    return np.asarray(np.sqrt(np.mean(np.square(noise))) / noise)
+
+
+def rms_forces(runs: Sequence[RunRegression]) -> Array:
+    """RMS of each force along the motions (force,), rad: a coefficient in units of it is a force."""
+    of_runs = [np.mean(run.columns**2, axis=0) for run in runs]
+    rms = np.sqrt(np.average(of_runs, axis=0, weights=[run.form.rows for run in runs]))
+    return np.where(rms > 0, rms, 1.0)
 
 
 @dataclass(frozen=True)
@@ -41,315 +165,128 @@ class Solution:
 
     Attributes
     ----------
-    values : (force + 1,) array of float
-        Coefficients, zero where a force is not in the model, and the reference frequency (rad/s): a stiffness
-        that was found is part of it.
-    zeros : (run,) array of float, rad
-        Of the sensor.
+    coefficients : (force,) array of float
+        Zero where a force is not in the model.
+    steps : (run,) or (run + 1,) array of float
+        Of the nuisances: the sensor's zero in each run (rad), the stiffness.
     covariance : (force + 1, force + 1) array of float
-        Of the values.
-    birge_ratio : float
-        RMS residual of the rows, white and of unit variance.
+        Of the coefficients and the reference frequency (rad/s).
+    noise : float, rad
+        RMS residual of the white rows.
     lags : int
         Lags over which the covariance allows for correlated residuals.
     constraints : ConstraintMap
         With the coefficients that are held at a bound.
+    residual : (row,) array of float
+        Of the rows as they are, not white.
     """
 
-    values: Array
-    zeros: Array
+    coefficients: Array
+    steps: Array
     covariance: Array
-    birge_ratio: float
+    noise: float
     lags: int
     constraints: ConstraintMap
+    residual: Array
+
+    def applied_to(self, runs: Runs) -> Runs:
+        """The runs with this solution as their estimate."""
+        return update(runs, self.coefficients, self.steps, self.constraints)
 
 
-@dataclass(frozen=True)
-class Regression:
-    """Rows of all runs about their paths, with common coefficients and a common frequency.
+def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintMap) -> Solution:
+    """Solve the rows for the active coefficients, (force,); `run` is any of those in the rows.
 
-    Attributes
-    ----------
-    rows : tuple of RunRows
-        Of each run.
-    tables : tuple of (row, column) array of float
-        Target, forces, stiffness where it is free, and zeros of the sensor of each run.
-    trials : tuple of TrialEffect
-        The forces offered, and terms of the sensor, their shapes held.
-    constraints : ConstraintMap
-        Of all of them.
-    frequency_free : bool
-        Whether the reference frequency is fitted.
-    noises : tuple of VarianceRatio
-        Of each run.
-    coefficients : (force,) array of float
-        The last estimate, that gave the paths.
-    motions : tuple of FittedMotion
-        Free motions of that estimate; none where the paths are smoothed records.
-    lags : int
-        Rows over which residuals may be correlated: two periods.
+    Notes
+    -----
+    Where the residual is correlated the covariance is the sandwich of `WhitenedLeastSquares` over two
+    periods. Coefficients that would pass a bound are found by an active set and held there.
+
+    A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
+    that hold it at the present frequency.
     """
+    # Here, since importing pysindy takes as long as twenty identifications.
+    from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
 
-    rows: tuple[RunRows, ...]
-    tables: tuple[Array, ...]
-    trials: tuple[TrialEffect, ...]
-    constraints: ConstraintMap
-    frequency_free: bool
-    noises: tuple[VarianceRatio, ...]
-    coefficients: Array
-    motions: tuple[FittedMotion, ...] = ()
-    lags: int = 2 * KNOTS_PER_PERIOD
-
-    @property
-    def paths(self) -> list[RecordPath]:
-        """The path of each run."""
-        return [rows.path for rows in self.rows]
-
-    @property
-    def values(self) -> Array:
-        """The last estimate: coefficients and reference frequency (rad/s), (force + 1,)."""
-        return np.append(self.coefficients, self.rows[0].path.frequency)
-
-    @cached_property
-    def white(self) -> Array:
-        """The tables of all runs, their noises white and of unit variance, (row, column)."""
-        of_runs = zip(self.rows, self.tables, self.noises, strict=True)
-        return np.concatenate([rows.white(table, n.ratio, n.variance) for rows, table, n in of_runs])
-
-    def free_table(self, run: int, constraints: ConstraintMap) -> Array:
-        """Target and columns of a run by those that constraints leave free; see `ConstraintMap`."""
-        powers = stiffness_powers(self.trials)
-        return constraints.free_table(self.tables[run], self.coefficients, powers, self.frequency_free)
-
-    def solve(self, active: Mask, constraints: ConstraintMap | None = None) -> Solution:
-        """Least squares of the rows for the active coefficients, (force,).
-
-        Notes
-        -----
-        Where the residual is correlated the covariance is the sandwich of `WhitenedLeastSquares` over two
-        periods. Coefficients that would pass a bound are found by an active set and held there.
-        """
-        # Here, since importing pysindy takes as long as twenty identifications.
-        from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
-
-        kept = (self.constraints if constraints is None else constraints).keep(active)
-        powers, further = stiffness_powers(self.trials), self.tables[0].shape[1] - 1 - len(self.trials)
-        columns, held = kept.with_further(self.coefficients, powers, self.frequency_free, further)
-        design, target = self.white[:, 1:] @ columns, self.white[:, 0] - self.white[:, 1:] @ held
-        fit = WhitenedLeastSquares(correlation_lags=self.lags).fit(design, target)
-        solved, free, forces = fit.coef_[0], len(kept.free), len(self.trials)
-        if kept.passed(solved[:free]):
-            return self.solve(active, kept.hold_at_bounds(design, target))
-        coefficients, frequency = (columns @ solved + held)[:forces], self.rows[0].path.frequency
-        jacobian, factor = np.zeros((forces + 1, len(solved))), 1.0
-        jacobian[:-1, :free] = kept.matrix
-        if self.frequency_free:
-            factor = float(np.sqrt(max(LOWEST_STEP, 1.0 + solved[free])))
-            # From the stiffness to the frequency, and to coefficients that refer to it.
-            jacobian[:-1, free] = kept.matrix @ (0.5 * powers * coefficients)[kept.free]
-            jacobian[-1, free] = 0.5 * frequency * factor
-        return Solution(
-            np.append(kept.impose(coefficients * factor**powers), frequency * factor),
-            solved[free + self.frequency_free :],
-            jacobian @ fit.covariance_[0] @ jacobian.T,
-            float(fit.noise_[0]),
-            int(fit.lags_[0]),
-            kept,
+    kept = constraints.keep(active)
+    in_model = kept.matrix.any(axis=1) | (kept.constant != 0.0)
+    rescaling = _rescaling(run, run.coefficients * in_model)
+    shift = rescaling - kept.matrix @ rescaling[kept.free]
+    nuisances = rows.nuisances
+    if run.frequency_free:
+        nuisances = np.column_stack([nuisances[:, :-1], nuisances[:, -1] + rows.columns @ shift])
+    design = np.column_stack([rows.columns @ kept.matrix, nuisances])
+    target = rows.target - rows.columns @ kept.constant
+    fit = WhitenedLeastSquares(rows.factor, rows.lags).fit(design, target)
+    solved, count = fit.coef_[0], len(kept.free)
+    free, steps = solved[:count], solved[count:]
+    if np.any((free < kept.low) | (free > kept.high)):
+        low, high = (
+            np.pad(limit, (0, len(steps)), constant_values=side * np.inf)
+            for limit, side in ((kept.low, -1.0), (kept.high, 1.0))
         )
-
-    def with_errors_of_dropped(self, solution: Solution, active: Mask) -> Solution:
-        """The solution with the variances that forces which are not active would have if they were added."""
-        covariance = solution.covariance.copy()
-        for j in self.constraints.free[~active[self.constraints.free]]:
-            added = active.copy()
-            added[j] = True
-            covariance[j, j] = self.solve(added).covariance[j, j]
-        return replace(solution, covariance=covariance)
-
-    def about(
-        self,
-        paths: Sequence[RecordPath],
-        coefficients: Array,
-        motions: Sequence[FittedMotion] = (),
-        operators: Sequence[RunRows] | None = None,
-    ) -> "Regression":
-        """The regression about other paths.
-
-        Parameters
-        ----------
-        paths : sequence of RecordPath
-        coefficients : (force,) array of float
-            Of the estimate that gave them.
-        motions : sequence of FittedMotion
-            Where they are the exact motions of that estimate.
-        operators : sequence of RunRows, optional
-            With the operators of small deviations; linearised about the paths where left out.
-
-        Notes
-        -----
-        Along an exact motion the integrals of Eq. 1 vanish, so that their errors cannot bias the result.
-        """
-        guess, rows = np.append(coefficients, 0.0), list[RunRows]()
-        for run, path in enumerate(paths):
-            rows.append(
-                run_rows(path, self.trials, guess) if operators is None else operators[run].about(path)
-            )
-        tables = list[Array]()
-        for run, of_run in enumerate(rows):
-            columns, target = of_run.columns(self.trials), of_run.target
-            if motions:
-                acting = np.where([trial.force.kind == "force" for trial in self.trials], coefficients, 0.0)
-                target = columns @ acting - of_run.operator @ (of_run.path.angle - motions[run].x)
-            further = nuisances(of_run, run, len(rows), self.frequency_free)
-            tables.append(np.column_stack([target, columns, further]))
-        return replace(
-            self, rows=tuple(rows), tables=tuple(tables), coefficients=coefficients, motions=tuple(motions)
-        )
-
-    def along_smoothed(self, values: Array) -> "Regression":
-        """The regression about the same paths, with another estimate (force + 1,)."""
-        return self.about([path.rescaled(float(values[-1])) for path in self.paths], values[:-1])
-
-    def in_strong_form(self) -> "Regression":
-        """Rows theta'' + theta of the smoothed records, one a sample.
-
-        For comparison: the noise of second derivatives makes them far less precise than the weak form, and
-        smoothing biases them.
-        """
-        tables = list[Array]()
-        for run, path in enumerate(self.paths):
-            # On fewer knots, where two samples or less are between those of test functions.
-            near = path_of(path.time, path.angle, path.frequency, path.sensor)
-            path = replace(path, form=near.form, spline=near.spline)
-            x, acceleration = path.at_samples[0], path.spline(path.form.tau, 2)
-            zeros = np.zeros((len(x), len(self.rows)))
-            zeros[:, run] = -1.0
-            columns = [
-                -(acceleration + x),
-                path.forces_at_samples(self.trials),
-                *[x] * self.frequency_free,
-                zeros,
-            ]
-            tables.append(np.column_stack(columns))
-        lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(self.paths[-1].form.tau))))
-        strong = replace(self, tables=tuple(tables), lags=lags)
-        levels = [np.sqrt(noise.variance) for noise in self.noises]
-        white = np.concatenate([table / level for table, level in zip(tables, levels, strict=True)])
-        strong.__dict__["white"] = white
-        return strong
-
-    @property
-    def rms_forces(self) -> Array:
-        """RMS of each force along the paths (force,), rad: a coefficient in units of it is a force."""
-        squares = [path.mean_squares(self.trials) for path in self.paths]
-        rms = np.sqrt(np.average(squares, axis=0, weights=[path.form.rows for path in self.paths]))
-        return np.where(rms > 0, rms, 1.0)
-
-    def select(self, optimizers: Sequence[Any]) -> Mask:
-        """Forces to which all of the optimisers give a coefficient.
-
-        Parameters
-        ----------
-        optimizers : sequence of pysindy optimisers
-            They see the columns of the free coefficients, scaled to their RMS force (rad) and white;
-            nuisances are projected out and never thresholded.
-
-        Returns
-        -------
-        (force,) array of bool
-            Fixed coefficients are always in the model, tied ones with those that they are tied to.
-        """
-        constraints = self.constraints
-        kept = np.ones(len(constraints.free), bool)
-        if optimizers:
-            forces, further = np.split(self.white[:, 1:], [len(self.trials)], axis=1)
-            columns = forces @ constraints.matrix / self.rms_forces[constraints.free]
-            target = self.white[:, 0] - forces @ constraints.constant
-            basis, _ = np.linalg.qr(further)
-            table = np.column_stack([columns, target])
-            outside = table - basis @ (basis.T @ table)
-        for optimizer in optimizers:
-            # The optimiser may be the user's: it must not come back changed.
-            kept &= deepcopy(optimizer).fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
-        return constraints.active(kept)
+        white = whitened(rows.factor, np.column_stack([design, target]))
+        side = bounds_reached(white[:, :-1], white[:, -1], low, high)[:count]
+        limits = np.where(side < 0, kept.low, kept.high)[side != 0]
+        return solve(rows, run, active, kept.hold(side != 0, limits))
+    coefficients = kept.matrix @ free + kept.constant
+    jacobian = np.zeros((len(coefficients) + 1, len(solved)))
+    jacobian[:-1, :count] = kept.matrix
+    if run.frequency_free:
+        coefficients = coefficients + shift * steps[-1]
+        # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
+        jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
+        jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
+    covariance = jacobian @ fit.covariance_[0] @ jacobian.T
+    noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
+    return Solution(coefficients, steps, covariance, noise, lags, kept, target - design @ solved)
 
 
-def begin(
-    decays: Sequence[xr.Dataset],
-    library: ForceLibrary,
-    constraints: ConstraintMap,
-    *,
-    reference_frequency: float | None,
-    shapes: Mapping[str, float],
-) -> Regression:
-    """The regression about the smoothed records, linearised at a first estimate.
+def _rescaling(run: RunRegression, coefficients: Array) -> Array:
+    """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
+    degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.library])
+    return np.where(run.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
+
+
+def with_errors_of_dropped(
+    solution: Solution, rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintMap
+) -> Solution:
+    """The solution with the variances that forces which are not active would have if they were added."""
+    covariance = solution.covariance.copy()
+    for j in constraints.free[~active[constraints.free]]:
+        added = active.copy()
+        added[j] = True
+        covariance[j, j] = solve(rows, run, added, constraints).covariance[j, j]
+    return replace(solution, covariance=covariance)
+
+
+def select(rows: Rows, scale: Array, optimizers: Sequence[Any], constraints: ConstraintMap) -> Mask:
+    """Forces to which all of the optimisers give a coefficient.
 
     Parameters
     ----------
-    decays : sequence of Dataset
-        With `angle(time)`.
-    library : ForceLibrary
-        The forces to identify.
+    rows : Rows
+    scale : (force,) array of float, rad
+        See `rms_forces`.
+    optimizers : sequence of pysindy optimisers
+        They see the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
+        are projected out and never thresholded.
     constraints : ConstraintMap
-    reference_frequency : float or None, rad/s
-        None has it fitted.
-    shapes : mapping of str to float
 
-    Raises
-    ------
-    DecayError
-        The records are too short, or some of the forces are the same on them.
+    Returns
+    -------
+    (force,) array of bool
+        Fixed coefficients are always in the model, tied ones with those that they are tied to.
     """
-    free = reference_frequency is None
-    nominal = reference_frequency or nominal_frequency(first_frequency(decays))
-    values = library.shape_values(shapes)
-    trials = tuple(
-        TrialEffect(
-            force, {k: v for k, v in values.items() if k.partition(".")[0] == force.symbol}, held=True
-        )
-        for force in library
-    )
-    paths = [_first_path(run, library, nominal, number) for number, run in enumerate(decays, 1)]
-    rows = sum(path.form.rows for path in paths)
-    if rows < len(library) + 3 + len(paths):
-        raise DecayError(f"{rows} rows cannot decide {len(library)} forces; give a longer record.")
-    _refuse_dependent(paths, trials, library, constraints, free)
-    noises = tuple(known_noise(path.sensor.innovation**2) for path in paths)
-    # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
-    held = constraints.impose(np.zeros(len(library)))
-    regression = Regression((), (), trials, constraints, free, noises, held).about(paths, held)
-    for _ in range(FIRST_ESTIMATES):
-        solution = regression.solve(np.ones(len(library), bool))
-        regression = regression.along_smoothed(solution.values)
-    return regression
-
-
-def _first_path(run: xr.Dataset, library: ForceLibrary, frequency: float, number: int) -> RecordPath:
-    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
-    sensor = NoiseModel(sensor_noise(run), np.ones(1))
-    intervals = knot_intervals(frequency * (time - time[0]), SAMPLES_PER_ROW)
-    path = path_of(time, angle, frequency, sensor, intervals=intervals)
-    return replace(path, inputs=inputs_for(run, library), number=number)
-
-
-def _refuse_dependent(
-    paths: Sequence[RecordPath],
-    trials: Sequence[TrialEffect],
-    library: ForceLibrary,
-    constraints: ConstraintMap,
-    frequency_free: bool,
-) -> None:
-    """Refuse forces that are the same on the first paths; in place of a sensor's term what shows alike."""
-    tables = list[Array]()
-    for path in paths:
-        terms, tau = path.sensor_terms(trials), path.form.tau
-        curvature = np.gradient(np.gradient(terms, tau, axis=0), tau, axis=0)
-        tables.append(path.forces_at_samples(trials) + terms + curvature)
-    columns = np.concatenate(tables) @ constraints.matrix
-    names = [library.symbols[i] for i in constraints.free]
-    if frequency_free:
-        columns = np.column_stack([columns, np.concatenate([path.at_samples[0] for path in paths])])
-        names.append("the frequency")
-    if same := dependent_columns(columns):
-        equal = " and ".join(names[i] for i in same[0])
-        raise DecayError(f"On this record {equal} are the same force; leave one out (--forces).")
+    kept = np.ones(len(constraints.free), bool)
+    if optimizers:
+        columns = rows.columns @ constraints.matrix / scale[constraints.free]
+        target = rows.target - rows.columns @ constraints.constant
+        white = whitened(rows.factor, np.column_stack([rows.nuisances, columns, target]))
+        count = rows.nuisances.shape[1]
+        basis, _ = np.linalg.qr(white[:, :count])
+        outside = white[:, count:] - basis @ (basis.T @ white[:, count:])
+    for optimizer in optimizers:
+        # The optimiser may be the user's: it must not come back changed.
+        kept &= deepcopy(optimizer).fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
+    return constraints.active(kept)

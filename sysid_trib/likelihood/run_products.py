@@ -64,17 +64,6 @@ class RunProducts:
         products = self.block(ratio, kept, kept)[None]
         return replace(self, products=products, log_determinant=determinant, ratios=np.array([ratio]))
 
-    def restricted(self) -> "RunProducts":
-        """Those whose likelihood, of all columns, is the restricted one (Patterson and Thompson 1971).
-
-        It allows for the coefficients that are estimated.
-        """
-        information = self.products[:, 1:, 1:]
-        size = np.sqrt(np.max(np.einsum("gii->gi", information), axis=0))
-        size = np.where(size > 0.0, size, 1.0)
-        determinant = np.linalg.slogdet(information / np.outer(size, size))[1] + 2.0 * np.sum(np.log(size))
-        return replace(self, rows=self.rows - len(size), log_determinant=self.log_determinant + determinant)
-
     def block(self, ratio: float, rows: Array, columns: Array) -> Array:
         """Products of any columns, the target among them, with others, (row, column)."""
         at, weights = self._weighed(ratio)
@@ -87,8 +76,6 @@ class RunProducts:
 
     def is_close(self, ratio: float) -> bool:
         """True if a ratio is tried, or between others that are close to each other."""
-        if np.any(self.ratios == ratio):
-            return True
         logs = np.log(self.ratios[1:])
         above = int(np.clip(np.searchsorted(logs, np.log(ratio)), 1, len(logs) - 1)) if ratio else 0
         return bool(not ratio or logs[above] - logs[above - 1] < CLOSE)
@@ -125,44 +112,51 @@ def _cardinal_splines(ratios: bytes) -> CubicSpline:
     return CubicSpline(logs, np.eye(len(logs)))
 
 
+@dataclass(frozen=True)
+class RowNoise:
+    """Noise of a run's rows.
+
+    Attributes
+    ----------
+    band, white_band : (diagonal, row) array of float
+        Covariance of the rows by noise of the sensor of unit size, with its colour and white.
+    form : WeakForm
+        That has the covariance by a random force.
+    level : float, rad
+        Of the sensor's innovations, as their spectrum has it.
+    """
+
+    band: Array
+    white_band: Array
+    form: WeakForm
+    level: float
+
+
 def products_of(
-    bands: tuple[Array, Array],
-    form: WeakForm,
-    table: Array,
-    *,
-    level: float,
-    settings: Settings = DEFAULTS,
-    near: float | None = None,
-    given: float | None = None,
+    noise: RowNoise, table: Array, settings: Settings = DEFAULTS, near: float | None = None
 ) -> RunProducts:
     """Products of a run's columns.
 
     Parameters
     ----------
-    bands : pair of (diagonal, row) array of float
-        Covariance of the rows by noise of the sensor of unit size, with its colour and white.
-    form : WeakForm
-        That has the covariance by a random force.
+    noise : RowNoise
     table : (row, column) array of float
         The target, then columns.
-    level : float, rad
-        Of the sensor's innovations, as their spectrum has it.
     settings : Settings
     near : float, optional
         A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
-    given : float, optional
-        The one ratio, where it is known.
     """
-    ratios = _ratios(form, settings, near) if given is None else np.array([given])
+    ratios = _ratios(noise.form, settings, near)
     table = np.where(np.sum(table**2, axis=0) < LEAST_SQUARES, 0.0, table)
     products, determinants = np.empty((len(ratios), *2 * table.shape[1:])), np.empty(len(ratios))
     for at, ratio in enumerate(ratios.tolist()):
-        factor = cholesky_factor(bands[0], form.gram, ratio)
+        factor = cholesky_factor(noise.band, noise.form.gram, ratio)
         white = whiten(factor, table)
         np.matmul(white.T, white, out=products[at])
         determinants[at] = log_determinant(factor)
-    determinants -= log_determinant(cholesky_factor(bands[1]))
-    return RunProducts(products, determinants, ratios, len(table), level, settings.level_rows)
+    white_noise = noise.band is noise.white_band
+    determinants -= determinants[0] if white_noise else log_determinant(cholesky_factor(noise.white_band))
+    return RunProducts(products, determinants, ratios, len(table), noise.level, settings.level_rows)
 
 
 def _ratios(form: WeakForm, settings: Settings, near: float | None) -> Array:

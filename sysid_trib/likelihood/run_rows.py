@@ -11,9 +11,10 @@ from scipy.signal import savgol_filter
 from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
+from sysid_trib.likelihood.likelihood import Likelihood
 from sysid_trib.likelihood.linearisation import unresolved
 from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts, products_of
+from sysid_trib.likelihood.run_products import RowNoise, RunProducts, products_of
 from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
 from sysid_trib.likelihood.settings import DEFAULTS
 from sysid_trib.likelihood.trials import TrialEffect
@@ -72,29 +73,32 @@ class RunRows:
     Attributes
     ----------
     path : RecordPath
-    operator : (row, sample) sparse array of float
-        Of small deviations of the record.
-    band, white_band : (diagonal, row) array of float
-        Covariance of the rows by noise of the sensor of unit size, with its colour and white.
+    operator, acting : (row, sample) sparse array of float
+        Of small deviations of the record, on the sensor's noise and on its innovations.
     gain : (sample,) array of float
         By which the record rises with the angle, in the operator.
     """
 
     path: RecordPath
     operator: sp.csr_matrix
-    band: Array
-    white_band: Array
+    acting: sp.csr_matrix
     gain: Array
 
-    def about(self, path: RecordPath) -> "RunRows":
-        """The rows about another path of the same record, with this operator of small deviations."""
-        factor = self.path.frequency / path.frequency
-        bands = factor**2 * self.band, factor**2 * self.white_band
-        return RunRows(path, self.operator * factor, *bands, self.gain)
+    @cached_property
+    def band(self) -> Array:
+        """Covariance of the rows by the innovations of the sensor's noise, of unit size."""
+        return self._sensor_band(self.acting)
 
-    def factor(self, ratio: float) -> Array:
-        """Cholesky factor of the covariance of the rows, in units of the variance of the sensor's noise."""
-        return cholesky_factor(self.band, self.path.form.gram, ratio)
+    @cached_property
+    def white_band(self) -> Array:
+        """The band of the covariance by white noise of the sensor."""
+        return self.band if self.acting is self.operator else self._sensor_band(self.operator)
+
+    def _sensor_band(self, operator: sp.csr_matrix) -> Array:
+        band = covariance_of_local_rows(operator)
+        if self.path.sticking is not None:
+            band[0] += SAYS_NOTHING * band[0].max() * self.path.sticking
+        return band
 
     @cached_property
     def target(self) -> Array:
@@ -112,20 +116,17 @@ class RunRows:
         fewer = replace(settings, points_per_period=settings.points_per_period // 5)
         return replace(self.path, settings=fewer).columns(trials, self.operator)
 
-    def products(self, columns: Array, near: float | None = None, known: Array | float = 0.0) -> RunProducts:
-        """Products of the target, without what is known (row,), and columns; see `products_of`."""
-        path, table = self.path, np.column_stack([self.target - known, columns])
-        bands, level, given = (self.band, self.white_band), path.sensor.innovation, path.given_force
-        # Of the level of the noise there is a guess at first.
-        ratio = None if given is None else path.ratio or given / level**2
-        made = products_of(
-            bands, path.form, table, level=level, settings=path.settings, near=near, given=ratio
-        )
+    def products(self, columns: Array, near: float | None = None) -> RunProducts:
+        """Products of the target and columns, (row, column); see `products_of`."""
+        path, table = self.path, np.column_stack([self.target, columns])
+        noise = RowNoise(self.band, self.white_band, path.form, path.sensor.innovation)
+        made = products_of(noise, table, path.settings, near)
         return made if path.sticking is None else replace(made, rows=made.rows - int(path.sticking.sum()))
 
-    def white(self, table: Array, ratio: float, variance: float) -> Array:
-        """Columns (row, column) in which both noises are white and of unit variance."""
-        return whiten(self.factor(ratio), table) / np.sqrt(variance)
+    def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
+        """Columns (row, column) in which the noises of a run are white and of unit variance."""
+        factor = cholesky_factor(self.band, self.path.form.gram, float(likelihood.ratios[run]))
+        return whiten(factor, table) / np.sqrt(likelihood.variances[run])
 
     def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
         """By how much the deviance with a random force is too low, where rows do not resolve a stiffness.
@@ -134,7 +135,9 @@ class RunRows:
         by nothing without one.
         """
         excess = unresolved(self.path.form, self.path.points.tau, *tangent, self.path.operator(tangent))
-        noise, both = (log_determinant(self.factor(q)) for q in (0.0, ratio))
+        noise, both = (
+            log_determinant(cholesky_factor(self.band, self.path.form.gram, q)) for q in (0.0, ratio)
+        )
         return excess * (both - noise) / (both - noise + excess) if excess else 0.0
 
     def smoothed_motion(
@@ -228,19 +231,7 @@ def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> R
     # A motion deviates by less than the record where errors of the sensor grow with the angle.
     if np.any(gain != 1.0):
         operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()
-    white_band = _sensor_band(path, operator)
-    is_white, band = len(path.sensor.filter_) == 1, white_band
-    if not is_white:
-        band = _sensor_band(path, coloured(operator, path.sensor.filter_))
-    return RunRows(path, operator, band, white_band, gain)
-
-
-def _sensor_band(path: RecordPath, operator: sp.csr_matrix) -> Array:
-    """Covariance of rows by noise of the sensor of unit size, (band, row)."""
-    band = covariance_of_local_rows(operator)
-    if path.sticking is not None:
-        band[0] += SAYS_NOTHING * band[0].max() * path.sticking
-    return band
+    return RunRows(path, operator, coloured(operator, path.sensor.filter_), gain)
 
 
 def nuisances(rows: RunRows, run: int, runs: int, frequency_free: bool) -> Array:

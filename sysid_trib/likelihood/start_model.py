@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -20,7 +21,7 @@ from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
 from sysid_trib.likelihood.paths import RecordPath, path_of_run
-from sysid_trib.likelihood.run_products import RunProducts, products_of
+from sysid_trib.likelihood.run_products import RowNoise, products_of
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows, fractional_difference
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
@@ -49,10 +50,10 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
         first = np.append(model.coefficients * factor**powers, 0.0 if oscillates else model.stiffness)
         rescaled = [path.rescaled(path.frequency * factor) for path in near]
         trials, free = [trial.referred(factor) for trial in model.trials], model.frequency_free
-        after = fit_model(rescaled, trials, frequency_free=free, first=first, constraints=model.constraints)
+        after = fit_model(rescaled, trials, frequency_free=free, first=first)
         if paths is None and after.likelihood.deviance > model.likelihood.deviance + model.settings.far:
             # Shapes that hardly matter may lead astray: along the path where they were found, then.
-            after = fitted_along(rescaled, trials, first, free, model.constraints)
+            after = fitted_along(rescaled, trials, first, free)
         model = after
         same = model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
         if same or not oscillates:
@@ -114,17 +115,14 @@ def fit_start_model(
     return refitted(model)
 
 
-def recoloured(
-    model: FittedModel, other: FittedModel | None = None, *, restricted: bool = False
-) -> FittedModel:
+def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedModel:
     """The model with noise of the sensor of the colour that makes its rows likeliest.
 
     Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
-    tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian information
-    criterion; by `restricted` likelihood autoregressions alone. How far that is from `other`, of the same
-    runs, need be known to a part of itself.
+    tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
+    information criterion. How far that is from `other`, of the same runs, need be known to a part of itself.
     """
-    sensors = [_likeliest_sensor(model, run, other, restricted) for run in range(len(model.rows))]
+    sensors = [_likeliest_sensor(model, run, other) for run in range(len(model.rows))]
     known = [rows.path.sensor for rows in model.rows]
     same = all(np.array_equal(a.filter_, b.filter_) for a, b in zip(sensors, known, strict=True))
     return model if same else with_sensor_noises(model, sensors)
@@ -134,24 +132,20 @@ def with_sensor_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> Fit
     """The model fitted with other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
     free, first = model.frequency_free, model.estimate
-    return refitted(
-        fit_model(paths, model.trials, frequency_free=free, first=first, constraints=model.constraints)
-    )
+    return refitted(fit_model(paths, model.trials, frequency_free=free, first=first))
 
 
-def _likeliest_sensor(
-    model: FittedModel, run: int, other: FittedModel | None, restricted: bool
-) -> NoiseModel:
+def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> NoiseModel:
     """Noise of a run of the likeliest colour, of the order that its rows ask for."""
     path = model.rows[run].path
     known, samples = path.sensor.filter_, len(path.time)
-    by_colour = likelihood_by_colour(model, run, restricted=restricted)
+    by_colour = _likelihood_by_colour(model, run)
 
     def deviance_of(filter_: Array) -> float:
         return by_colour(filter_).deviance
 
     least = (
-        likelihood_by_colour(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
+        _likelihood_by_colour(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
     )
     best, filter_ = deviance_of(known) + _parameters_of(path.sensor) * float(np.log(samples)), known
     # The spectrum mostly shows the colour: a little more of it is tried before a search.
@@ -168,36 +162,25 @@ def _likeliest_sensor(
             elif order >= len(known):
                 break
     # An autoregression may be the likeliest of its kind where noise is as 1/f.
-    if not restricted and deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
+    if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
     return NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
 
 
-def likelihood_by_colour(
-    model: FittedModel, run: int, *, restricted: bool = False, alone: bool = False
-) -> Callable[[Array], Likelihood]:
-    """Maximum likelihood of a run's rows with noise of a whitening filter (tap,).
-
-    Restricted, or with that noise `alone` and no random force, where these are asked for.
-    """
-    rows, table = model.rows[run], model.free_table(run)
+def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
+    """Maximum likelihood of a run's rows with noise of a whitening filter (tap,)."""
+    rows, table = model.rows[run], np.column_stack([model.rows[run].target, model.tables[run]])
     # Of a level that another colour gave nothing is known.
-    settings, level = replace(model.settings, level_rows=0.0), rows.path.sensor.innovation
-    likely = model.likelihood.ratios[[run]]
+    form, settings = rows.path.form, replace(model.settings, level_rows=0.0)
+    columns, level = range(1, table.shape[1]), rows.path.sensor.innovation
+    near = model.likelihood.ratios[[run]]
 
     def by_filter(filter_: Array) -> Likelihood:
-        bands = covariance_of_local_rows(coloured(rows.operator, filter_)), rows.white_band
-
-        def products(near: float) -> RunProducts:
-            given = 0.0 if alone else None
-            made = products_of(
-                bands, rows.path.form, table, level=level, settings=settings, near=near, given=given
-            )
-            return made.restricted() if restricted else made
-
-        likeliest = likeliest_near([products], likely.tolist(), range(1, table.shape[1]))[1]
+        band = covariance_of_local_rows(coloured(rows.operator, filter_))
+        noise = RowNoise(band, rows.white_band, form, level)
+        likeliest = likeliest_near([partial(products_of, noise, table, settings)], near.tolist(), columns)[1]
         # The next colour is near to this one.
-        likely[:] = likeliest.ratios
+        near[:] = likeliest.ratios
         return likeliest
 
     return by_filter

@@ -84,26 +84,19 @@ OFF_RESONANCE = (0.03, 0.08, 0.2)
 
 @dataclass(frozen=True)
 class TrialEffect:
-    """A candidate with its shape parameters (`{"dahl.s": 0.02}`).
+    """A candidate with its shape parameters held (`{"dahl.s": 0.02}`).
 
     `starts` : others of it, from which a fit starts where that from these shapes fails.
-    `held` : whether a fit of a model leaves the shapes as they are.
     """
 
     force: Force
     shapes: Mapping[str, float]
     starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
-    held: bool = False
-
-    @property
-    def fitted(self) -> Mapping[str, Shape]:
-        """The shape parameters that a fit of a model finds."""
-        return {} if self.held else self.force.shape
 
     def referred(self, factor: float) -> "TrialEffect":
         """The effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
         powers = reference_powers(self.force)
-        if powers is None or not self.fitted:
+        if powers is None or not self.shapes:
             return self
         values = self.force.shape_values(self.shapes)
         shapes = {
@@ -118,9 +111,7 @@ class TrialEffect:
 def shape_values(trials: Iterable[TrialEffect]) -> list[tuple[Shape, float]]:
     """The shape parameters of trials, and the value of each."""
     return [
-        (shape, trial.shapes[f"{trial.force.symbol}.{name}"])
-        for trial in trials
-        for name, shape in trial.fitted.items()
+        (t.force.shape[name], t.shapes[f"{t.force.symbol}.{name}"]) for t in trials for name in t.force.shape
     ]
 
 
@@ -128,12 +119,6 @@ def reference_power(force: Force) -> float:
     """Power of the reference frequency of a coefficient; where none is known, that of a force of x alone."""
     powers = reference_powers(force)
     return -2.0 if powers is None else powers.coefficient
-
-
-def stiffness_powers(trials: Iterable[TrialEffect]) -> Array:
-    """Powers of the reference frequency of coefficients, shapes held, (trial,): 0 of a sensor's terms."""
-    degrees = [(trial.force.kind == "force", trial.force.speed_degree or 0.0) for trial in trials]
-    return np.array([degree - 2.0 if acts else 0.0 for acts, degree in degrees])
 
 
 def trials_of(

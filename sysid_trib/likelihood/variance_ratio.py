@@ -127,50 +127,52 @@ class VarianceRatio:
         return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
 
 
-def known_noise(variance: float) -> VarianceRatio:
-    """Noise of the sensor alone, of a variance that is known (rad^2)."""
-    return VarianceRatio(0.0, variance, float("nan"), float("nan"), 0.0)
+@dataclass(frozen=True)
+class RowsByRatio:
+    """Rows by the ratio of two variances.
 
-
-def rows_by_ratio(
-    band: Array,
-    gram: Array,
-    table: Array,
-    *,
-    known: tuple[float, float] = (0.0, 0.0),
-    least_variance: float = 0.0,
-) -> Callable[[float], WhiteRows]:
-    """White rows by the ratio of two variances.
-
-    Parameters
+    Attributes
     ----------
     band, gram : (band, row) array of float
         Covariance of the rows by the sensor's noise and by the random force, of unit variance.
     table : (row, column) array of float
         Columns, then the target.
-    known : (float, float)
-        As how many further samples a level of the sensor's noise counts that is known, and that (rad).
+    further : (float, float, float)
+        Further samples of the sensor's noise: how many, the sum of the squares of their innovations (rad^2),
+        and the logarithm of the determinant of their covariance.
     least_variance : float
         See `WhiteRows`.
     """
-    samples, level = known
 
-    def rows(ratio: float) -> WhiteRows:
-        factor = cholesky_factor(band, gram, ratio)
-        white, further = whiten(factor, table), 0.0
-        if samples:
-            # One row has the squares of all further samples.
-            white, further = np.pad(white, ((0, 1), (0, 0))), samples - 1.0
-            white[-1, -1] = np.sqrt(samples) * level
-        return WhiteRows(
-            white[:, -1],
-            white[:, :-1],
-            log_determinant(factor),
-            further=further,
-            least_variance=least_variance,
-        )
+    band: Array
+    gram: Array
+    table: Array
+    further: tuple[float, float, float] | None = None
+    least_variance: float = 0.0
 
-    return rows
+    def factor(self, ratio: float) -> Array:
+        """Cholesky factor of the covariance."""
+        return cholesky_factor(self.band, self.gram, ratio)
+
+    def rows(self, ratio: float) -> WhiteRows:
+        """White with this ratio."""
+        factor = self.factor(ratio)
+        white, determinant = whiten(factor, self.table), log_determinant(factor)
+        if self.further is None:
+            return WhiteRows(white[:, -1], white[:, :-1], determinant, least_variance=self.least_variance)
+        samples, squares, of_further = self.further
+        # One row has the squares of all further samples.
+        white = np.pad(white, ((0, 1), (0, 0)))
+        white[-1, -1] = np.sqrt(squares)
+        return WhiteRows(white[:, -1], white[:, :-1], determinant + of_further, further=samples - 1.0)
+
+    def likeliest(self, duration: float, step: float, start: float | None = None) -> VarianceRatio:
+        """Ratio of most likelihood in a record of so many tau; see `ratio_span` and `variance_ratio`."""
+        return variance_ratio(self.rows, *ratio_span(duration, step), start)
+
+    def held(self, per_tau: float, variance: float | None = None) -> VarianceRatio:
+        """The ratio where the size of the random force is given; see `held_ratio`."""
+        return held_ratio(self.rows, per_tau, variance)
 
 
 def variance_ratio(
@@ -247,9 +249,7 @@ def ratio_span(duration: float, step: float) -> tuple[float, float]:
     return SMALLEST_WALK**2 / (0.5 * duration), 3.0 * LARGEST_IMPULSE**2 / step**3
 
 
-def held_ratio(
-    rows: Callable[[float], WhiteRows], per_tau: float, variance: float | None = None
-) -> VarianceRatio:
+def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: float | None) -> VarianceRatio:
     """The ratio where the size of the random force is given, `per_tau` in the unit of the variance.
 
     `variance` is where the sensor's was last; None where nothing is known of it.

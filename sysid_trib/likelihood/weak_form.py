@@ -56,10 +56,6 @@ class WeakForm:
         with psi' and psi''.
     splines : SplinesAt
         On the knots of the test functions, at the samples.
-    intervals : int
-        Between these knots.
-    base : (WeakForm, float), optional
-        The one of which this is made, and by which factor the time of this runs faster.
     """
 
     tau: Array
@@ -67,56 +63,12 @@ class WeakForm:
     slope: sp.csr_matrix
     curvature: sp.csr_matrix
     splines: SplinesAt
-    intervals: int
-    base: "tuple[WeakForm, float] | None" = None
-
-    def rescaled(self, factor: float) -> "WeakForm":
-        """The weak form over a time that runs faster by a factor: its test functions stay where they are."""
-        if self.base is not None:
-            base, so_far = self.base
-            return base.rescaled(so_far * factor)
-        value, curvature = self.value * factor, self.curvature / factor
-        splines = self.splines.rescaled(factor)
-        return WeakForm(
-            factor * self.tau, value, self.slope, curvature, splines, self.intervals, (self, factor)
-        )
 
     @cached_property
     def gram(self) -> Array:
         """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
-        if self.base is not None:
-            return self.base[0].gram * self.base[1]
         weighed = _with_columns_times(self.value, 1.0 / np.gradient(self.tau))
         return covariance_of_local_rows(weighed, self.value)
-
-    def points_between(self, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
-        """Points between the samples, for integrands that turn quickly.
-
-        Parameters
-        ----------
-        per_period : float
-            Points wanted in 2 pi of tau, at least.
-
-        Returns
-        -------
-        splines : SplinesAt
-            On the knots of the test functions, at the points: each step of `tau` in equal parts.
-        integrals : (row, point) sparse array of float
-            Of the same rows as `value`.
-        """
-        step = float(np.median(np.diff(self.tau)))
-        parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
-        if parts not in self._between:
-            base, factor = self.base or (self, 1.0)
-            splines, integrals = _kept_between(base.tau.tobytes(), self.intervals, parts)
-            if base is not self:
-                splines, integrals = splines.rescaled(factor), integrals * factor
-            self._between[parts] = splines, integrals
-        return self._between[parts]
-
-    @cached_property
-    def _between(self) -> dict[int, tuple[SplinesAt, sp.csr_matrix]]:
-        return {}
 
     @cached_property
     def shares_entries(self) -> bool:
@@ -153,8 +105,7 @@ def _built(tau: Array, intervals: int) -> WeakForm:
     for matrix in (value, slope, curvature):
         # Sorted, the three have their entries in the same places.
         matrix.sort_indices()
-    splines = SplinesAt(tau, knot_sequence(tau, intervals))
-    return WeakForm(tau, value, slope, curvature, splines, intervals)
+    return WeakForm(tau, value, slope, curvature, SplinesAt(tau, knot_sequence(tau, intervals)))
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
@@ -185,6 +136,30 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
     between = make_interp_spline(tau[:used], np.eye(used), END_DEGREE)(points)
     rows = sp.csr_matrix(_integrals(points, tau, intervals, order)[:END_ROWS] @ between)
     return sp.hstack([rows, sp.csr_matrix((END_ROWS, len(tau) - used))]).tocsr()
+
+
+def points_between(tau: Array, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
+    """Points between the samples of a weak form, for integrands that turn quickly; the last few are kept.
+
+    Parameters
+    ----------
+    tau : (sample,) array of float
+        Of the weak form.
+    intervals : int
+        Of the weak form.
+    per_period : float
+        Points wanted in 2 pi of tau, at least.
+
+    Returns
+    -------
+    splines : SplinesAt
+        On the knots of the test functions, at the points: each step of `tau` in equal parts.
+    integrals : (row, point) sparse array of float
+        Of the same rows as `WeakForm.value`.
+    """
+    step = float(np.median(np.diff(tau)))
+    parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
+    return _kept_between(tau.tobytes(), intervals, parts)
 
 
 @lru_cache(maxsize=8)

@@ -13,8 +13,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood.exact_motions import along_exact_motions, first_motion
-from sysid_trib.likelihood.least_squares import constraint_map
+from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import (
     RandomForceOption,
     check_random_force,
@@ -22,18 +21,31 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.random_rows import with_random_force
-from sysid_trib.likelihood.ratio_posterior import NOTHING_OPEN
-from sysid_trib.likelihood.rows import Regression, Solution, begin
+from sysid_trib.likelihood.ratio_posterior import NOTHING_OPEN, RatioAverage
+from sysid_trib.likelihood.refined_columns import refine_columns
+from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
+from sysid_trib.likelihood.rows import (
+    Rows,
+    Solution,
+    rms_forces,
+    select,
+    solve,
+    strong_regression,
+    weak_regression,
+    with_errors_of_dropped,
+)
 from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
+from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, start_variables
 
 MAX_SELECTIONS = 5
+# The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
+FIRST_ESTIMATES = 2
 # Of a record of fewer radians the half tells no more than the whole.
 FEWEST_RADIANS = 120.0
 
@@ -67,7 +79,7 @@ class Direct(Constrained):
         restricted likelihood of the rows, and the colour of that noise; a number is its one-sided density,
         held, and the sensor's noise is white then. `auto` leaves it to `identify`. The
         columns are then those of the smoothed motion, since the free motion does not follow the record (see
-        `with_random_force`). The strong form, and the weak form that is not refined, have none.
+        `regress_stochastic`). The strong form, and the weak form that is not refined, have none.
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
     constraints : mapping of str to float, (float, float) or str
@@ -152,35 +164,37 @@ class Direct(Constrained):
         asked = Constraints(self.constraints).of_each_run(self.own, len(runs_given))
         shapes = {**self.shapes, **{k: v for k, v in asked.fixed.items() if k not in offered.symbols}}
         constraints = constraint_map(asked, offered, shapes)
-        begun = begin(
+        runs = begin(
             runs_given, offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
-        chosen, regression = np.ones(len(offered), bool), begun
+        chosen = np.ones(len(offered), bool)
+        for _ in range(FIRST_ESTIMATES):
+            rows = weak_regression(runs)
+            after = solve(rows, runs[0], chosen, constraints).applied_to(runs)
+            runs = tuple(run.along_own_path() for run in after)
+        begun = runs
         if not self._fits_random_force:
-            regression = begun.in_strong_form() if self.form == "strong" else begun
-            chosen = _selected(self, regression)
+            rows = strong_regression(runs) if self.form == "strong" else weak_regression(runs)
+            chosen = _selected(self, runs, rows, constraints)
         # About the motion of the kept forces alone the choice is better founded than about all of them.
         for _ in range(MAX_SELECTIONS):
             active = chosen
-            regression, refined, (shift, further) = self._regressed(begun, regression, active)
-            chosen = _selected(self, regression)
+            runs, rows, refined, further = self._regressed(begun, runs, rows, active, constraints)
+            chosen = _selected(self, runs, rows, constraints)
             if np.array_equal(chosen, active):
                 break
         if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
-            first = replace(begun.solve(active), values=nearer)
-            if (found := along_exact_motions(begun, first, active)) is not None:
-                regression, refined = found, True
-        solution = regression.solve(active)
-        solution = replace(solution, covariance=solution.covariance + further)
-        solution = regression.with_errors_of_dropped(solution, active)
-        values = solution.values + shift
-        values[:-1] = solution.constraints.impose(values[:-1])
-        estimate = _estimate(regression, replace(solution, values=values))
+            runs = shifted(runs, nearer - common_values(runs), constraints)
+            runs, rows, refined = refine_columns(runs, rows, runs, active, constraints)
+        solution = solve(rows, runs[0], active, constraints)
+        solution = replace(solution, covariance=solution.covariance + further.covariance)
+        solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
+        runs = shifted(solution.applied_to(runs), further.shift, constraints)
+        estimate = _estimate(runs, solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
         )
-        if self._fits_random_force:
-            result = result.assign(_random_force(regression, self.random_force))
+        result = result.assign(_random_force(runs, self.random_force))
         reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
         result = asked.marked(result, [offered.symbols[i] for i in reached])
         return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
@@ -190,49 +204,43 @@ class Direct(Constrained):
         return is_fitted(self.random_force) and self._takes_random_force
 
     def _regressed(
-        self, begun: Regression, present: Regression, active: Mask
-    ) -> tuple[Regression, bool, tuple[Array, Array]]:
-        """The regression of the active forces, whether it has settled, what open ratios add."""
+        self, begun: Runs, runs: Runs, rows: Rows, active: Mask, constraints: ConstraintMap
+    ) -> tuple[Runs, Rows, bool, RatioAverage]:
+        """Runs and rows of the active forces, whether these have settled, what open ratios add."""
         if self._fits_random_force:
-            return with_random_force(begun, active, self.random_force)
-        if self.form == "strong" or not self.refine:
-            return present, False, NOTHING_OPEN
-        first = begun.solve(active)
+            return regress_stochastic(begun, active, constraints, self.random_force)
+        if self.form == "strong":
+            return runs, rows, False, NOTHING_OPEN
+        runs, linear_about = solve(rows, runs[0], active, constraints).applied_to(runs), begun
+        if not self.refine:
+            return runs, rows, False, NOTHING_OPEN
         if not active.all():
-            # Linear about the kept forces alone.
-            begun = begun.about(begun.paths, np.where(active, first.values[:-1], 0.0))
-        refined = along_exact_motions(begun, first, active)
-        return (begun if refined is None else refined), refined is not None, NOTHING_OPEN
+            linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in zip(runs, begun, strict=True))
+        return *refine_columns(runs, rows, linear_about, active, constraints), NOTHING_OPEN
 
 
-def _estimate(regression: Regression, solution: Solution) -> Estimate:
+def _estimate(runs: Runs, solution: Solution) -> Estimate:
     """The estimate of the last regression as results take it; the noise is that with a random force."""
-    paths, levels = regression.paths, [float(np.sqrt(noise.variance)) for noise in regression.noises]
-    noises = [
-        NoiseModel(level, path.sensor.filter_).standard_deviation
-        for level, path in zip(levels, paths, strict=True)
-    ]
-    motions = regression.motions or [first_motion(path) for path in paths]
-    if any(path.inputs for path in paths) and regression.motions:
+    noises = [NoiseModel(run.noise, run.sensor.filter_).standard_deviation for run in runs]
+    if any(run.inputs for run in runs):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
-        left = [
-            path.angle - path.sensor_terms(regression.trials) @ solution.values[:-1] - motion.x
-            for path, motion in zip(paths, motions, strict=True)
-        ]
-        noises = np.minimum(noises, [np.std(residual) for residual in left]).tolist()
+        rms = [float(np.std(run.measured - run.x)) for run in runs if run.exact]
+        noises = np.minimum(noises, rms or noises).tolist()
+    expected = root_mean_square([run.noise for run in runs])
     extra: dict[str, tuple[ArrayLike, str, str]] = {
-        "birge_ratio": (solution.birge_ratio, "1", "Birge ratio of the rows"),
-        **start_variables([(m.angle, m.rate) for m in motions], solution.zeros.tolist()),
+        "birge_ratio": (solution.noise / expected, "1", "Birge ratio of the rows"),
+        **start_variables([run.start for run in runs], [run.offset for run in runs]),
     }
-    return Estimate(solution.values[:-1], solution.covariance, solution.values[-1], noises, extra)
+    return Estimate(runs[0].coefficients, solution.covariance, runs[0].frequency, noises, extra)
 
 
-def _random_force(regression: Regression, option: RandomForceOption) -> Variables:
-    """The random force of each run as variables of a result."""
-    frequency = regression.paths[0].frequency
-    forces = [random_force_of_ratio(ratio, frequency, option) for ratio in regression.noises]
-    colours = colour_variables([path.sensor.filter_ for path in regression.paths])
-    return {**random_force_variables(forces), **colours}
+def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
+    """The random force of each run as variables of a result; none where the noise is the sensor's alone."""
+    nominal = runs[0].nominal_frequency
+    forces = [random_force_of_ratio(run.ratio, nominal, option) for run in runs if run.ratio is not None]
+    if not forces:
+        return {}
+    return {**random_force_variables(forces), **colour_variables([run.sensor.filter_ for run in runs])}
 
 
 def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:
@@ -254,12 +262,12 @@ def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Arra
     return np.append(result.coefficient.values, result.reference_frequency.item())
 
 
-def _selected(method: Direct, regression: Regression) -> Mask:
+def _selected(method: Direct, runs: Runs, rows: Rows, constraints: ConstraintMap) -> Mask:
     """Forces that are kept, by significance and by the optimiser."""
     optimizers = [] if method.optimizer is None else [method.optimizer]
     if method.significance is not None:
         from sysid_trib.likelihood.pysindy_features import SignificanceSelection
 
-        removed = regression.tables[0].shape[1] - 1 - len(regression.trials)
+        removed = rows.nuisances.shape[1]
         optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))
-    return regression.select(optimizers)
+    return select(rows, rms_forces(runs), optimizers, constraints)

@@ -148,17 +148,10 @@ class SplinesAt:
     ----------
     points : (point,) array of float
     knots : (knot,) array of float
-    base : (SplinesAt, float), optional
-        Splines of which these are made, with points and knots nearer to each other by a factor.
     """
 
     points: Array
     knots: Array
-    base: "tuple[SplinesAt, float] | None" = None
-
-    def rescaled(self, factor: float) -> "SplinesAt":
-        """The splines, where points and knots are a factor further apart."""
-        return SplinesAt(factor * self.points, factor * self.knots, (self, factor))
 
     @cached_property
     def _designs(self) -> dict[int, sp.csr_matrix]:
@@ -167,12 +160,7 @@ class SplinesAt:
     def design(self, order: int = 0) -> sp.csr_matrix:
         """Values of every B-spline, or of a derivative of it, (point, spline); computed once."""
         if order not in self._designs:
-            if self.base is None:
-                made = spline_design(self.points, self.knots, order)
-            else:
-                base, factor = self.base
-                made = base.design(order) * factor**-order if order else base.design()
-            self._designs[order] = made
+            self._designs[order] = spline_design(self.points, self.knots, order)
         return self._designs[order]
 
     def of(self, spline: BSpline, order: int = 0) -> Array:

@@ -1,0 +1,130 @@
+"""Forces of coefficient 1 along the samples of a motion, averaged over each sample's cell."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.constants import golden_ratio
+from scipy.special import ndtri
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.forces.force import Force, ShapeValues
+from sysid_trib.simulation.internal_states import states_along
+
+# Points of each sample's cell at which forces that jump are averaged.
+POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
+# What the formulas of a force hold of inputs at times (s), by name.
+InputsAt = Callable[[Force, Array], Mapping[str, Array]]
+
+
+def value_along(
+    force: Force,
+    motion: Sequence[Array],
+    frequency: float,
+    shapes: ShapeValues | None,
+    given: InputsAt,
+    known: Mapping[str, Array] | None = None,
+) -> Array:
+    """One force along a motion, (sample,), rad.
+
+    Parameters
+    ----------
+    force : Force
+    motion : (sample,) arrays of float
+        Time from the first sample (s), theta and theta'/frequency (rad).
+    frequency : float, rad/s
+    shapes : mapping of str to float, optional
+    given : InputsAt
+    known : mapping of str to (sample,) array of float, optional
+        Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
+        along the motion.
+    """
+    time, x, v = motion
+    names = {name: f"{force.symbol}.{name}" for name in (*force.state, *force.memory)}
+    if known is not None and all(name in known for name in names.values()):
+        hidden = {name: known[full] for name, full in names.items()}
+    else:
+        hidden = states_along(force, time * frequency, x, v, shapes, time=time)
+    return force.value(x, v, time, shapes=shapes, hidden={**hidden, **given(force, time)})
+
+
+def cell_averages(
+    forces: Sequence[Force],
+    motion: Sequence[Array],
+    frequency: float,
+    shapes: ShapeValues,
+    given: InputsAt,
+    rate_error: float = 0.0,
+) -> Array:
+    """Forces without states, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
+
+    Parameters
+    ----------
+    forces : sequence of Force
+    motion : (sample,) arrays of float
+        Time from the first sample (s), theta, theta' and theta'' (rad).
+    frequency : float, rad/s
+    shapes : mapping of str to float
+    given : InputsAt
+    rate_error : float, rad
+        Standard deviation of a rate that is not known exactly: the average is over its normal law too.
+
+    Returns
+    -------
+    (sample, force) array of float, rad
+
+    Notes
+    -----
+    Values at the samples alone would turn with the sampling where a period has a whole number of them: a sign
+    that is off in the same places of every period seems to tell forces apart. With an error the points are a
+    Kronecker sequence over cell and probability, symmetric about their middle, so that every point has a time
+    and an error of its own. Cells in which nothing switches are averaged too, by two points (Gauss): values
+    beside averages would be, of few samples a period, a pattern that no motion has.
+    """
+    columns = np.empty((len(motion[0]), len(forces)))
+    timed = any(force.holds_time or force.channels for force in forces)
+    number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
+    parts = number / POINTS_OF_CELL
+    errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
+
+    def near(part: Any, error: Any, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
+        cell, at, angle, rate, acceleration = samples
+        ahead = part * cell
+        x, v = ahead * rate, ahead * acceleration
+        x += angle
+        v += rate
+        v += error
+        return x, v, at + ahead / frequency if timed else at
+
+    def value(force: Force, point: tuple[Array, Array, Array]) -> Array:
+        return force.value(*point, shapes=shapes, hidden=given(force, point[2]))
+
+    time, x, v, _ = motion
+    every, extremes = (frequency * np.gradient(time), *motion), np.unique([errors.min(), errors.max()])
+    corners = [(x, v, time)]
+    corners += [near(part, error, every) for part in parts[[0, -1]] for error in extremes]
+    before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
+    for i, force in enumerate(forces):
+        columns[:, i] = 0.5 * (value(force, before) + value(force, after))
+        # Of these samples alone: few cells switch, and each has many points.
+        at = np.flatnonzero(_switches(force, corners, shapes, given))
+        for few in np.array_split(at, 1 + len(at) // CELLS_AT_ONCE) if len(at) else ():
+            points = near(parts[:, None], errors[:, None], [values[few] for values in every])
+            columns[few, i] = value(force, points).mean(axis=0)
+    return columns
+
+
+def _switches(
+    force: Force, points: Sequence[tuple[Array, Array, Array]], shapes: ShapeValues, given: InputsAt
+) -> Mask:
+    """Which samples have points (x, v, t) on both sides of a switching surface, (sample,)."""
+    switches = np.zeros(len(points[0][0]), bool)
+    if not force.surfaces:
+        return switches
+    shape = force.shape_values(shapes)
+    names = [{"x": x, "v": v, "t": t, **given(force, t), **shape} for x, v, t in points]
+    for surface in force.surfaces:
+        first, *others = (surface.evaluate(at) > 0.0 for at in names)
+        for other in others:
+            switches |= first != other
+    return switches

@@ -1,0 +1,180 @@
+"""Refined instrumental variables: force columns along the motion of the identified model (Young 2011)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.errors import SimulationError
+from sysid_trib.forces.selection import is_free_to_move
+from sysid_trib.likelihood.least_squares import ConstraintMap
+from sysid_trib.likelihood.regression import RunRegression, Runs, common_values, shifted
+from sysid_trib.likelihood.rows import (
+    Operator,
+    Rows,
+    Solution,
+    linearised,
+    rms_forces,
+    solve,
+    weak_regression,
+)
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
+from sysid_trib.simulation.model import Model
+
+MAX_REFINEMENTS = 25
+# A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
+SLIPPED = 0.3
+# A step after which it slips is halved, so often at most.
+MOST_HALVINGS = 8
+# A step this small, in standard errors, does not count.
+SETTLED_STEP = 0.02
+# Part of the swing by which coefficients of a record without noise may still change.
+SETTLED_WITHOUT_NOISE = 1e-10
+
+
+def refine_columns(
+    runs: Runs, rows: Rows, linear_about: Runs, active: Mask, constraints: ConstraintMap
+) -> tuple[Runs, Rows, bool]:
+    """Take the columns from the motion of the identified model, and solve again, until nothing changes.
+
+    Parameters
+    ----------
+    runs : tuple of RunRegression
+        With a first estimate.
+    rows : Rows
+        That it is from.
+    linear_about : tuple of RunRegression
+        About whose paths the rows are linear; about each motion itself where that does not settle.
+    active : (force,) array of bool
+        Forces that are in the model.
+    constraints : ConstraintMap
+
+    Returns
+    -------
+    runs : tuple of RunRegression
+    rows : Rows
+        About the last motion, so that they hold the final estimate's covariance.
+    settled : bool
+        Otherwise runs and rows are those given.
+    """
+    for operators in ([linearised(run) for run in linear_about], None):
+        refined = _refined(runs, operators, active, constraints)
+        if refined is not None:
+            return *refined, True
+    return runs, rows, False
+
+
+def _refined(
+    runs: Runs, operators: Sequence[Operator] | None, active: Mask, constraints: ConstraintMap
+) -> tuple[Runs, Rows] | None:
+    """Runs and rows at which nothing changes; without `operators` by those about each motion.
+
+    Over many periods a small error of an operator turns what the motion still misses into other forces. Where
+    forces are nearly the same, so that the last steps are slow, it is then the nearest motion.
+    """
+    followed: Runs | None = None
+    nearest: tuple[float, Runs, Rows] | None = None
+    last, halvings = None, 0
+    sensitivities: list[Array | None] = [None] * len(runs)
+    for _ in range(MAX_REFINEMENTS):
+        try:
+            motions = [simulated(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
+        except SimulationError:
+            break
+        runs, sensitivities = tuple(run for run, _ in motions), [near for _, near in motions]
+        if any(has_slipped(run) for run in runs):
+            # From a motion that follows the record a part of the step is one of less.
+            halvings += 1
+            if operators is not None or halvings > MOST_HALVINGS or followed is None:
+                break
+            step_back = 0.5 * (common_values(followed) - common_values(runs))
+            runs = tuple(replace(run, start=at.start) for run, at in zip(runs, followed, strict=True))
+            runs = shifted(runs, step_back, constraints)
+            continue
+        followed = runs
+        rows = weak_regression(runs, operators)
+        solution = solve(rows, runs[0], active, constraints)
+        after = solution.applied_to(runs)
+        change = common_values(after) - common_values(runs)
+        step = step_in_errors(runs, after, solution)
+        if np.all(np.abs(step) <= 1.0):
+            return runs, rows
+        missed = max(_missed(run) for run in runs)
+        if operators is None and (nearest is None or missed < nearest[0]):
+            nearest = missed, runs, rows
+        ahead = _extrapolation(step, last)
+        last = None if ahead else step
+        runs = shifted(after, ahead * change, constraints)
+    return None if nearest is None else nearest[1:]
+
+
+def has_slipped(run: RunRegression) -> bool:
+    """True if the motion of a run's model is out of phase with the record."""
+    return _missed(run) > SLIPPED
+
+
+def _missed(run: RunRegression) -> float:
+    """RMS of record minus path over that of the record."""
+    return float(np.sqrt(np.mean((run.measured - run.x) ** 2) / np.mean(run.angle**2)))
+
+
+def step_in_errors(before: Runs, after: Runs, solution: Solution) -> Array:
+    """Change of coefficients and frequency, (force + 1,), over the smallest that still counts."""
+    # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
+    swing = root_mean_square([np.sqrt(np.mean(run.x**2)) for run in after])
+    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rms_forces(after), after[0].frequency)
+    counts = SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest
+    return (common_values(after) - common_values(before)) / counts
+
+
+def _extrapolation(step: Array, last: Array | None) -> float:
+    """How many times a step is still to come, where steps shrink in one direction (Aitken's delta-squared).
+
+    Jumps at v = 0 are distributed in the operator, so that it converges at a rate: slowly if forces that
+    nearly cancel hold large jumps.
+    """
+    if last is None:
+        return 0.0
+    rate = float(step @ last / (last @ last))
+    parallel = float(np.linalg.norm(step - rate * last)) < 0.3 * float(np.linalg.norm(step))
+    return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
+
+
+def simulated(
+    run: RunRegression, active: Mask, sensitivity: Array | None
+) -> tuple[RunRegression, Array | None]:
+    """A run with the motion of its present model as path, the start fitted to the record.
+
+    Parameters
+    ----------
+    run : RunRegression
+    active : (force,) array of bool
+    sensitivity : (sample, 2) array of float or None
+        Of a motion nearby to its start, if it is known (see `fit_start`).
+
+    Returns
+    -------
+    run : RunRegression
+    sensitivity : (sample, 2) array of float or None
+        Of its own motion, if it is known.
+    """
+    values = dict(zip(run.library.symbols, run.coefficients.tolist(), strict=True))
+    # Where nothing pulls a body back, an error of its start grows.
+    motion = motion_of_run(run, active, sensitivity, near=not is_free_to_move(run.library, values))
+    columns = run.columns_along(motion.x, motion.v, known=motion.hidden)
+    path = replace(run, x=motion.x, v=motion.v, columns=columns, exact=True, near=None)
+    after = replace(path, start=(motion.angle, motion.rate), offset=motion.offset)
+    return after, motion.sensitivity
+
+
+def motion_of_run(
+    run: RunRegression, active: Mask, sensitivity: Array | None, *, near: bool = False
+) -> FittedMotion:
+    """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
+    pairs = zip(run.library.symbols, run.coefficients.tolist(), active & run.acts, strict=True)
+    kept = {s: c for s, c, keep in pairs if keep}
+    model = Model(run.library, kept, run.frequency, run.shapes, run.inputs)
+    angle = run.measured + run.offset
+    return fit_start(model, run.time, angle, run.start, offset=run.offset, sensitivity=sensitivity, near=near)

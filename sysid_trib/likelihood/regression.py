@@ -1,0 +1,285 @@
+"""One record under regression: its weak form, its present estimate, and the path of its forces."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array, Mask, dependent_columns
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.likelihood.force_columns import cell_averages, value_along
+from sysid_trib.likelihood.least_squares import ConstraintMap
+from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.variance_ratio import VarianceRatio
+from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form
+from sysid_trib.records.inputs import INPUT, KnownInput, inputs_for, values_of_inputs
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise, smooth
+from sysid_trib.simulation.model import rescaling_factors
+
+
+@dataclass(frozen=True)
+class RunRegression:
+    """One record, its present estimate, and the path along which the forces are evaluated.
+
+    Attributes
+    ----------
+    time, angle : (sample,) array of float, s and rad
+    form : WeakForm
+        On tau = `nominal_frequency` * time.
+    library : ForceLibrary
+        The forces offered, and terms of the sensor.
+    shapes : mapping of str to float
+    nominal_frequency : float, rad/s
+    frequency_free : bool
+        Whether the reference frequency is fitted.
+    inputs : mapping of str to KnownInput
+        Of the record, by their names.
+    run : int
+        Number of the record, from 1.
+    sensor, sensor_alone : NoiseModel
+        Noise of the sensor beside a random force, and where there is none: each of a colour of its own.
+    x, v : (sample,) array of float, rad
+        theta and theta'/w of the path.
+    columns : (sample, force) array of float, rad
+        Forces and terms of the sensor along it, of coefficient 1.
+    coefficients : (force,) array of float
+        Common to all runs.
+    frequency : float, rad/s
+        Reference frequency, common to all runs.
+    start : (float, float), rad and rad/s
+        Angle and rate of the motion at the first sample.
+    offset : float, rad
+        Zero of the sensor.
+    ratio : VarianceRatio or None
+        Growth of the variance of v a unit of tau by a random force, over the variance of the innovations of
+        the sensor's noise; None where the noise is the sensor's, and white.
+    exact : bool
+        Whether the path is a motion of the present model, not the smoothed record.
+    near : pair of (sample,) array of float, rad, or None
+        Of an exact motion near a path that is none: theta, and (w/nominal)^2 (x + sum c h) along it. The weak
+        form of it vanishes, so that sums need be right of the difference alone. A known input, the same for
+        both motions, is no part of it.
+    """
+
+    time: Array
+    angle: Array
+    form: WeakForm
+    library: ForceLibrary
+    shapes: Mapping[str, float]
+    nominal_frequency: float
+    frequency_free: bool
+    inputs: Mapping[str, KnownInput]
+    run: int
+    sensor: NoiseModel
+    sensor_alone: NoiseModel
+    x: Array
+    v: Array
+    columns: Array
+    coefficients: Array
+    frequency: float
+    start: tuple[float, float]
+    offset: float = 0.0
+    ratio: VarianceRatio | None = None
+    exact: bool = False
+    near: tuple[Array, Array] | None = None
+
+    @property
+    def elapsed(self) -> Array:
+        """Time since the first sample, (sample,), s."""
+        return self.time - self.time[0]
+
+    @property
+    def stiffness_scale(self) -> float:
+        """(frequency/nominal)^2."""
+        return (self.frequency / self.nominal_frequency) ** 2
+
+    @cached_property
+    def forcing(self) -> Array | float:
+        """What pushes by itself over nominal^2 at the samples, (sample,), rad; zero without any."""
+        known = self.inputs.get(INPUT)
+        return 0.0 if known is None else known.of(self.elapsed) / self.nominal_frequency**2
+
+    @cached_property
+    def acts(self) -> Mask:
+        """Which forces drive the motion of this run: no terms of the sensor, none of another run's own."""
+        return np.array([force.kind == "force" and force.run in (None, self.run) for force in self.library])
+
+    @cached_property
+    def of_sensor(self) -> Mask:
+        """Which of the library are terms of the sensor, (force,) array of bool."""
+        return np.array([force.kind == "sensor" for force in self.library])
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the sensor's noise, of its innovations where it is coloured (rad)."""
+        return self.sensor.innovation if self.ratio is None else float(np.sqrt(self.ratio.variance))
+
+    @property
+    def acting(self) -> Array:
+        """The coefficients (force,), zero for terms of the sensor: what drives the motion of this run."""
+        return np.where(self.acts, self.coefficients, 0.0)
+
+    @property
+    def measured(self) -> Array:
+        """The record as an angle of the motion, (sample,), rad: without the sensor's zero and its terms."""
+        return self.angle - self.offset - self.columns @ np.where(self.of_sensor, self.coefficients, 0.0)
+
+    def given(self, force: Force, time: Array) -> dict[str, Array]:
+        """What the formulas of a force hold of inputs at times (s) since the first sample."""
+        return values_of_inputs(self.inputs, force.channels, time, self.frequency)
+
+    def columns_along(
+        self, x: Array, v: Array, rate_error: float = 0.0, known: Mapping[str, Array] | None = None
+    ) -> Array:
+        """Forces, averaged over each sample's cell, and terms of the sensor along a path, (sample, force).
+
+        Parameters
+        ----------
+        x, v : (sample,) array of float, rad
+            theta and theta'/frequency.
+        rate_error : float, rad
+            Standard error to which v is known.
+        known : mapping of str to (sample,) array of float, optional
+            Internal states and memory that are known, `{"dahl.z": ...}`.
+        """
+        acceleration = np.gradient(v, self.form.tau) * (self.nominal_frequency / self.frequency)
+        columns = np.zeros((len(x), len(self.library)))
+        memoryless = np.array([force.memoryless for force in self.library])
+        averaged, motion = np.flatnonzero(self.acts & memoryless), (self.elapsed, x, v)
+        forces = [self.library.forces[at] for at in averaged]
+        columns[:, averaged] = cell_averages(
+            forces, (*motion, acceleration), self.frequency, self.shapes, self.given, rate_error
+        )
+        # Internal states are continuous, and costly to compute.
+        for at in np.flatnonzero(self.acts & ~memoryless):
+            force = self.library.forces[at]
+            columns[:, at] = value_along(force, motion, self.frequency, self.shapes, self.given, known)
+        for at in np.flatnonzero(self.of_sensor):
+            columns[:, at] = self.library.forces[at].value(x, v, self.elapsed, shapes=self.shapes)
+        return columns
+
+    def along_own_path(self) -> "RunRegression":
+        """The run with the columns of its path at its present frequency."""
+        return replace(self, columns=self.columns_along(self.x, self.v), exact=False, near=None)
+
+
+Runs: TypeAlias = tuple[RunRegression, ...]
+
+
+def begin(
+    decays: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    constraints: ConstraintMap,
+    *,
+    reference_frequency: float | None,
+    shapes: Mapping[str, float],
+) -> Runs:
+    """Weak forms of the runs, with the smoothed records as first paths.
+
+    Parameters
+    ----------
+    decays : sequence of Dataset
+        With `angle(time)`.
+    library : ForceLibrary
+        The forces to identify.
+    constraints : ConstraintMap
+    reference_frequency : float or None, rad/s
+        None has it fitted.
+    shapes : mapping of str to float
+
+    Returns
+    -------
+    tuple of RunRegression
+
+    Raises
+    ------
+    DecayError
+        The records are too short, or some of the forces are the same on them.
+    """
+    # A scale of time: near the motion's frequency, and the same for all runs.
+    free = reference_frequency is None
+    nominal = reference_frequency or nominal_frequency(first_frequency(decays))
+    # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
+    held = constraints.impose(np.zeros(len(library)))
+    runs = []
+    for number, decay in enumerate(decays, 1):
+        time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+        form = build_weak_form(nominal * (time - time[0]))
+        x, v, _, _ = smooth(form.tau, angle)
+        inputs, white = inputs_for(decay, library), NoiseModel(sensor_noise(decay), np.ones(1))
+        record = (time, angle, form, library, dict(shapes), nominal, free, inputs, number)
+        start = float(x[0]), float(v[0] * nominal)
+        run = RunRegression(*record, white, white, x, v, np.empty((0, 0)), held, nominal, start)
+        runs.append(run.along_own_path())
+    rows = sum(run.form.rows for run in runs)
+    if rows < len(library) + 3 + len(runs):
+        raise DecayError(f"{rows} rows cannot decide {len(library)} forces; give a longer record.")
+    columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix
+    names = [library.symbols[i] for i in constraints.free]
+    if free:
+        columns = np.column_stack([columns, np.concatenate([run.x for run in runs])])
+        names.append("the frequency")
+    if same := dependent_columns(columns):
+        equal = " and ".join(names[i] for i in same[0])
+        raise DecayError(f"On this record {equal} are the same force; leave one out (--forces).")
+    return tuple(runs)
+
+
+def _as_forces(run: RunRegression) -> Array:
+    """Columns of the first path, (sample, force): in place of a sensor's term the force that shows alike."""
+    columns, tau = run.columns.copy(), run.form.tau
+    if run.of_sensor.any():
+        terms = columns[:, run.of_sensor]
+        columns[:, run.of_sensor] = terms + np.gradient(np.gradient(terms, tau, axis=0), tau, axis=0)
+    return columns
+
+
+def update(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
+    """The runs with the next estimate; a fitted stiffness is turned into the reference frequency.
+
+    Parameters
+    ----------
+    runs : tuple of RunRegression
+    coefficients : (force,) array of float
+    steps : (run,) or (run + 1,) array of float
+        Zeros of the sensor (rad), then the stiffness where the frequency is fitted.
+    constraints : ConstraintMap
+
+    Returns
+    -------
+    tuple of RunRegression
+        The columns of their motions are those before.
+    """
+    first, former = runs[0], runs[0].frequency
+    frequency = former
+    if first.frequency_free:
+        frequency = float(former * np.sqrt(max(0.25, 1.0 + steps[-1])))
+        factors = rescaling_factors(first.library.forces, former, frequency)
+        # A force without a degree in v keeps its size at least: w^2 c stays. A term of the sensor has no w^2.
+        factors = np.where(np.isnan(factors), (former / frequency) ** 2, factors)
+        coefficients = coefficients * np.where(first.of_sensor, 1.0, factors)
+    changed = [
+        replace(run, offset=run.offset + float(step), v=run.v * (former / frequency))
+        for run, step in zip(runs, steps, strict=False)
+    ]
+    return with_common_values(changed, constraints.impose(coefficients), frequency)
+
+
+def with_common_values(runs: Sequence[RunRegression], coefficients: Array, frequency: float) -> Runs:
+    """The runs with these coefficients (force,) and this reference frequency (rad/s)."""
+    return tuple(replace(run, coefficients=coefficients, frequency=frequency) for run in runs)
+
+
+def common_values(runs: Runs) -> Array:
+    """Coefficients and reference frequency."""
+    return np.append(runs[0].coefficients, runs[0].frequency)
+
+
+def shifted(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
+    """The runs with other coefficients and another reference frequency, by (force + 1,)."""
+    common = common_values(runs) + by
+    return with_common_values(runs, constraints.impose(common[:-1]), float(common[-1]))

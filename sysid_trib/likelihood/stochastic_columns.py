@@ -1,0 +1,195 @@
+"""Regression along the smoothed motion of a record with a random force, in both noises' covariance.
+
+The noise of the rows is the operator on the sensor's noise, plus integrals of the random force. The most
+likely noise of the sensor (best linear unbiased prediction, Robinson 1991) is subtracted from the record:
+that is the smoothed motion, and the columns are taken along it. They are expected values: the sign of a speed
+that is known to so many rad only goes from -1 to 1 within that, near rest over many samples.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import cho_solve_banded
+from scipy.signal import lfilter
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.errors import DecayError, SimulationError
+from sysid_trib.likelihood.least_squares import ConstraintMap
+from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.likelihood.ratio_posterior import NOTHING_OPEN, RatioAverage, average_over_ratios
+from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, motion_of_run, step_in_errors
+from sysid_trib.likelihood.regression import RunRegression, Runs, common_values
+from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, run_weights, solve, stack_rows
+from sysid_trib.likelihood.two_noises import WeighedRun, with_noises
+from sysid_trib.likelihood.variance_ratio import VarianceRatio
+from sysid_trib.records.smoothing import least_squares_spline
+
+MAX_SMOOTHED_PATHS = 12
+# After so many rounds a step of this part of an error ends them: paths that hop between branches of a force
+# that jumps come no nearer. The step is then among the errors.
+ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
+# Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
+COLOUR_ROUND = 1
+
+
+def regress_stochastic(
+    runs: Runs, active: Mask, constraints: ConstraintMap, option: RandomForceOption
+) -> tuple[Runs, Rows, bool, RatioAverage]:
+    """Estimate forces, a random force and the sensor's noise, along motions that are smoothed with them.
+
+    Parameters
+    ----------
+    runs : tuple of RunRegression
+        With a first estimate.
+    active : (force,) array of bool
+        Forces that are in the model.
+    constraints : ConstraintMap
+    option : "auto" or float, (rad/s^2)^2/Hz
+        A number is the one-sided density, held.
+
+    Returns
+    -------
+    runs : tuple of RunRegression
+        Along their smoothed motions, with noises; along the free ones where no random force is most likely.
+    rows : Rows
+        About these motions; of them the last solution is still to be taken.
+    settled : bool
+        Whether the estimate has stopped moving.
+    further : RatioAverage
+        Of coefficients and reference frequency: what moves the last solution and is added to its covariance,
+        since the ratios of the two variances are not known exactly; its step where that is among the errors.
+
+    Raises
+    ------
+    DecayError
+        The rows are degenerate.
+    """
+    sensitivities: list[Array | None] = [None] * len(runs)
+    for turn in range(MAX_SMOOTHED_PATHS):
+        # A motion that slipped where both noises were known would slip again, or now and then.
+        tried = [turn <= COLOUR_ROUND or run.near is not None for run in runs]
+        anchored = [
+            _about_free_motion(run, active, near) if may_follow else (run.along_own_path(), None)
+            for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
+        ]
+        runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
+        # With a density that is given, as in records that are simulated, the sensor's noise is white.
+        # What a driven model lacks is no noise of the sensor, whatever its colour.
+        driven = any(run.inputs for run in runs)
+        colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
+        weighed = [with_noises(run, active, constraints, option, colour=colour) for run in runs]
+        runs = tuple(of_run.run for of_run in weighed)
+        rows = stack_rows(runs, [of_run.rows for of_run in weighed])
+        solution = solve(rows, runs[0], active, constraints)
+        after = solution.applied_to(runs)
+        step = float(np.max(np.abs(step_in_errors(runs, after, solution))))
+        settled = step <= (1.0 if turn < ROUNDS_TO_SETTLE else STEP_AMONG_ERRORS / SETTLED_STEP)
+        if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
+            break
+        runs = _smoothed(after, weighed, solution)
+    further = NOTHING_OPEN
+    if isinstance(option, str):
+        further = _average_by_ratios(weighed, active, constraints)
+    if step > 1.0:
+        change = common_values(after) - common_values(runs)
+        further = further._replace(covariance=further.covariance + np.outer(change, change))
+    return runs, rows, settled, further
+
+
+def _about_free_motion(
+    run: RunRegression, active: Mask, sensitivity: Array | None
+) -> tuple[RunRegression, Array | None]:
+    """A run whose path is about a free motion of its present model, where that follows the record."""
+    try:
+        free = motion_of_run(run, active, sensitivity, near=True)
+    except SimulationError:
+        return run.along_own_path(), None
+    along = run.columns_along(free.x, free.v)
+    force = run.stiffness_scale * (free.x + along @ run.acting)
+    # The first path: the free motion itself.
+    nearby = replace(run, x=free.x, v=free.v, columns=along, exact=False, near=(free.x, force))
+    nearby = replace(nearby, start=(free.angle, free.rate))
+    if has_slipped(nearby):
+        return run.along_own_path(), None
+    if run.ratio is not None:
+        # Friction holds a body that rests with what it takes, no more.
+        near = free.x, np.where(free.v == 0.0, run.forcing, force)
+        error = _smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
+        expected = run.columns_along(run.x, run.v, error)
+        nearby = replace(nearby, x=run.x, v=run.v, columns=expected, near=near)
+    # The zero of the sensor is that of the rows, which know the random force.
+    return nearby, free.sensitivity
+
+
+def _smoothed(runs: Runs, weighed: Sequence[WeighedRun], solution: Solution) -> Runs:
+    """The runs along the next smoothed motions: the record, without the most likely noise of the sensor."""
+    lengths = [len(of_run.rows.target) for of_run in weighed]
+    residuals = np.split(solution.residual, np.cumsum(lengths)[:-1])
+    of_runs = zip(runs, weighed, residuals, run_weights(runs), strict=True)
+    return tuple(_along_smoothed(run, of_run, residual / weight) for run, of_run, residual, weight in of_runs)
+
+
+def _along_smoothed(run: RunRegression, weighed: WeighedRun, residual: Array) -> RunRegression:
+    innovation = -(weighed.acting.T @ cho_solve_banded((weighed.rows.factor, True), residual))
+    noise = lfilter([1.0], run.sensor.filter_, innovation)
+    tau = run.form.tau
+    try:
+        change = (run.measured - run.x - noise) / gain_of_sensor(run)
+        spline, x = least_squares_spline(tau, change)
+    except DecayError:
+        return run
+    v = run.v + spline(tau, 1) * (run.nominal_frequency / run.frequency)
+    return replace(run, x=run.x + x, v=v)
+
+
+def _average_by_ratios(
+    weighed: Sequence[WeighedRun], active: Mask, constraints: ConstraintMap
+) -> RatioAverage:
+    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself."""
+
+    def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
+        """With another ratio of a run, and the covariance."""
+        runs, rows = [of_run.run for of_run in weighed], [of_run.rows for of_run in weighed]
+        runs[at] = replace(runs[at], ratio=ratio)
+        rows[at] = replace(rows[at], factor=weighed[at].by_ratio.factor(ratio.ratio))
+        other = solve(stack_rows(runs, rows), runs[0], active, constraints)
+        return common_values(other.applied_to(tuple(runs))), other.covariance
+
+    further = NOTHING_OPEN
+    for at, (run, _, _, by_ratio) in enumerate(weighed):
+        assert run.ratio is not None
+        average = average_over_ratios(by_ratio.rows, run.ratio, len(run.time), partial(solved, at))
+        further = RatioAverage(further.shift + average.shift, further.covariance + average.covariance)
+    return further
+
+
+def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
+    """Standard error of v = theta'/w of the smoothed motion, inside of a record.
+
+    Parameters
+    ----------
+    ratio : VarianceRatio
+        Growth q of the variance of v a unit of tau, over the variance of the sensor's noise in a sample.
+    step : float
+        Between two samples, in tau.
+
+    Returns
+    -------
+    float, rad
+        Zero without a random force.
+
+    Notes
+    -----
+    Of an oscillator in white acceleration of (two-sided) spectral density q, in white noise of density
+    r = variance * step, the best smoother leaves in x the spectral density 1/((1 - k^2)^2/q + 1/r)
+    (Wiener 1949), k the frequency. The integral of k^2 times that over dk/(2 pi) is
+    q / (2 sqrt(2 (sqrt(1 + q/r) - 1))): sqrt(q r)/2 where q is small.
+    """
+    by_sample = ratio.ratio / step
+    if by_sample == 0.0:
+        return 0.0
+    # sqrt(1 + z) - 1 without cancellation.
+    excess = by_sample / (np.sqrt(1.0 + by_sample) + 1.0)
+    return float(np.sqrt(ratio.ratio * ratio.variance / (2.0 * np.sqrt(2.0 * excess))))
