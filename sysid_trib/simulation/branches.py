@@ -36,13 +36,6 @@ FURTHEST_AT_ONCE = 16.0
 STATE_PART, SURFACE_PART = 1e-16, 1e-13
 
 
-@inner
-def put(source: Any, target: Any) -> None:
-    """Copy a list of numbers."""
-    for i in range(len(source)):
-        target[i] = source[i]
-
-
 class EngineState(NamedTuple):
     """A motion under way; its arrays are changed in place.
 
@@ -59,7 +52,7 @@ class EngineState(NamedTuple):
         that is looked at.
     of_drive : (channel, parameter) array of float
         Its derivatives over itself.
-    work : (5, 64) array of float
+    work : (3, 64) array of float
         Room for roots.
     """
 
@@ -117,7 +110,7 @@ def new_state(program: Instructions, parameters: int) -> EngineState:
         np.zeros((size, parameters)),
         np.zeros((program.channels, FORCING_NUMBERS + 2)),
         np.zeros((program.channels, parameters)),
-        np.zeros((5, 64)),
+        np.zeros((3, 64)),
     )
 
 
@@ -129,8 +122,7 @@ SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
 @inner
 def state_at(program, c, J, y, ahead):
     """Put a state so much after the clock into the first order, and what is given over time into two."""
-    for i in range(program.states):
-        J[i, 0] = y[i]
+    J[: program.states, 0] = y[: program.states]
     J[program.states, 0] = c.v[CLOCK, 0] + ahead
     for m in range(program.channels):
         here, slope = c.drive[m, FORCING_NUMBERS], c.drive[m, FORCING_NUMBERS + 1]
@@ -140,9 +132,7 @@ def state_at(program, c, J, y, ahead):
 @inner
 def parameters_at(program, J, memory, signs):
     """Put memory and signs into the first orders."""
-    kept = program.inputs - program.memory
-    for m in range(program.memory):
-        J[kept + m, 0] = memory[m]
+    J[program.inputs - program.memory : program.inputs, 0] = memory[: program.memory]
     for m in range(len(program.signs)):
         J[program.signs[m], 0] = signs[m]
 
@@ -207,11 +197,11 @@ def signs_ahead(program, c):
 def branch(program, c, way, memory, signs):
     """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
     J, y, later, ahead = c.aside[TRIAL], c.v[STATE_AT_REST], c.v[STATE_LATER], c.v[SIGNS_AHEAD]
-    put(c.v[STATE], y)
+    y[:] = c.v[STATE]
     y[1] = 0.0
     state_at(program, c, J, y, 0.0)
     parameters_at(program, J, c.v[MEMORY_NOW], c.v[SIGNS])
-    put(c.v[MEMORY_NOW], memory)
+    memory[:] = c.v[MEMORY_NOW]
     if program.memory > 0 and way * c.v[SIGNS, 0] < 0.0:
         at_once_live(program, J, len(program.code))
         for m in range(program.memory):
@@ -250,8 +240,8 @@ def settle(program, c):
             if not sticks:
                 # Where both push away (negative friction) it goes towards x = 0.
                 rises = up > 0.0 and (down >= 0.0 or c.v[STATE, 0] < 0.0)
-                put(c.v[MEMORY_UP] if rises else c.v[MEMORY_DOWN], c.v[MEMORY_NOW])
-                put(c.v[SIGNS_UP] if rises else c.v[SIGNS_DOWN], c.v[SIGNS])
+                c.v[MEMORY_NOW] = c.v[MEMORY_UP] if rises else c.v[MEMORY_DOWN]
+                c.v[SIGNS] = c.v[SIGNS_UP] if rises else c.v[SIGNS_DOWN]
             return not sticks
     if len(program.signs) > 0:
         parameters_at(program, c.aside[TRIAL], c.v[MEMORY_NOW], c.v[SIGNS])
