@@ -36,6 +36,13 @@ FURTHEST_AT_ONCE = 16.0
 STATE_PART, SURFACE_PART = 1e-16, 1e-13
 
 
+@inner
+def put(source: Any, target: Any) -> None:
+    """Copy a list of numbers."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
 class EngineState(NamedTuple):
     """A motion under way; its arrays are changed in place.
 
@@ -52,7 +59,7 @@ class EngineState(NamedTuple):
         that is looked at.
     of_drive : (channel, parameter) array of float
         Its derivatives over itself.
-    work : (3, 64) array of float
+    work : (5, 64) array of float
         Room for roots.
     """
 
@@ -110,7 +117,7 @@ def new_state(program: Instructions, parameters: int) -> EngineState:
         np.zeros((size, parameters)),
         np.zeros((program.channels, FORCING_NUMBERS + 2)),
         np.zeros((program.channels, parameters)),
-        np.zeros((3, 64)),
+        np.zeros((5, 64)),
     )
 
 
@@ -122,7 +129,8 @@ SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
 @inner
 def state_at(program, c, J, y, ahead):
     """Put a state so much after the clock into the first order, and what is given over time into two."""
-    J[: program.states, 0] = y[: program.states]
+    for i in range(program.states):
+        J[i, 0] = y[i]
     J[program.states, 0] = c.v[CLOCK, 0] + ahead
     for m in range(program.channels):
         here, slope = c.drive[m, FORCING_NUMBERS], c.drive[m, FORCING_NUMBERS + 1]
@@ -132,7 +140,9 @@ def state_at(program, c, J, y, ahead):
 @inner
 def parameters_at(program, J, memory, signs):
     """Put memory and signs into the first orders."""
-    J[program.inputs - program.memory : program.inputs, 0] = memory[: program.memory]
+    kept = program.inputs - program.memory
+    for m in range(program.memory):
+        J[kept + m, 0] = memory[m]
     for m in range(len(program.signs)):
         J[program.signs[m], 0] = signs[m]
 
@@ -197,11 +207,11 @@ def signs_ahead(program, c):
 def branch(program, c, way, memory, signs):
     """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
     J, y, later, ahead = c.aside[TRIAL], c.v[STATE_AT_REST], c.v[STATE_LATER], c.v[SIGNS_AHEAD]
-    y[:] = c.v[STATE]
+    put(c.v[STATE], y)
     y[1] = 0.0
     state_at(program, c, J, y, 0.0)
     parameters_at(program, J, c.v[MEMORY_NOW], c.v[SIGNS])
-    memory[:] = c.v[MEMORY_NOW]
+    put(c.v[MEMORY_NOW], memory)
     if program.memory > 0 and way * c.v[SIGNS, 0] < 0.0:
         at_once_live(program, J, len(program.code))
         for m in range(program.memory):
@@ -240,8 +250,8 @@ def settle(program, c):
             if not sticks:
                 # Where both push away (negative friction) it goes towards x = 0.
                 rises = up > 0.0 and (down >= 0.0 or c.v[STATE, 0] < 0.0)
-                c.v[MEMORY_NOW] = c.v[MEMORY_UP] if rises else c.v[MEMORY_DOWN]
-                c.v[SIGNS] = c.v[SIGNS_UP] if rises else c.v[SIGNS_DOWN]
+                put(c.v[MEMORY_UP] if rises else c.v[MEMORY_DOWN], c.v[MEMORY_NOW])
+                put(c.v[SIGNS_UP] if rises else c.v[SIGNS_DOWN], c.v[SIGNS])
             return not sticks
     if len(program.signs) > 0:
         parameters_at(program, c.aside[TRIAL], c.v[MEMORY_NOW], c.v[SIGNS])

@@ -64,33 +64,62 @@ def _folder() -> Path:
 
 
 @inner
-def _function(o, u, c, before, live):
-    """Value of a function or a number; of a sign by its surface where `live`, else as before."""
-    if o == op.CONST:
-        return c
-    if o == op.SIN:
-        return math.sin(u)
-    if o == op.PARTNER:
-        return math.cos(u)
-    if o == op.EXP:
-        return math.exp(min(u, 709.0))
-    if o == op.LOG:
-        return math.log(u) if u > 0.0 else np.nan
-    if o == op.POWER:
-        return u**c
-    if o == op.TANH:
-        return math.tanh(u)
-    if live:
-        return 1.0 if u > 0.0 else -1.0 if u < 0.0 else u
-    return before
+def _row_by_row(program, J, last, live):
+    """Slots up to `last` at order 0; signs follow their surfaces where `live`, else they stay."""
+    code, c = program.code, program.c
+    for s in range(program.inputs, last):
+        o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
+        if o == op.ADD:
+            J[s, 0] = J[p, 0] + J[q, 0]
+        elif o == op.SUB:
+            J[s, 0] = J[p, 0] - J[q, 0]
+        elif o == op.LINEAR:
+            # What is off does not act even where it is singular.
+            factor = c[s] * J[d, 0]
+            J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
+        elif o == op.SCALE:
+            J[s, 0] = J[p, 0] * J[q, 0] if J[p, 0] != 0.0 else 0.0
+        elif o == op.MUL:
+            J[s, 0] = J[p, 0] * J[q, 0]
+        elif o == op.DIV:
+            J[s, 0] = J[p, 0] / J[q, 0] if J[q, 0] != 0.0 else np.nan
+        elif o == op.NEG:
+            J[s, 0] = -J[p, 0]
+        elif o == op.CONST:
+            J[s, 0] = c[s]
+        elif o == op.SIN:
+            J[s, 0] = math.sin(J[p, 0])
+        elif o == op.PARTNER:
+            J[s, 0] = math.cos(J[p, 0])
+        elif o == op.EXP:
+            J[s, 0] = math.exp(min(J[p, 0], 709.0))
+        elif o == op.LOG:
+            J[s, 0] = math.log(J[p, 0]) if J[p, 0] > 0.0 else np.nan
+        elif o == op.POWER:
+            J[s, 0] = J[p, 0] ** c[s]
+        elif o == op.TANH:
+            J[s, 0] = math.tanh(J[p, 0])
+        elif o == op.SIGN and live:
+            J[s, 0] = 1.0 if J[p, 0] > 0.0 else -1.0 if J[p, 0] < 0.0 else J[p, 0]
 
 
 @inner
-def _rows(program, J, k, last, live):
-    """Order k of the slots that change, from the orders below it; order 0 of all up to `last`."""
+def at_once(program, J):
+    """All slots of a motion at order 0, on the branch of the signs in J."""
+    _row_by_row(program, J, program.main, program.main < 0)
+
+
+@inner
+def at_once_live(program, J, last):
+    """Slots up to `last` at order 0; signs follow their surfaces."""
+    _row_by_row(program, J, last, last >= 0)
+
+
+@inner
+def order(program, J, k):
+    """Order k >= 1 of the slots that change, from the orders below it."""
     code, c = program.code, program.c
-    for i in range(last - program.inputs if k == 0 else len(program.rows)):
-        s = program.inputs + i if k == 0 else program.rows[i]
+    for s in program.rows:
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         t = 0.0
         if o == op.ADD:
@@ -98,7 +127,6 @@ def _rows(program, J, k, last, live):
         elif o == op.SUB:
             t = J[p, k] - J[q, k]
         elif o == op.LINEAR:
-            # What is off does not act even where it is singular.
             factor = c[s] * J[d, 0]
             t = J[p, k] + factor * J[q, k] if factor != 0.0 else J[p, k]
         elif o == op.SCALE:
@@ -117,17 +145,21 @@ def _rows(program, J, k, last, live):
             t = J[p, k]
             for j in range(1, k + 1):
                 t -= J[q, j] * J[s, k - j]
-            t = t / J[q, 0] if J[q, 0] != 0.0 else np.nan
+            t /= J[q, 0]
         elif o == op.NEG:
             t = -J[p, k]
-        elif k == 0:
-            t = _function(o, J[p, 0], c[s], J[s, 0], live)
-        elif o in (op.SIN, op.PARTNER, op.EXP, op.TANH):
-            # Of what a function's derivative is: another slot, less it (cos), or the slot itself (exp).
-            of = s if o == op.EXP else q
+        elif o == op.SIN:
             for j in range(1, k + 1):
-                t += j * J[p, j] * J[of, k - j]
-            t /= -k if o == op.PARTNER else k
+                t += j * J[p, j] * J[q, k - j]
+            t /= k
+        elif o == op.PARTNER:
+            for j in range(1, k + 1):
+                t -= j * J[p, j] * J[q, k - j]
+            t /= k
+        elif o == op.EXP:
+            for j in range(1, k + 1):
+                t += j * J[p, j] * J[s, k - j]
+            t /= k
         elif o == op.LOG:
             for j in range(1, k):
                 t += j * J[s, j] * J[p, k - j]
@@ -136,33 +168,18 @@ def _rows(program, J, k, last, live):
             for j in range(1, k + 1):
                 t += (c[s] * j - (k - j)) * J[p, j] * J[s, k - j]
             t /= k * J[p, 0]
+        elif o == op.TANH:
+            for j in range(1, k + 1):
+                t += j * J[p, j] * J[q, k - j]
+            t /= k
         J[s, k] = t
 
 
 @inner
-def at_once(program, J):
-    """All slots of a motion at order 0, on the branch of the signs in J."""
-    _rows(program, J, np.int64(0), program.main, program.main < 0)
-
-
-@inner
-def at_once_live(program, J, last):
-    """Slots up to `last` at order 0; signs follow their surfaces."""
-    _rows(program, J, np.int64(0), last, last >= 0)
-
-
-@inner
-def order(program, J, k):
-    """Order k >= 1 of the slots that change, from the orders below it."""
-    _rows(program, J, k, program.main, program.main < 0)
-
-
-@inner
-def derivatives(program, J, T, k, last):
-    """Order k of the derivatives, from the series and the orders below it; of the slots of `_rows`."""
+def _derivatives(program, J, T, k, slots):
+    """Order k of the derivatives of these slots, from the series and the orders below it."""
     code, c, count = program.code, program.c, T.shape[2]
-    for place in range(last - program.inputs if k == 0 else len(program.rows)):
-        s = program.inputs + place if k == 0 else program.rows[place]
+    for s in slots:
         o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         here = T[s, k]
         if o <= op.LINEAR:
@@ -201,3 +218,15 @@ def derivatives(program, J, T, k, last):
             divisor = J[q, 0] if o == op.DIV else J[p, 0]
             for i in range(count):
                 here[i] /= divisor
+
+
+@inner
+def derivatives_at_once(program, J, T, last):
+    """Derivatives of the slots up to `last` at order 0."""
+    _derivatives(program, J, T, np.int64(0), np.arange(program.inputs, last))
+
+
+@inner
+def derivatives_of_order(program, J, T, k):
+    """Order k >= 1 of the derivatives of the slots that change."""
+    _derivatives(program, J, T, k, program.rows)

@@ -10,15 +10,17 @@ from sysid_trib.simulation import branches as at
 from sysid_trib.simulation.branches import parameters_at, reverses, signs_of, state_at
 from sysid_trib.simulation.compiled import compiled, inner
 from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
-from sysid_trib.simulation.taylor import length, look_ahead, series, value
+from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_of, series, value
 
 
 @inner
 def memory_written(program, given, c, done):
     """Write the memory, with its derivatives."""
     first, kept = program.states + 1, program.inputs - program.memory
-    given.rows[done, first:] = c.v[at.MEMORY_NOW, : program.memory]
-    given.tangents[done, first:] = c.T[kept : program.inputs, 0]
+    for m in range(program.memory):
+        given.rows[done, first + m] = c.v[at.MEMORY_NOW, m]
+        for q in range(c.T.shape[2]):
+            given.tangents[done, first + m, q] = c.T[kept + m, 0, q]
 
 
 @inner
@@ -33,7 +35,7 @@ def sampled(program, given, c, done, n, reach):
             slot = i if i < size else program.rates[1]
             given.rows[done, i] = value(c.J[slot], n, s)
             for q in range(count):
-                given.tangents[done, i, q] = value(c.T[slot, :, q], n, s)
+                given.tangents[done, i, q] = of_parameter(c.T, slot, q, n, s)
         memory_written(program, given, c, done)
         done += 1
     return done
@@ -43,12 +45,12 @@ def sampled(program, given, c, done, n, reach):
 def advance(program, c, n, h, held):
     """Go a step on: the state, its derivatives and the clock; sums are compensated."""
     for i in range(program.states):
-        step = value(c.J[i, 1:], n - 1, h) * h + c.v[at.STATE_ROUNDING, i]
+        step = rest_of(c.J[i], n, h) + c.v[at.STATE_ROUNDING, i]
         new = c.v[at.STATE, i] + step
         c.v[at.STATE_ROUNDING, i] = step - (new - c.v[at.STATE, i])
         c.v[at.STATE, i] = new
         for q in range(c.T.shape[2]):
-            c.dy[i, q] = value(c.T[i, :, q], n, h)
+            c.dy[i, q] = of_parameter(c.T, i, q, n, h)
     if program.states > 2:
         forgotten(program, c)
     if held == at.RESTS:
@@ -57,7 +59,8 @@ def advance(program, c, n, h, held):
     now = c.v[at.CLOCK, 0] + step
     c.v[at.CLOCK, 1] = step - (now - c.v[at.CLOCK, 0])
     c.v[at.CLOCK, 0] = now
-    c.v[at.ZEROS] = 0.0
+    for m in range(len(program.signs)):
+        c.v[at.ZEROS, m] = 0
 
 
 @inner
@@ -74,23 +77,26 @@ def forgotten(program, c):
 @inner
 def written(program, given, c, done):
     """Write the end of an interval, with its derivatives."""
-    given.rows[done, : program.states] = c.v[at.STATE, : program.states]
-    given.tangents[done, : program.states] = c.dy
+    for i in range(program.states):
+        given.rows[done, i] = c.v[at.STATE, i]
+        for q in range(c.T.shape[2]):
+            given.tangents[done, i, q] = c.dy[i, q]
     memory_written(program, given, c, done)
 
 
 @inner
 def begun_anew(program, given, c, start):
     """Begin at a given state and memory, by which the first derivatives are."""
-    size, kept = program.states, program.inputs - program.memory
-    for row in (at.SIGNS, at.ZEROS, at.STATE_ROUNDING, at.LARGEST_DERIVATIVES):
-        c.v[row] = 0.0
-    c.v[at.STATE, :size] = given.starts[start, :size]
-    c.v[at.MEMORY_NOW, : program.memory] = given.starts[start, size:]
-    for q in range(c.T.shape[2]):
-        for i in range(size):
-            c.dy[i, q] = 1.0 if q == i else 0.0
-        for m in range(program.memory):
+    size, held, kept = program.states, program.memory, program.inputs - program.memory
+    for m in range(len(program.signs)):
+        c.v[at.SIGNS, m], c.v[at.ZEROS, m] = 0.0, 0.0
+    for i in range(size):
+        c.v[at.STATE, i], c.v[at.STATE_ROUNDING, i] = given.starts[start, i], 0.0
+        for q in range(c.T.shape[2]):
+            c.dy[i, q], c.v[at.LARGEST_DERIVATIVES, q] = 1.0 if q == i else 0.0, 0.0
+    for m in range(held):
+        c.v[at.MEMORY_NOW, m] = given.starts[start, size + m]
+        for q in range(c.T.shape[2]):
             c.T[kept + m, 0, q] = 1.0 if q == size + m else 0.0
 
 
@@ -162,6 +168,17 @@ def outcome_of(c, h, furthest, steps, most_steps):
     return at.STEPS if steps > most_steps else at.MOVING
 
 
+@inner
+def noted(times, count, tau):
+    """The list of times with one more."""
+    if count == len(times):
+        longer = np.empty(2 * count)
+        at.put(times, longer)
+        times = longer
+    times[count] = tau
+    return times
+
+
 @compiled
 def run(program, given, c, limits):
     """Follow a motion along the grid of `given`, whose `rows` and `tangents` are written.
@@ -172,9 +189,7 @@ def run(program, given, c, limits):
     furthest, budget, most_steps = limits
     last, piece, done, steps, shooting = len(given.knots) - 1, -1, np.int64(0), 0, len(given.starts) > 0
     end, fresh, held = np.inf if shooting else given.grid[-1], True, np.int64(at.FREE)
-    # It turns where it switches, and where it is pushed; of intervals nobody asks where.
-    reversals = np.empty(0 if shooting else max(budget, 0) + len(given.knots) + 2)
-    turns, rest, state = np.int64(0), np.nan, at.MOVING
+    reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, at.MOVING
     if shooting:
         piece, done, _ = at_knot(program, given, c, np.int64(0), done, held)
     else:
@@ -220,8 +235,8 @@ def run(program, given, c, limits):
             if piece > last:
                 state = at.ENDED
                 break
-        if turned and reverses(program) and not shooting:
-            reversals[turns] = c.v[at.CLOCK, 0]
+        if turned and reverses(program):
+            reversals = noted(reversals, turns, c.v[at.CLOCK, 0])
             turns += 1
         state = at.SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)
     return reversals, turns, rest, state

@@ -4,8 +4,8 @@ import numpy as np
 
 from sysid_trib.simulation import branches as at
 from sysid_trib.simulation.branches import branch, grip_of, held_by, parameters_at, rates_of, settle, state_at
-from sysid_trib.simulation.compiled import at_once, at_once_live, derivatives, inner, order
-from sysid_trib.simulation.taylor import first_crossing, look_ahead, radius, slope, value
+from sysid_trib.simulation.compiled import at_once, at_once_live, derivatives_at_once, inner, order
+from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_parameter, radius, slope, value
 
 # In tau: how far it is held where a surface is crossed at rest.
 PASSED = 1e-9
@@ -40,8 +40,8 @@ def held_step(program, c, n, h, held, ends):
     else:
         h, which = free_step(program, c, n, h)
         for signs, memory in ((at.SIGNS_UP, at.MEMORY_UP), (at.SIGNS_DOWN, at.MEMORY_DOWN)):
-            c.v[signs] = c.v[at.SIGNS]
-            c.v[memory] = c.v[at.MEMORY_NOW]
+            at.put(c.v[at.SIGNS], c.v[signs])
+            at.put(c.v[at.MEMORY_NOW], c.v[memory])
         c.v[at.SIGNS_UP, held], c.v[at.SIGNS_DOWN, held] = 1.0, -1.0
     _pulls(program, c, c.aside[at.UP], n, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
     _pulls(program, c, c.aside[at.DOWN], n, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
@@ -88,8 +88,9 @@ def _pulls(program, c, other, n, memory, signs):
 @inner
 def along(program, c, other, n, memory, signs):
     """Series in `other` of all slots along the states in J, with another memory and other signs."""
-    given = program.states + 1 + program.channels
-    other[:given, : n + 1] = c.J[:given, : n + 1]
+    for i in range(program.states + 1 + program.channels):
+        for k in range(n + 1):
+            other[i, k] = c.J[i, k]
     parameters_at(program, other, memory, signs)
     at_once(program, other)
     for k in range(1, n + 1):
@@ -111,8 +112,8 @@ def _is_still(program, c, n):
 @inner
 def released(program, c, held, way):
     """Let a body go from where it is held: from there it begins without speed and without acceleration."""
-    c.v[at.MEMORY_NOW] = c.v[at.MEMORY_UP] if way > 0.0 else c.v[at.MEMORY_DOWN]
-    c.v[at.SIGNS] = c.v[at.SIGNS_UP] if way > 0.0 else c.v[at.SIGNS_DOWN]
+    at.put(c.v[at.MEMORY_UP] if way > 0.0 else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
+    at.put(c.v[at.SIGNS_UP] if way > 0.0 else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])
     c.v[at.ZEROS, held] = 2
 
 
@@ -120,7 +121,8 @@ def released(program, c, held, way):
 def stop(c):
     """What friction holds has no speed, whatever it had."""
     c.v[at.STATE, 1], c.v[at.STATE_ROUNDING, 1] = 0.0, 0.0
-    c.dy[1] = 0.0
+    for q in range(c.dy.shape[1]):
+        c.dy[1, q] = 0.0
 
 
 @inner
@@ -132,14 +134,14 @@ def switched(program, c, which, n, h):
         rate = slope(c.J[slot], n, h)
         for q in range(count):
             # By so much the instant of the switching moves with the parameter.
-            moves[q] = -value(c.T[slot, :, q], n, h) / rate if rate != 0.0 else 0.0
+            moves[q] = -of_parameter(c.T, slot, q, n, h) / rate if rate != 0.0 else 0.0
             for i in range(size):
                 c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]
     if slot < size:
         # The surface is a state: exactly zero here.
         c.v[at.STATE, slot], c.v[at.STATE_ROUNDING, slot] = 0.0, 0.0
     c.v[at.ZEROS, which] = 1
-    c.v[at.MEMORY_BEFORE] = c.v[at.MEMORY_NOW]
+    at.put(c.v[at.MEMORY_NOW], c.v[at.MEMORY_BEFORE])
     look_ahead(c, h)
     held = _settled(program, c)
     turned = way * c.v[at.SIGNS, 0] < 0.0
@@ -179,8 +181,10 @@ def _onto(program, c, held):
     grip = grip_of(program, J, slot)
     c.v[at.STATE, 1] -= J[slot, 0] / grip
     if count > 0:
-        T[: program.states, 0] = c.dy
-        derivatives(program, J, T, np.int64(0), program.main)
+        for i in range(program.states):
+            for q in range(count):
+                T[i, 0, q] = c.dy[i, q]
+        derivatives_at_once(program, J, T, program.main)
         for q in range(count):
             c.dy[1, q] -= T[slot, 0, q] / grip
 
@@ -193,11 +197,14 @@ def after(program, c, moves, turned, held):
     state_at(program, c, J, c.v[at.STATE], 0.0)
     if kept > 0 and turned:
         parameters_at(program, J, c.v[at.MEMORY_BEFORE], c.v[at.SIGNS])
-        T[:size, 0] = c.dy
+        for i in range(size):
+            for q in range(count):
+                T[i, 0, q] = c.dy[i, q]
         at_once_live(program, J, len(program.code))
-        derivatives(program, J, T, np.int64(0), len(program.code))
+        derivatives_at_once(program, J, T, len(program.code))
         for m in range(kept):
-            T[first + m, 0] = T[program.replaced[m], 0]
+            for q in range(count):
+                T[first + m, 0, q] = T[program.replaced[m], 0, q]
     parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])
     rates_of(program, J, c.v[at.SIGNS])
     for i in range(2 if held == at.RESTS else 0, size):

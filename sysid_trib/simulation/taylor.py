@@ -4,7 +4,7 @@ import numpy as np
 
 from sysid_trib.simulation import branches as at
 from sysid_trib.simulation.branches import grip_of, state_at
-from sysid_trib.simulation.compiled import at_once, derivatives, inner, order
+from sysid_trib.simulation.compiled import at_once, derivatives_at_once, derivatives_of_order, inner, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
 
 # A surface this near to zero, of the size of its series, is at zero.
@@ -20,6 +20,24 @@ def value(series, n, h):
     for k in range(n - 1, -1, -1):
         t = t * h + series[k]
     return t
+
+
+@inner
+def of_parameter(T, s, p, n, h):
+    """Derivative of a slot by a parameter at h."""
+    t = T[s, n, p]
+    for k in range(n - 1, -1, -1):
+        t = t * h + T[s, k, p]
+    return t
+
+
+@inner
+def rest_of(series, n, h):
+    """The sum of a series without order 0."""
+    t = series[n]
+    for k in range(n - 1, 0, -1):
+        t = t * h + series[k]
+    return t * h
 
 
 @inner
@@ -72,25 +90,29 @@ def first_crossing(series, n, h, side, zero, work):
     # First about the beginning: mostly that decides.
     if _keeps_clear(g, n, 0.0, 1.0):
         return h + 1.0
-    # In units of the step: from where to where it is looked at next.
-    shifted, lo, width = work[1], start, 1.0 - start
+    # In units of the step: ends of intervals that are still to be looked at, the first on top.
+    shifted, begins, ends = work[1], work[2], work[3]
+    begins[0], ends[0], top = start, 1.0, 0
     for _ in range(MOST_INTERVALS):
-        hi = min(lo + width, 1.0)
+        if top < 0:
+            break
+        lo, hi = begins[top], ends[top]
+        top -= 1
         middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
         for k in range(n + 1):
             shifted[k] = g[k]
         for j in range(n):
             for k in range(n - 1, j - 1, -1):
                 shifted[k] += middle * shifted[k + 1]
-        clear = _keeps_clear(shifted, n, -half, half)
-        if not clear and half >= SHORTEST_INTERVAL and not _is_monotonic(shifted, n, half):
-            width *= 0.5
+        if _keeps_clear(shifted, n, -half, half):
             continue
-        if not clear and value(g, n, hi) < 0.0:
-            return h * _only_root(g, n, lo, hi)
-        if hi >= 1.0:
-            break
-        lo, width = hi, 2.0 * width
+        if half < SHORTEST_INTERVAL or _is_monotonic(shifted, n, half):
+            if value(g, n, hi) < 0.0:
+                return h * _only_root(g, n, lo, hi)
+            continue
+        begins[top + 1], ends[top + 1] = middle, hi
+        begins[top + 2], ends[top + 2] = lo, middle
+        top += 2
     return h + 1.0
 
 
@@ -101,17 +123,17 @@ def _reduced(series, n, h, side, zero, work):
     size, scale = 0.0, 1.0
     for k in range(n + 1):
         term = side * series[k] * scale
-        work[2, k] = term
+        work[4, k] = term
         size = max(size, abs(term)) if term == term else np.inf
         scale *= h
     if not 0.0 < size < np.inf:
         return -1
     low = 0
     # `near` is what rounding leaves of a difference.
-    while low < n and (low < known or abs(work[2, low]) <= ZERO_PART * size or abs(series[low]) <= near):
+    while low < n and (low < known or abs(work[4, low]) <= ZERO_PART * size or abs(series[low]) <= near):
         low += 1
     for k in range(n - low + 1):
-        work[0, k] = work[2, low + k]
+        work[0, k] = work[4, low + k]
     return low
 
 
@@ -163,8 +185,10 @@ def series(program, c, h, held):
                 T[size + 1 + m, k, q] = c.of_drive[m, q] * c.drive[m, k]
     at_once(program, J)
     if count > 0:
-        T[:size, 0] = c.dy
-        derivatives(program, J, T, np.int64(0), program.main)
+        for i in range(size):
+            for q in range(count):
+                T[i, 0, q] = c.dy[i, q]
+        derivatives_at_once(program, J, T, program.main)
     small, power = 0, h
     for k in range(at.ORDER):
         # What would move it where it is held, which only the rates tell, needs all orders.
@@ -185,11 +209,11 @@ def series(program, c, h, held):
         for s in program.surfaces:
             ends = ends and abs(J[s, k + 1]) * power <= at.SURFACE_PART * max(abs(J[s, 0]), abs(J[s, 1]) * h)
         if count > 0:
-            derivatives(program, J, T, k + 1, program.main)
+            derivatives_of_order(program, J, T, k + 1)
             if held > at.RESTS:
                 for q in range(count):
                     T[1, k + 1, q] -= T[slot, k + 1, q] / c.v[at.GRIP, 0]
-                derivatives(program, J, T, k + 1, program.main)
+                derivatives_of_order(program, J, T, k + 1)
             ends = ends and (size == 2 or _part_of_derivatives(program, c, k + 1) * power <= at.SURFACE_PART)
         small = small + 1 if ends else 0
         power *= h
