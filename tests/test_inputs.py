@@ -302,6 +302,23 @@ def test_the_friction_of_a_measured_axis_is_that_of_its_publication(data_folder)
         assert found.sel(quantity=name).item() == pytest.approx(value, rel=0.01)
 
 
+def test_rounding_does_not_decide_whether_a_motion_is_found(data_folder) -> None:
+    """A frame that slips one way at first: friction and the sensor's zero are one there."""
+    folder = data_folder / "friction_frame"
+    run = st.read_record(
+        folder / "s_b_550g_x.mat", time="t", units="mm", input={"base": f"{folder / 's_b_550g_y.mat'}:y"}
+    ).isel(time=slice(1250))
+    forces = (*INPUTS.select(["base_spring", "base_damping"]), *st.load_library().select(["lambda"]))
+    method = st.methods.Trajectory(constraints={"base_spring": 1.0}, random_force="off")
+    results = []
+    for seed in range(2):
+        rounding = np.random.default_rng(seed).normal(1.0, 1e-12, run.sizes["time"])
+        result = method.identify(run.assign(angle=run.angle * rounding), replace(INPUTS, forces=forces))
+        assert result.noise < 0.1 * run.angle.std()
+        results.append(result.coefficient)
+    np.testing.assert_allclose(*results, rtol=1e-6)
+
+
 PUSH = np.cos(np.outer(TIME, np.linspace(1.0, 18.0, 30)) + np.arange(30.0) ** 2).sum(axis=1) / 4.0
 
 

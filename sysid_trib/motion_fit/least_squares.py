@@ -30,6 +30,9 @@ WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
 # A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
 FOLLOWED = 0.1
 MAX_EVALUATIONS = 60
+# Part of its size on a window that a column must have across all others for the window to move its parameter:
+# what a window cannot tell stays, else rounding would decide where the next begins.
+RIDGE = 1e-3
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
 
@@ -68,7 +71,7 @@ def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -
         if _missed(problem, tried) < FOLLOWED:
             return tried
     for part in WINDOWS:
-        values = fitted(problem.first(part), values, tolerance=tolerance).values
+        values = fitted(problem.first(part), values, tolerance=tolerance, ridge=RIDGE).values
     return values
 
 
@@ -79,7 +82,12 @@ def _missed(problem: FitProblem, values: Array) -> float:
 
 
 def fitted(
-    problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, evaluations: int = MAX_EVALUATIONS
+    problem: FitProblem,
+    values: Array,
+    *,
+    tolerance: float = CONVERGED,
+    evaluations: int = MAX_EVALUATIONS,
+    ridge: float = 0.0,
 ) -> Fit:
     """Parameters of least whitened residual.
 
@@ -93,6 +101,8 @@ def fitted(
         Relative step or fall of the sum of squares at which the fit is done.
     evaluations : int
         Most evaluations of the residual.
+    ridge : float
+        Weight of the distance from the first guess, of the sizes of the sensitivities there (Tikhonov).
     """
     parameters = problem.parameters
     low, high = (limit[parameters.free] for limit in parameters.limits)
@@ -108,10 +118,13 @@ def fitted(
         here = parameters.expand(free)
         return parameters.by_free(problem.white_sensitivity(here, residuals(*free)), here)
 
+    rows = np.empty((0, len(inside)))
+    if ridge:
+        rows = ridge * np.diag(np.linalg.norm(sensitivity(inside), axis=0))
     minimum = least_squares(
-        lambda free: problem.white(residuals(*free)),
+        lambda free: np.append(problem.white(residuals(*free)), rows @ (free - inside)),
         inside,
-        jac=sensitivity,
+        jac=lambda free: np.vstack([sensitivity(free), rows]),
         bounds=(low, high) if bounded else (-np.inf, np.inf),
         method="trf" if bounded else "lm",
         x_scale="jac",
