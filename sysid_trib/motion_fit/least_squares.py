@@ -32,7 +32,7 @@ FOLLOWED = 0.1
 MAX_EVALUATIONS = 60
 # Part of its size on a window that a column must have across all others for the window to move its parameter:
 # what a window cannot tell stays, else rounding would decide where the next begins.
-RIDGE = 1e-3
+WINDOW_RIDGE = 1e-3
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
 
@@ -71,7 +71,7 @@ def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -
         if _missed(problem, tried) < FOLLOWED:
             return tried
     for part in WINDOWS:
-        values = fitted(problem.first(part), values, tolerance=tolerance, ridge=RIDGE).values
+        values = fitted(problem.first(part), values, tolerance=tolerance, ridge=WINDOW_RIDGE).values
     return values
 
 
