@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.run_products import RowNoise, products_of
+from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.settings import DEFAULTS
 from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
@@ -17,7 +17,7 @@ OPERATOR = noise_operator(FORM, np.ones(90), np.full(90, 0.02))
 BAND = covariance_band(OPERATOR @ OPERATOR.T)
 SENSOR = (OPERATOR @ OPERATOR.T).toarray()
 LEVEL = 0.7
-NOISE = RowNoise(BAND, BAND, FORM, LEVEL)
+RATIOS = tried_ratios(FORM.tau, DEFAULTS.ratio_step, None)
 
 
 def dense(band):
@@ -38,7 +38,10 @@ def drawn(seed, count, *, ratio=0.0, scale=1.0):
     table[:, 1:] *= 10.0 ** rng.uniform(-4.0, 4.0, count)
     noise = np.linalg.cholesky(SENSOR + ratio * FORCE) @ rng.standard_normal(FORM.rows)
     table[:, 0] = scale * noise + table[:, 1:] @ (rng.standard_normal(count) / np.std(table[:, 1:], axis=0))
-    return table, products_of(NOISE, table)
+    products, of_noise = products_of(BAND, FORM.gram, table, RATIOS)
+    return table, RunProducts(
+        products, of_noise - of_noise[0], RATIOS, len(table), LEVEL, DEFAULTS.level_rows
+    )
 
 
 def dense_deviance(table, b, variance, ratio):
@@ -63,12 +66,8 @@ def profiled(table, ratio):
 
 
 def at_one_ratio(run, g):
-    return replace(
-        run,
-        products=run.products[g : g + 1],
-        log_determinant=run.log_determinant[g : g + 1],
-        ratios=run.ratios[g : g + 1],
-    )
+    of_each = {name: getattr(run, name)[g : g + 1] for name in ("products", "log_determinant", "ratios")}
+    return replace(run, **of_each)
 
 
 @given(seed=seeds, count=columns, part=st.floats(0.0, 1.0))

@@ -86,7 +86,7 @@ def resolution(base: FittedModel, trials: Sequence[TrialEffect]) -> tuple[np.nda
         of_runs = [run.path.sensor_values if sensor else run.path.force_values for run in base.rows]
         values = np.concatenate([of_run([trial])[:, 0] for of_run in of_runs])
         angles = np.concatenate(
-            [run.path.at_samples[0] if sensor else run.path.points.x for run in base.rows]
+            [run.path.at_samples[0] if sensor else run.path.points[1] for run in base.rows]
         )
         sizes.append(np.sqrt(np.mean(values**2) / np.mean(angles**2)))
     return np.sqrt(np.diag(found.covariance))[: len(trials)], np.array(sizes)
@@ -101,7 +101,7 @@ def true_fit(base: FittedModel, hidden: Sequence[tuple[TrialEffect, float]]) -> 
 
 def _fit(near: FittedModel, trials: Sequence[TrialEffect], first: np.ndarray) -> FittedModel:
     paths = [run.path for run in near.rows]
-    return fit_model(paths, trials, frequency_free=near.frequency_free, first=first)
+    return fit_model(paths, trials, first)
 
 
 def gained(base: FittedModel, full: FittedModel) -> list[float]:

@@ -24,6 +24,7 @@ from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.start_model import (
     colour_penalty,
     fit_start_model,
+    path_like,
     recoloured,
     refitted,
     with_sensor_noises,
@@ -274,4 +275,4 @@ def _refitted(model: FittedModel, runs: Sequence[xr.Dataset], learnt: Sequence[R
     """A model fitted to the whole runs."""
     nears = {part.run: rows.path for part, rows in zip(learnt, model.rows, strict=True)}
     places = ((run, nears[at]) for at, run in enumerate(runs))
-    return refitted(model, [near.of_run(run, near.frequency, near.origin) for run, near in places])
+    return refitted(model, [path_like(near, run, near.frequency, near.origin) for run, near in places])

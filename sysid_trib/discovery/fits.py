@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from time import monotonic
 
 import numpy as np
@@ -14,7 +15,7 @@ from sysid_trib.discovery.single_columns import are_physical, strengths
 from sysid_trib.discovery.unseen import Prediction, noise_p_value
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.model_fit import NOT_FITTED, ROUNDS_AGREE, Limits, fit_model
+from sysid_trib.likelihood.model_fit import NOT_FITTED, ROUNDS_AGREE, fit_model
 from sysid_trib.likelihood.start_model import refitted
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
 
@@ -213,11 +214,11 @@ class Fits:
             physical = are_physical(fitted.trials, fitted.coefficients, size, most)
             return bool(np.all(physical[len(self.start.trials) :]))
 
-        limits = Limits(worst, possible)
-        model = _fitted(near, trials, limits)
+        fit = partial(_fitted, near, trials, worst, possible)
+        model = fit()
         if self._is_local_optimum(model):
             # Whole steps may lead there, where the first ones are far.
-            model = _fitted(near, trials, limits, part=0.5)
+            model = fit(part=0.5)
             model = None if self._is_local_optimum(model) else model
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
@@ -277,15 +278,18 @@ class Fits:
 
 
 def _fitted(
-    near: FittedModel, trials: Sequence[TrialEffect], limits: Limits, part: float = 1.0
+    near: FittedModel,
+    trials: Sequence[TrialEffect],
+    worst: float,
+    possible: Callable[[FittedModel], bool],
+    part: float = 1.0,
 ) -> FittedModel | None:
     """A fit from the coefficients and paths of another model; None where it has no finite likelihood."""
     known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
     first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
     paths = [rows.path for rows in near.rows]
-    free = near.frequency_free
     try:
-        model = fit_model(paths, trials, frequency_free=free, first=first, limits=limits, part=part)
+        model = fit_model(paths, trials, first, worst=worst, possible=possible, part=part)
     except NOT_FITTED:
         return None
     return model if model.is_finite else None

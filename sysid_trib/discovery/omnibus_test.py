@@ -70,12 +70,12 @@ def trial_names() -> list[str]:
 
 def trial_columns(path: RecordPath) -> Array:
     """Rows of the trial forces along a path, (row, trial_force)."""
-    points = path.points
-    amplitude, phase = np.hypot(points.x, points.v), np.arctan2(-points.v, points.x)
+    _, x, v, _ = path.points
+    amplitude, phase = np.hypot(x, v), np.arctan2(-v, x)
     r = amplitude / np.max(amplitude)
     waves = [np.ones_like(phase), *(f(m * phase) for m in TRIAL_HARMONICS for f in (np.cos, np.sin))]
     forces = np.stack([r**k * wave for k in TRIAL_POWERS for wave in waves], axis=1)
-    return np.asarray(points.integrals @ forces)
+    return np.asarray(path.integrals @ forces)
 
 
 def omnibus(

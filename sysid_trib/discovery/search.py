@@ -284,7 +284,7 @@ def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedMode
         first = np.append(last.coefficients[kept], last.stiffness)
         paths = [rows.path for rows in last.rows]
         trials = [last.trials[at] for at in kept]
-        fewer = refitted(fit_model(paths, trials, frequency_free=last.frequency_free, first=first))
+        fewer = refitted(fit_model(paths, trials, first))
         # With so much missing it may have no motion of its own: then along that of the model with more.
-        models.insert(0, fewer if fewer.follows else fitted_along(paths, trials, first, last.frequency_free))
+        models.insert(0, fewer if fewer.follows else fitted_along(paths, trials, first))
     return models

@@ -17,7 +17,7 @@ from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_rows import decimated, run_rows
 from sysid_trib.likelihood.sensor_noise import white_p_value
-from sysid_trib.likelihood.start_model import default_shapes
+from sysid_trib.likelihood.start_model import default_shapes, path_like
 from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.motion_fit.tracked import FollowedRuns
@@ -154,7 +154,7 @@ def predicted(
     for part, run in zip(parts, runs, strict=True):
         near = model.rows[run].path
         past = None if all(trial.force.memoryless for trial in model.trials) else part.before
-        path = near.of_run(part.record, frequency, part.origin, past).rescaled(near.frequency)
+        path = path_like(near, part.record, frequency, part.origin, past).rescaled(near.frequency)
         scored, path = _scored(model, path, run)
         scores.append(scored)
         try:
@@ -183,7 +183,7 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         slopes = path.sensor_slopes(model.trials, model.coefficients)
         motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, slopes, ratio)
         followed = path.follow(motion, model.trials, model.coefficients)
-        if not np.all(np.isfinite(followed.points.x)):
+        if not np.all(np.isfinite(followed.points[1])):
             # A model that runs away is judged with the last motion it follows.
             break
         path = followed

@@ -39,7 +39,6 @@ class FittedModel:
     tables : tuple of (row, column) array of float
         Columns in each run: trials, stiffness where the frequency is fitted, zeros of the sensor in each run,
         steps of the shapes in parts of their ranges.
-    frequency_free : bool
     likelihood : Likelihood
         Of the shapes as they stand; its covariance is that with their steps.
     stepped : Likelihood
@@ -54,7 +53,6 @@ class FittedModel:
     trials: tuple[TrialEffect, ...]
     rows: tuple[RunRows, ...]
     tables: tuple[Array, ...]
-    frequency_free: bool
     likelihood: Likelihood
     stepped: Likelihood
     at_ends: dict[int, tuple[float, float]]
@@ -74,6 +72,11 @@ class FittedModel:
     def estimate(self) -> Array:
         """Coefficients and, last, the stiffness, (trial + 1,)."""
         return np.append(self.coefficients, self.stiffness)
+
+    @property
+    def frequency_free(self) -> bool:
+        """True if the frequency is fitted."""
+        return self.rows[0].path.frequency_free
 
     @property
     def settings(self) -> Settings:
@@ -177,7 +180,7 @@ class FittedModel:
         Without the zeros of the sensor, which are each run's own.
         """
         first = len(self.trials) + self.frequency_free
-        table = table_of(rows, 0, 1, self.trials, self.frequency_free)
+        table = table_of(rows, 0, 1, self.trials)
         for at, _, column in self.shape_columns:
             table[:, column + 1 - len(self.rows)] *= self.coefficients[at]
         kept = [*range(first), *range(first + len(self.rows), self.columns)]
@@ -269,9 +272,7 @@ class FittedModel:
         return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
 
 
-def table_of(
-    rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect], frequency_free: bool
-) -> Array:
+def table_of(rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect]) -> Array:
     """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
     deviated = [
         (at, *_stepped_aside(trial, name)) for at, trial in enumerate(trials) for name in trial.force.shape
@@ -283,7 +284,7 @@ def table_of(
         (column - columns[:, at]) / difference
         for column, (at, _, difference) in zip(aside.T, deviated, strict=True)
     ]
-    return np.column_stack([columns, nuisances(rows, run, runs, frequency_free), *slopes])
+    return np.column_stack([columns, nuisances(rows, run, runs), *slopes])
 
 
 def _stepped_aside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:

@@ -1,8 +1,6 @@
 """The equation of small deviations about a motion: how it acts on noise, and what is too fine for rows."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -121,51 +119,6 @@ def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coeff
     width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
     bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
     return np.asarray(slope + jump * bump**2 * 15.0 / (16.0 * width))
-
-
-@dataclass(frozen=True)
-class FineMotion:
-    """A motion from rest whose acceleration is constant within cells.
-
-    Attributes
-    ----------
-    tau : (cell,) array of float
-        Where each begins, increasing; the last has no end.
-    acceleration : (cell,) array of float, rad
-        Second derivative by tau.
-    """
-
-    tau: Array
-    acceleration: Array
-
-    @cached_property
-    def _at_begin(self) -> tuple[Array, Array]:
-        """Motion and its derivative where each cell begins, (cell,) each."""
-        steps, bend = np.diff(self.tau), self.acceleration[:-1]
-        speed = np.concatenate([[0.0], np.cumsum(bend * steps)])
-        place = np.concatenate([[0.0], np.cumsum(speed[:-1] * steps + 0.5 * bend * steps**2)])
-        return place, speed
-
-    def value(self, tau: Array, order: int = 0) -> Array:
-        """The motion or its derivative, (point,), rad; as it begins before the first cell."""
-        if not len(self.tau):
-            return np.zeros(len(tau))
-        cell = np.clip(np.searchsorted(self.tau, tau, side="right") - 1, 0, None)
-        since, bend = tau - self.tau[cell], self.acceleration[cell]
-        place, speed = (values[cell] for values in self._at_begin)
-        return np.asarray(speed + bend * since if order else place + speed * since + 0.5 * bend * since**2)
-
-    def rescaled(self, part: float) -> "FineMotion":
-        """The resolution over a time that runs faster by `part`."""
-        return FineMotion(part * self.tau, self.acceleration / part**2)
-
-
-NO_FINE_MOTION = FineMotion(np.empty(0), np.empty(0))
-
-
-def fine_motion(tau: Array, acceleration: Array) -> FineMotion:
-    """Motion of accelerations that are the means of cells about points, (point,) each."""
-    return FineMotion(np.concatenate([tau[:1], 0.5 * (tau[1:] + tau[:-1])]), acceleration)
 
 
 def unresolved(

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,51 +29,13 @@ CONTINUATION = (1e-2, 1e-4, 1e-6, 1e-8)
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
 
-class Limits(NamedTuple):
-    """Where a fit is given up.
-
-    It will not reach the deviance `worst`, by what its last round gained, or has left for two rounds what
-    physics allows (`possible`).
-    """
-
-    worst: float = np.inf
-    possible: Callable[[FittedModel], bool] = lambda model: True
-
-    def cannot_reach(self, model: FittedModel, fall: float) -> bool:
-        """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
-        return model.stepped.deviance - 2.0 * abs(fall) > self.worst
-
-
-NO_LIMITS = Limits()
-
-
-class RoundStep(NamedTuple):
-    """The step of a round: a shape by `reach` of its range, and by `longest` at most, the path by `part`."""
-
-    longest: float
-    reach: float
-    part: float
-
-    def after(self, turn: int, fall: float, before: float) -> "RoundStep":
-        """The length of the next round, after round `turn` whose deviance fell by `fall`.
-
-        Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
-        long a one is tried (trust region: Conn, Gould, Toint 2000). A force that is narrow or has a history
-        may have path and coefficients swing about where they settle.
-        """
-        uphill, swings = turn > 0 and fall < 0.0, turn > 1 and fall * before < 0.0
-        part = min(self.part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else self.part
-        reach = 0.5 * self.reach if uphill else min(2.0 * self.reach, self.longest)
-        return RoundStep(self.longest, reach, 0.5 * part if swings else part)
-
-
 def fit_model(
     paths: Sequence[RecordPath],
     trials: Sequence[TrialEffect],
-    *,
-    frequency_free: bool,
     first: Array | None = None,
-    limits: Limits = NO_LIMITS,
+    *,
+    worst: float = np.inf,
+    possible: Callable[[FittedModel], bool] = lambda model: True,
     part: float = 1.0,
 ) -> FittedModel:
     """Fit coefficients, shapes, frequency and both variances of each run along smoothed motions.
@@ -85,10 +46,12 @@ def fit_model(
         First guesses.
     trials : sequence of TrialEffect
         The model, with first guesses of the shapes.
-    frequency_free : bool
     first : (trial + 1,) array of float, optional
         First guess of the coefficients and the stiffness, for the operator of small deviations.
-    limits : Limits
+    worst : float
+        A deviance: a fit that will not reach it, by what its last round gained, is given up.
+    possible : callable
+        What physics allows: a fit that has left that for two rounds is given up.
     part : float
         Of the way that a round goes at first.
 
@@ -96,18 +59,23 @@ def fit_model(
     -----
     The next path is the most likely motion of the model at hand: without a random force it becomes a free
     motion (Newton's method on all samples), with one the smoothed motion.
+
+    Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
+    long a one is tried (trust region: Conn, Gould, Toint 2000). A force that is narrow or has a history
+    may have path and coefficients swing about where they settle.
     """
-    guess = np.zeros(len(trials) + 1) if first is None else first
-    model, settings = fitted_along(_of_any_ratio(paths), trials, guess, frequency_free), paths[0].settings
-    longest = part * settings.shape_step
-    rounds, step, before, unphysical = list[FittedModel](), RoundStep(longest, longest, part), 0.0, 0
+    guess, settings = np.zeros(len(trials) + 1) if first is None else first, paths[0].settings
+    model = fitted_along(_of_any_ratio(paths), trials, guess)
+    # What a shape goes in a round at most, in parts of its range.
+    reach = longest = part * settings.shape_step
+    rounds, before, unphysical = list[FittedModel](), 0.0, 0
     if _has_new_sensor(trials, guess):
-        model = _continued(model, step, limits)
+        model = _continued(model, reach, part, worst)
         if not model.settled:
             return model
     for turn in range(settings.rounds):
-        guess = guess + step.part * (model.estimate - guess) if turn else model.estimate
-        after = _next_round(model, guess, step, of_any_ratio=turn + 1 < WHOLE_STEPS)
+        guess = guess + part * (model.estimate - guess) if turn else model.estimate
+        after = _next_round(model, guess, reach, part, of_any_ratio=turn + 1 < WHOLE_STEPS)
         if after is None:
             return _best([*rounds, model])
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
@@ -116,27 +84,39 @@ def fit_model(
         next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
         on_its_way = model.predicted_fall > ROUNDS_AGREE
-        if next_fall < min(1.0, 2.0 * step.part) * settings.least_gain and not on_its_way:
+        if next_fall < min(1.0, 2.0 * part) * settings.least_gain and not on_its_way:
             return model
-        unphysical = 0 if limits.possible(model) else unphysical + 1
-        reachable = on_its_way or not limits.cannot_reach(model, fall)
+        unphysical = 0 if possible(model) else unphysical + 1
+        reachable = on_its_way or not _cannot_reach(worst, model, fall)
         if turn > 1 and (unphysical > 1 or not reachable):
             return replace(model, settled=False)
-        step, before = step.after(turn, fall, before), fall
+        uphill, swings = turn > 0 and fall < 0.0, turn > 1 and fall * before < 0.0
+        reach = 0.5 * reach if uphill else min(2.0 * reach, longest)
+        part = min(part, 0.5) if uphill or turn + 1 >= WHOLE_STEPS else part
+        part, before = 0.5 * part if swings else part, fall
         rounds.append(model.without_caches())
     return _ended(rounds, on_its_way)
 
 
+def _cannot_reach(worst: float, model: FittedModel, fall: float) -> bool:
+    """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
+    return model.stepped.deviance - 2.0 * abs(fall) > worst
+
+
 def _next_round(
-    model: FittedModel, guess: Array, step: RoundStep, *, of_any_ratio: bool, random_force: float = 1.0
+    model: FittedModel,
+    guess: Array,
+    reach: float,
+    part: float,
+    *,
+    of_any_ratio: bool = True,
+    random_force: float = 1.0,
 ) -> FittedModel | None:
     """The model along its next paths, with the next shapes; None where there is no fit."""
-    paths, steps = model.next_paths(guess[:-1], step.part, random_force), model.next_steps(step.reach)
+    paths, steps = model.next_paths(guess[:-1], part, random_force), model.next_steps(reach)
     nearer = _of_any_ratio(paths) if of_any_ratio else paths
     try:
-        after = fitted_along(
-            nearer, model.next_trials(steps), guess + model.ahead(steps), model.frequency_free
-        )
+        after = fitted_along(nearer, model.next_trials(steps), guess + model.ahead(steps))
     except NOT_FITTED:
         return None
     return after if after.is_finite else None
@@ -152,18 +132,18 @@ def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
     return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
 
 
-def _continued(model: FittedModel, round_step: RoundStep, limits: Limits) -> FittedModel:
+def _continued(model: FittedModel, reach: float, part: float, worst: float) -> FittedModel:
     """The model after rounds whose paths are led more and more by what it says; not settled if given up.
 
     A continuation in the random force, whose likelihood has a maximum about each path that follows the record
     (graduated non-convexity: Blake, Zisserman 1987).
     """
     for turn, random_force in enumerate(CONTINUATION):
-        after = _next_round(model, model.estimate, round_step, of_any_ratio=True, random_force=random_force)
+        after = _next_round(model, model.estimate, reach, part, random_force=random_force)
         if after is None:
             return model
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
-        if turn and limits.cannot_reach(model, fall):
+        if turn and _cannot_reach(worst, model, fall):
             return replace(model, settled=False)
     return model
 
@@ -195,15 +175,13 @@ def _agree(rounds: Sequence[FittedModel]) -> bool:
     return bool(np.all(ranges[0][:steady] <= errors[:steady]) and np.all(ranges[1] <= errors[steady:]))
 
 
-def fitted_along(
-    paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array, frequency_free: bool
-) -> FittedModel:
+def fitted_along(paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array) -> FittedModel:
     """The most likely coefficients along paths that are held, and steps of the shapes with them.
 
     Tangents are those at these coefficients (variable projection: Golub, Pereyra 1973).
     """
     rows = tuple(run_rows(path, trials, guess) for path in paths)
-    tables = [table_of(run, at, len(rows), trials, frequency_free) for at, run in enumerate(rows)]
+    tables = [table_of(run, at, len(rows), trials) for at, run in enumerate(rows)]
     of_shapes = [at for at, trial in enumerate(trials) for _ in trial.force.shape]
     columns = tables[0].shape[1]
     kept = range(columns - len(of_shapes))
@@ -217,7 +195,7 @@ def fitted_along(
         tables = [table * factors for table in tables]
         stepped, at_ends = _within_ranges([run.scaled(factors) for run in products], columns, trials)
     likeliest = replace(at_shapes, covariance=stepped.covariance)
-    return FittedModel(tuple(trials), rows, tuple(tables), frequency_free, likeliest, stepped, at_ends)
+    return FittedModel(tuple(trials), rows, tuple(tables), likeliest, stepped, at_ends)
 
 
 def _within_ranges(

@@ -13,54 +13,34 @@ simulation is needed; what the path differs from the motion counts in second ord
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-import xarray as xr
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, PPoly
 
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces.force import Channel, channels_of
-from sysid_trib.likelihood.linearisation import (
-    NO_FINE_MOTION,
-    FineMotion,
-    derivatives_along,
-    fine_motion,
-    sensor_slopes,
-)
+from sysid_trib.forces.force import channels_of
+from sysid_trib.likelihood.linearisation import derivatives_along, sensor_slopes
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.settings import DEFAULTS, Settings
+from sysid_trib.likelihood.settings import Settings
 from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
-from sysid_trib.records.inputs import INPUT, KnownInput, inputs_of, values_of_inputs
-from sysid_trib.records.signal import unit_of_signal
-from sysid_trib.records.smoothing import SplinesAt, knot_intervals, least_squares_spline
+from sysid_trib.records.inputs import INPUT, KnownInput, values_of_inputs
+from sysid_trib.records.smoothing import SplinesAt, least_squares_spline
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.stepped_states import GivenMotion, tangent_along, values_along
 
 # A sensor that falls while the angle rises is none; a fit may pass by there.
 LEAST_SENSOR_GAIN = 0.05
-# Of the sensor's noise: what the rates of a motion and of a surface that it sticks to may differ by (rad).
-STICKING_ERRORS = 3.0
-# Of the motion's RMS rate: the least acceleration (of tau) of what passes the rate of a surface.
-PASSING = 0.2
 # Parts of a cell between two points over which a force that switches there is averaged.
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
 # Values of forces along a path that are held at once: of long records they would be most of the memory.
 NUMBERS_AT_ONCE = 2**22
 
 
-class Points(NamedTuple):
-    """A path where integrands are evaluated, (point,) each, and what integrates them, (row, point)."""
-
-    tau: Array
-    x: Array
-    v: Array
-    acceleration: Array
-    time: Array
-    integrals: sp.csr_matrix
+# Before anything is known of the forces.
+NO_FINE_MOTION = PPoly(np.zeros((3, 1)), [0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -83,8 +63,10 @@ class RecordPath:
     intervals : int
         Between the knots of path and test functions: these stay where they are when the frequency changes.
     settings : Settings
-    fine : FineMotion
-        By the forces that gave the path.
+    frequency_free : bool
+        Whether the frequency is fitted.
+    fine : PPoly
+        The motion from rest by the forces that gave the path, each constant in the cell about a point.
     ratio : float
         Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
     held : tuple of (TrialEffect, float)
@@ -106,7 +88,8 @@ class RecordPath:
     origin: float
     intervals: int
     settings: Settings
-    fine: FineMotion = NO_FINE_MOTION
+    frequency_free: bool = True
+    fine: PPoly = NO_FINE_MOTION
     ratio: float = 0.0
     held: tuple[tuple[TrialEffect, float], ...] = ()
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
@@ -120,7 +103,7 @@ class RecordPath:
 
     def motion_at(self, tau: Array, order: int = 0) -> Array:
         """The path or a derivative by tau, (point,), rad."""
-        return np.asarray(self.spline(tau, order) + self.fine.value(tau, order))
+        return np.asarray(self.spline(tau, order) + self.fine(tau, order))
 
     def elapsed_at(self, tau: Array) -> Array:
         """The `t` of formulas, (point,), s."""
@@ -138,28 +121,31 @@ class RecordPath:
 
     def _at(self, splines: SplinesAt, order: int = 0) -> Array:
         """`motion_at` points that many paths have in common."""
-        return splines.of(self.spline, order) + self.fine.value(splines.points, order)
+        return splines.of(self.spline, order) + self.fine(splines.points, order)
 
     @cached_property
-    def points(self) -> Points:
-        """The path where forces are evaluated; its acceleration is the mean of the cell about each point."""
-        per_period = self.settings.points_per_period
-        splines, integrals = points_between(self.form.tau, self.intervals, per_period)
+    def _between(self) -> tuple[SplinesAt, sp.csr_matrix]:
+        return points_between(self.form.tau, self.intervals, self.settings.points_per_period)
+
+    @property
+    def integrals(self) -> sp.csr_matrix:
+        """What integrates values at the points where forces are evaluated, (row, point)."""
+        return self._between[1]
+
+    @cached_property
+    def points(self) -> tuple[Array, Array, Array, Array]:
+        """tau, x, v and the `t` of formulas where forces are evaluated, (point,) each."""
+        splines, _ = self._between
         tau = splines.points
-        half = 0.5 * (tau[1] - tau[0])
-        rise = self.fine.value(tau + half, 1) - self.fine.value(tau - half, 1)
-        acceleration = splines.of(self.spline, 2) + rise / (2.0 * half)
-        x, v = self._at(splines), self._at(splines, 1)
-        return Points(tau, x, v, acceleration, self.elapsed_at(tau), integrals)
+        return tau, self._at(splines), self._at(splines, 1), self.elapsed_at(tau)
 
     @cached_property
     def motion(self) -> GivenMotion:
         """The path as history-dependent forces follow it, with what came before."""
-        tau, x, v, _, time, _ = self.points
         if self.before is None:
-            return GivenMotion(tau, x, v, time)
-        early, early_x, early_v, _, early_time, _ = self.before.points
-        pairs = (early - early[-1], tau), (early_x, x), (early_v, v), (early_time, time)
+            return GivenMotion(*self.points)
+        early, *others = self.before.points
+        pairs = zip((early - early[-1], *others), self.points, strict=True)
         return GivenMotion(*(np.concatenate([first[:-1], last]) for first, last in pairs))
 
     @cached_property
@@ -172,18 +158,22 @@ class RecordPath:
     def _forcing(self) -> Array | float:
         """An input that is an acceleration, (point,), rad."""
         known = self.inputs.get(INPUT)
-        return 0.0 if known is None else known.of(self.points.tau / self.frequency) / self.frequency**2
+        return 0.0 if known is None else known.of(self.points[0] / self.frequency) / self.frequency**2
 
     @cached_property
     def known_part(self) -> Array:
         """Integrals of x'', of x and of what is always there, (row,)."""
-        free = self.points.acceleration - self._forcing
-        return np.asarray(self.points.integrals @ free) + self.stiffness_column
+        splines, integrals = self._between
+        half = 0.5 * (splines.points[1] - splines.points[0])
+        # The mean of the acceleration in the cell about each point.
+        rise = self.fine(splines.points + half, 1) - self.fine(splines.points - half, 1)
+        acceleration = splines.of(self.spline, 2) + rise / (2.0 * half)
+        return np.asarray(integrals @ (acceleration - self._forcing)) + self.stiffness_column
 
     @cached_property
     def stiffness_column(self) -> Array:
         """Integrals of x and of the forces that are always there, which a frequency scales, (row,)."""
-        return np.asarray(self.points.integrals @ (self.points.x + self._held_force))
+        return np.asarray(self.integrals @ (self.points[1] + self._held_force))
 
     def tangent(
         self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float
@@ -194,7 +184,7 @@ class RecordPath:
             *((trial, (1.0 + stiffness) * c) for trial, c in self.held),
         ]
         shapes = _shapes_of(trial for trial, _ in acting)
-        tau, x, v, _, time, _ = self.points
+        tau, x, v, time = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
         of_x, of_v = derivatives_along([(trial.force, c) for trial, c in acting], shapes, time, x, v, given)
         for trial, c in acting:
@@ -218,9 +208,9 @@ class RecordPath:
         """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
         columns = np.empty((self.form.rows, len(trials)))
         of_force = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
-        few = max(1, NUMBERS_AT_ONCE // len(self.points.tau))
+        few = max(1, NUMBERS_AT_ONCE // len(self.points[0]))
         for part in (of_force[first : first + few] for first in range(0, len(of_force), few)):
-            columns[:, part] = self.points.integrals @ self.force_values([trials[at] for at in part])
+            columns[:, part] = self.integrals @ self.force_values([trials[at] for at in part])
         sensors = [at for at, trial in enumerate(trials) if trial.force.kind == "sensor"]
         columns[:, sensors] = -(operator @ self.sensor_values([trials[at] for at in sensors]))
         return columns
@@ -241,7 +231,7 @@ class RecordPath:
 
     def force_values(self, trials: Sequence[TrialEffect]) -> Array:
         """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""
-        values = np.full((len(self.points.tau), len(trials)), np.nan)
+        values = np.full((len(self.points[0]), len(trials)), np.nan)
         with_past: dict[str, list[int]] = {}
         for at, trial in enumerate(trials):
             if trial.force.memoryless:
@@ -256,7 +246,7 @@ class RecordPath:
         return values
 
     def _memoryless(self, trial: TrialEffect) -> Array:
-        force, (tau, x, v, _, time, _) = trial.force, self.points
+        force, (tau, x, v, time) = trial.force, self.points
         values = np.array(force.value(x, v, time, shapes=trial.shapes, hidden=self.given_at([trial], tau)))
         if force.surfaces:
             cells, fine, motion = self._crossed_cells(trial)
@@ -275,7 +265,7 @@ class RecordPath:
 
     def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, Array, tuple[Array, Array, Array]]:
         """Cells in which a force switches, tau, and x, v and time in their parts; of the same cells once."""
-        tau, x, v, _, time, _ = self.points
+        tau, x, v, time = self.points
         crossed, shapes = np.zeros(len(tau) - 1, dtype=bool), trial.force.shape_values(trial.shapes)
         for surface in trial.force.surfaces:
             key = surface.text, tuple(value for name, value in shapes.items() if name in surface.names)
@@ -307,90 +297,34 @@ class RecordPath:
         """The path through a motion at the samples, (sample,), with what forces along this path give it."""
         dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
-        fine = fine_motion(self.points.tau, self._forcing - force - self._held_force)
-        spline = _spline(self.form.tau, motion - fine.value(self.form.tau), self.intervals)
-        return replace(self, spline=spline, fine=fine)
+        tau = self.points[0]
+        cells = np.concatenate([tau[:1], 0.5 * (tau[1:] + tau[:-1]), tau[-1:]])
+        acceleration = self._forcing - force - self._held_force
+        fine = PPoly(acceleration[None], cells).antiderivative(2)
+        return replace(self, fine=fine)._through(motion)
 
     def deviated(self, deviation: Array) -> "RecordPath":
         """The path with a deviation at the samples, (sample,), rad, added."""
-        motion = self.at_samples[0] - self.fine.value(self.form.tau) + deviation
-        return replace(self, spline=_spline(self.form.tau, motion, self.intervals))
+        return self._through(self.at_samples[0] + deviation)
 
     def rescaled(self, frequency: float) -> "RecordPath":
         """The rows with coefficients that refer to another frequency."""
-        form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
-        fine = self.fine.rescaled(frequency / self.frequency)
-        spline = _spline(form.tau, self.at_samples[0] - fine.value(form.tau), self.intervals)
+        part, form = (
+            frequency / self.frequency,
+            build_weak_form(frequency * (self.time - self.time[0]), self.intervals),
+        )
+        fine = PPoly(self.fine.c / part ** np.array([[2], [1], [0]]), part * self.fine.x)
         before = self.before and self.before.rescaled(frequency)
-        return replace(self, frequency=frequency, form=form, spline=spline, fine=fine, before=before)
+        path = replace(self, frequency=frequency, form=form, fine=fine, before=before)
+        return path._through(self.at_samples[0])
 
-    def of_run(
-        self, run: xr.Dataset, frequency: float, origin: float, before: xr.Dataset | None = None
-    ) -> "RecordPath":
-        """The path of another run of the same sensor and the same held forces; `before` as of this one."""
-        path = path_of_run(run, frequency, self.sensor, origin, self.settings)
-        earlier = None if before is None else self.of_run(before, frequency, origin)
-        return replace(path, held=self.held, before=earlier)
+    def _through(self, motion: Array) -> "RecordPath":
+        """The path through a motion at the samples, (sample,), rad."""
+        tau = self.form.tau
+        spline, _ = least_squares_spline(tau, motion - self.fine(tau), self.intervals)
+        return replace(self, spline=spline)
 
 
 def _shapes_of(trials: Iterable[TrialEffect]) -> dict[str, float]:
     """Shape parameters of all trials by their names."""
     return {name: value for trial in trials for name, value in trial.shapes.items()}
-
-
-def path_of_run(
-    run: xr.Dataset, frequency: float, sensor: NoiseModel, origin: float | None, settings: Settings
-) -> RecordPath:
-    """A run as a path, with what drives it, and the rows in which it sticks to what moves or is at rest."""
-    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
-    path, inputs = path_of(time, angle, frequency, sensor, origin, settings), inputs_of(run)
-    if not inputs:
-        return path
-    surfaces = [name for name in inputs if run[name].attrs.get("units") == unit_of_signal(run)]
-    path = replace(path, inputs=inputs)
-    sticking = _sticking_rows(path, surfaces)
-    return replace(path, sticking=sticking if sticking.any() else None)
-
-
-def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
-    """Rows in which the motion has the rate of a surface and does not pass it, (row,).
-
-    Friction that holds takes any value up to its largest (Leine and Nijmeijer 2004, chapter 4): no column
-    has it, and such rows say nothing of the forces.
-    """
-    tau, _, v, _, _, integrals = path.points
-    moving = [Channel(name, 1, "displacement") for name in surfaces]
-    rates = values_of_inputs(path.inputs, moving, tau / path.frequency, path.frequency)
-    slowest, knot = PASSING * np.sqrt(np.mean(v**2)), (tau[-1] - tau[0]) / path.intervals
-    sticking = np.zeros(len(tau), dtype=bool)
-    for shortest, rate in ((2.0 * knot, np.zeros(1)), *((0.0, rate) for rate in rates.values())):
-        slip = v - rate
-        near = np.abs(slip) < STICKING_ERRORS * path.sensor.innovation
-        first, end = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).T
-        stay = tau[end - 1] - tau[first]
-        stays = np.abs(slip[end - 1] - slip[first]) < slowest * stay
-        # A surface that moves is known to be there; what never rests for long only turns slowly.
-        if stay[stays].max(initial=0.0) > shortest:
-            for begin, after in zip(first[stays], end[stays], strict=True):
-                sticking[begin:after] = True
-    return np.asarray(integrals @ sticking.astype(float) > 0.0)
-
-
-def path_of(
-    time: Array,
-    angle: Array,
-    frequency: float,
-    sensor: NoiseModel,
-    origin: float | None = None,
-    settings: Settings = DEFAULTS,
-) -> RecordPath:
-    """A record with its least-squares spline as the path; see `RecordPath`."""
-    tau = frequency * (time - time[0])
-    intervals = knot_intervals(tau)
-    form, spline = build_weak_form(tau, intervals), _spline(tau, angle, intervals)
-    since = float(time[0]) if origin is None else origin
-    return RecordPath(time, angle, frequency, form, spline, sensor, since, intervals, settings)
-
-
-def _spline(tau: Array, motion: Array, intervals: int) -> BSpline:
-    return least_squares_spline(tau, motion, intervals)[0]

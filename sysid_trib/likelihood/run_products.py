@@ -7,9 +7,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.variance_ratio import ratio_span
-from sysid_trib.likelihood.weak_form import WeakForm, cholesky_factor, log_determinant, whiten
+from sysid_trib.likelihood.weak_form import cholesky_factor, log_determinant, whiten
 
 # Squares of columns above which the products of products overflow, and below which they vanish.
 LEAST_SQUARES, MOST_SQUARES = 1e-200, 1e200
@@ -112,57 +111,31 @@ def _cardinal_splines(ratios: bytes) -> CubicSpline:
     return CubicSpline(logs, np.eye(len(logs)))
 
 
-@dataclass(frozen=True)
-class RowNoise:
-    """Noise of a run's rows.
-
-    Attributes
-    ----------
-    band, white_band : (diagonal, row) array of float
-        Covariance of the rows by noise of the sensor of unit size, with its colour and white.
-    form : WeakForm
-        That has the covariance by a random force.
-    level : float, rad
-        Of the sensor's innovations, as their spectrum has it.
-    """
-
-    band: Array
-    white_band: Array
-    form: WeakForm
-    level: float
-
-
-def products_of(
-    noise: RowNoise, table: Array, settings: Settings = DEFAULTS, near: float | None = None
-) -> RunProducts:
-    """Products of a run's columns.
+def products_of(band: Array, gram: Array, table: Array, ratios: Array) -> tuple[Array, Array]:
+    """Products of a run's columns, (ratio, column, column), and the log determinant of their covariance.
 
     Parameters
     ----------
-    noise : RowNoise
+    band, gram : (diagonal, row) array of float
+        Covariance of the rows by the innovations of the sensor's noise, and by a random force, of unit size.
     table : (row, column) array of float
         The target, then columns.
-    settings : Settings
-    near : float, optional
-        A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
+    ratios : (ratio,) array of float
     """
-    ratios = _ratios(noise.form, settings, near)
     table = np.where(np.sum(table**2, axis=0) < LEAST_SQUARES, 0.0, table)
     products, determinants = np.empty((len(ratios), *2 * table.shape[1:])), np.empty(len(ratios))
     for at, ratio in enumerate(ratios.tolist()):
-        factor = cholesky_factor(noise.band, noise.form.gram, ratio)
+        factor = cholesky_factor(band, gram, ratio)
         white = whiten(factor, table)
         np.matmul(white.T, white, out=products[at])
         determinants[at] = log_determinant(factor)
-    white_noise = noise.band is noise.white_band
-    determinants -= determinants[0] if white_noise else log_determinant(cholesky_factor(noise.white_band))
-    return RunProducts(products, determinants, ratios, len(table), noise.level, settings.level_rows)
+    return products, determinants
 
 
-def _ratios(form: WeakForm, settings: Settings, near: float | None) -> Array:
-    """Ratios that are tried, 0 among them."""
-    span = np.log(ratio_span(float(form.tau[-1] - form.tau[0]), float(np.median(np.diff(form.tau)))))
-    logs = np.arange(span[0], span[1], settings.ratio_step)
+def tried_ratios(tau: Array, step: float, near: float | None) -> Array:
+    """Ratios that are tried, 0 among them; `near` as of `RunRows.products`."""
+    span = np.log(ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau)))))
+    logs = np.arange(span[0], span[1], step)
     if near:
         # None beyond the ends of all, with which columns are screened; the ends where they are near.
         middle = np.clip(0.5 * CLOSE * np.round(np.log(near) / (0.5 * CLOSE)), logs[0], logs[-1])

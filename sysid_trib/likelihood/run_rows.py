@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.likelihood.likelihood import Likelihood
 from sysid_trib.likelihood.linearisation import unresolved
 from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RowNoise, RunProducts, products_of
+from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios
 from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
 from sysid_trib.likelihood.settings import DEFAULTS
 from sysid_trib.likelihood.trials import TrialEffect
@@ -116,12 +116,30 @@ class RunRows:
         fewer = replace(settings, points_per_period=settings.points_per_period // 5)
         return replace(self.path, settings=fewer).columns(trials, self.operator)
 
-    def products(self, columns: Array, near: float | None = None) -> RunProducts:
-        """Products of the target and columns, (row, column); see `products_of`."""
+    def products(
+        self, columns: Array, near: float | None = None, *, colour: Array | None = None
+    ) -> RunProducts:
+        """Products of the target and columns, (row, column), for ratios of both noises.
+
+        Parameters
+        ----------
+        columns : (row, column) array of float
+        near : float, optional
+            A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
+        colour : (tap,) array of float, optional
+            Whitening filter of the sensor's noise in the place of the path's, of a level that is not known.
+        """
         path, table = self.path, np.column_stack([self.target, columns])
-        noise = RowNoise(self.band, self.white_band, path.form, path.sensor.innovation)
-        made = products_of(noise, table, path.settings, near)
-        return made if path.sticking is None else replace(made, rows=made.rows - int(path.sticking.sum()))
+        band, level_rows = self.band, path.settings.level_rows
+        if colour is not None:
+            band, level_rows = self._sensor_band(coloured(self.operator, colour)), 0.0
+        ratios = tried_ratios(path.form.tau, path.settings.ratio_step, near)
+        products, determinants = products_of(band, path.form.gram, table, ratios)
+        white = (
+            determinants[0] if band is self.white_band else log_determinant(cholesky_factor(self.white_band))
+        )
+        told = len(table) if path.sticking is None else int(np.sum(~path.sticking))
+        return RunProducts(products, determinants - white, ratios, told, path.sensor.innovation, level_rows)
 
     def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
         """Columns (row, column) in which the noises of a run are white and of unit variance."""
@@ -134,7 +152,7 @@ class RunRows:
         By all that the determinant of the noise alone is too large where the random force shows in far more,
         by nothing without one.
         """
-        excess = unresolved(self.path.form, self.path.points.tau, *tangent, self.path.operator(tangent))
+        excess = unresolved(self.path.form, self.path.points[0], *tangent, self.path.operator(tangent))
         noise, both = (
             log_determinant(cholesky_factor(self.band, self.path.form.gram, q)) for q in (0.0, ratio)
         )
@@ -234,9 +252,9 @@ def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> R
     return RunRows(path, operator, coloured(operator, path.sensor.filter_), gain)
 
 
-def nuisances(rows: RunRows, run: int, runs: int, frequency_free: bool) -> Array:
+def nuisances(rows: RunRows, run: int, runs: int) -> Array:
     """Columns of the stiffness and of each run's zero of the sensor, (row, 1 + run)."""
     zeros = np.zeros((rows.path.form.rows, runs))
     zeros[:, run] = -(rows.operator @ np.ones(len(rows.path.time)))
     stiffness = rows.path.stiffness_column[:, None]
-    return np.column_stack([stiffness, zeros]) if frequency_free else zeros
+    return np.column_stack([stiffness, zeros]) if rows.path.frequency_free else zeros

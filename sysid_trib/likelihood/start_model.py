@@ -1,15 +1,15 @@
 """The start of a search: the model that is given, fitted with both noises, at its own frequency."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import LibraryError
-from sysid_trib.forces.force import Force
+from sysid_trib.forces.force import Channel, Force
 from sysid_trib.likelihood.colour import (
     MAX_COLOUR,
     colour_above,
@@ -20,13 +20,20 @@ from sysid_trib.likelihood.colour import (
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
-from sysid_trib.likelihood.paths import RecordPath, path_of_run
-from sysid_trib.likelihood.run_products import RowNoise, products_of
-from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows, fractional_difference
+from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.sensor_noise import NoiseModel, fractional_difference
 from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
-from sysid_trib.likelihood.weak_form import coloured
-from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, first_frequency, smooth
+from sysid_trib.likelihood.weak_form import build_weak_form
+from sysid_trib.records.inputs import inputs_of, values_of_inputs
+from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.records.smoothing import (
+    KNOTS_PER_PERIOD,
+    first_frequency,
+    knot_intervals,
+    least_squares_spline,
+    smooth,
+)
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
@@ -49,11 +56,11 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
         powers = np.array([reference_power(trial.force) for trial in model.trials])
         first = np.append(model.coefficients * factor**powers, 0.0 if oscillates else model.stiffness)
         rescaled = [path.rescaled(path.frequency * factor) for path in near]
-        trials, free = [trial.referred(factor) for trial in model.trials], model.frequency_free
-        after = fit_model(rescaled, trials, frequency_free=free, first=first)
+        trials = [trial.referred(factor) for trial in model.trials]
+        after = fit_model(rescaled, trials, first)
         if paths is None and after.likelihood.deviance > model.likelihood.deviance + model.settings.far:
             # Shapes that hardly matter may lead astray: along the path where they were found, then.
-            after = fitted_along(rescaled, trials, first, free)
+            after = fitted_along(rescaled, trials, first)
         model = after
         same = model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
         if same or not oscillates:
@@ -68,6 +75,10 @@ ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
 # By which a partial autocorrelation is changed for the slope of the deviance.
 LITTLE_COLOUR = 0.05
+# Of the sensor's noise: what the rates of a motion and of a surface that it sticks to may differ by (rad).
+STICKING_ERRORS = 3.0
+# Of the motion's RMS rate: the least acceleration (of tau) of what passes the rate of a surface.
+PASSING = 0.2
 
 
 def fit_start_model(
@@ -100,12 +111,15 @@ def fit_start_model(
         A force has no values along the motion.
     """
     nominal = frequency or first_frequency(runs)
-    paths = [replace(_first_path(run, nominal, settings), held=tuple(held)) for run in runs]
+    paths = [
+        replace(_first_path(run, nominal, settings), held=tuple(held), frequency_free=frequency is None)
+        for run in runs
+    ]
     for at, (origin, before) in enumerate(pasts):
-        earlier = None if before is None else paths[at].of_run(before, nominal, origin)
+        earlier = None if before is None else path_like(paths[at], before, nominal, origin)
         paths[at] = replace(paths[at], origin=origin, before=earlier)
     trials = [TrialEffect(force, default_shapes(force)) for force in forces]
-    model = fit_model(paths, trials, frequency_free=frequency is None)
+    model = fit_model(paths, trials)
     if not (model.is_finite and np.isfinite(model.deviance)):
         symbols = ", ".join(model.without_values)
         raise LibraryError(
@@ -131,8 +145,7 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
 def with_sensor_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
     """The model fitted with other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
-    free, first = model.frequency_free, model.estimate
-    return refitted(fit_model(paths, model.trials, frequency_free=free, first=first))
+    return refitted(fit_model(paths, model.trials, model.estimate))
 
 
 def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> NoiseModel:
@@ -169,16 +182,11 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
 
 def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
     """Maximum likelihood of a run's rows with noise of a whitening filter (tap,)."""
-    rows, table = model.rows[run], np.column_stack([model.rows[run].target, model.tables[run]])
-    # Of a level that another colour gave nothing is known.
-    form, settings = rows.path.form, replace(model.settings, level_rows=0.0)
-    columns, level = range(1, table.shape[1]), rows.path.sensor.innovation
-    near = model.likelihood.ratios[[run]]
+    columns, near = range(1, 1 + model.columns), model.likelihood.ratios[[run]]
 
     def by_filter(filter_: Array) -> Likelihood:
-        band = covariance_of_local_rows(coloured(rows.operator, filter_))
-        noise = RowNoise(band, rows.white_band, form, level)
-        likeliest = likeliest_near([partial(products_of, noise, table, settings)], near.tolist(), columns)[1]
+        of_colour = partial(model.rows[run].products, model.tables[run], colour=filter_)
+        _, likeliest = likeliest_near([of_colour], near.tolist(), columns)
         # The next colour is near to this one.
         near[:] = likeliest.ratios
         return likeliest
@@ -221,7 +229,65 @@ def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> Record
     """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
     tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
     sensor = colour_above(angle - smooth(tau, angle)[0], tau, ABOVE)
-    return path_of_run(run, frequency, sensor, None, settings)
+    return _path_of(run, frequency, sensor, float(run.time.values[0]), settings)
+
+
+def path_like(
+    near: RecordPath, run: xr.Dataset, frequency: float, origin: float, before: xr.Dataset | None = None
+) -> RecordPath:
+    """The path of another run of the same sensor and the same held forces as one.
+
+    `origin`, `before` : as of `RecordPath`.
+    """
+    path = _path_of(run, frequency, near.sensor, origin, near.settings)
+    earlier = None if before is None else path_like(near, before, frequency, origin)
+    return replace(path, held=near.held, frequency_free=near.frequency_free, before=earlier)
+
+
+def _path_of(
+    run: xr.Dataset, frequency: float, sensor: NoiseModel, origin: float, settings: Settings
+) -> RecordPath:
+    """A run with its least-squares spline as the path, what drives it, and the rows in which it sticks.
+
+    To what moves, or is at rest.
+    """
+    time, angle = run.time.values.astype(float), run.angle.values.astype(float)
+    tau, inputs = frequency * (time - time[0]), inputs_of(run)
+    intervals = knot_intervals(tau)
+    form, (spline, _) = build_weak_form(tau, intervals), least_squares_spline(tau, angle, intervals)
+    path = RecordPath(
+        time, angle, frequency, form, spline, sensor, origin, intervals, settings, inputs=inputs
+    )
+    if not inputs:
+        return path
+    sticking = _sticking_rows(
+        path, [name for name in inputs if run[name].attrs.get("units") == unit_of_signal(run)]
+    )
+    return replace(path, sticking=sticking if sticking.any() else None)
+
+
+def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
+    """Rows in which the motion has the rate of a surface and does not pass it, (row,).
+
+    Friction that holds takes any value up to its largest (Leine and Nijmeijer 2004, chapter 4): no column
+    has it, and such rows say nothing of the forces.
+    """
+    tau, _, v, _ = path.points
+    moving = [Channel(name, 1, "displacement") for name in surfaces]
+    rates = values_of_inputs(path.inputs, moving, tau / path.frequency, path.frequency)
+    slowest, knot = PASSING * np.sqrt(np.mean(v**2)), (tau[-1] - tau[0]) / path.intervals
+    sticking = np.zeros(len(tau), dtype=bool)
+    for shortest, rate in ((2.0 * knot, np.zeros(1)), *((0.0, rate) for rate in rates.values())):
+        slip = v - rate
+        near = np.abs(slip) < STICKING_ERRORS * path.sensor.innovation
+        first, end = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).T
+        stay = tau[end - 1] - tau[first]
+        stays = np.abs(slip[end - 1] - slip[first]) < slowest * stay
+        # A surface that moves is known to be there; what never rests for long only turns slowly.
+        if stay[stays].max(initial=0.0) > shortest:
+            for begin, after in zip(first[stays], end[stays], strict=True):
+                sticking[begin:after] = True
+    return np.asarray(path.integrals @ sticking.astype(float) > 0.0)
 
 
 def default_shapes(force: Force) -> dict[str, float]:

@@ -17,8 +17,7 @@ from scipy.signal import lfilter
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.likelihood.least_squares import ConstraintMap
-from sysid_trib.likelihood.random_force import RandomForceOption
-from sysid_trib.likelihood.ratio_posterior import NOTHING_OPEN, RatioAverage, average_over_ratios
+from sysid_trib.likelihood.random_force import RandomForceOption, average_over_ratios
 from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, motion_of_run, step_in_errors
 from sysid_trib.likelihood.regression import RunRegression, Runs, common_values
 from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, run_weights, solve, stack_rows
@@ -30,13 +29,15 @@ MAX_SMOOTHED_PATHS = 12
 # After so many rounds a step of this part of an error ends them: paths that hop between branches of a force
 # that jumps come no nearer. The step is then among the errors.
 ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
+# Shift and covariance where the ratios of both noises are given, or there are none.
+NOTHING_OPEN = np.zeros(1), np.zeros((1, 1))
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
 
 
 def regress_stochastic(
     runs: Runs, active: Mask, constraints: ConstraintMap, option: RandomForceOption
-) -> tuple[Runs, Rows, bool, RatioAverage]:
+) -> tuple[Runs, Rows, bool, tuple[Array, Array]]:
     """Estimate forces, a random force and the sensor's noise, along motions that are smoothed with them.
 
     Parameters
@@ -57,7 +58,7 @@ def regress_stochastic(
         About these motions; of them the last solution is still to be taken.
     settled : bool
         Whether the estimate has stopped moving.
-    further : RatioAverage
+    further : two arrays of float
         Of coefficients and reference frequency: what moves the last solution and is added to its covariance,
         since the ratios of the two variances are not known exactly; its step where that is among the errors.
 
@@ -89,13 +90,13 @@ def regress_stochastic(
         if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
         runs = _smoothed(after, weighed, solution)
-    further = NOTHING_OPEN
+    shift, covariance = NOTHING_OPEN
     if isinstance(option, str):
-        further = _average_by_ratios(weighed, active, constraints)
+        shift, covariance = _average_by_ratios(weighed, active, constraints)
     if step > 1.0:
         change = common_values(after) - common_values(runs)
-        further = further._replace(covariance=further.covariance + np.outer(change, change))
-    return runs, rows, settled, further
+        covariance = covariance + np.outer(change, change)
+    return runs, rows, settled, (shift, covariance)
 
 
 def _about_free_motion(
@@ -146,23 +147,24 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, residual: Array) ->
 
 def _average_by_ratios(
     weighed: Sequence[WeighedRun], active: Mask, constraints: ConstraintMap
-) -> RatioAverage:
+) -> tuple[Array, Array]:
     """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself."""
 
     def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
         """With another ratio of a run, and the covariance."""
         runs, rows = [of_run.run for of_run in weighed], [of_run.rows for of_run in weighed]
         runs[at] = replace(runs[at], ratio=ratio)
-        rows[at] = replace(rows[at], factor=weighed[at].by_ratio.factor(ratio.ratio))
+        rows[at] = replace(rows[at], factor=weighed[at].factor(ratio.ratio))
         other = solve(stack_rows(runs, rows), runs[0], active, constraints)
         return common_values(other.applied_to(tuple(runs))), other.covariance
 
-    further = NOTHING_OPEN
-    for at, (run, _, _, by_ratio) in enumerate(weighed):
+    shift, covariance = NOTHING_OPEN
+    for at, of_run in enumerate(weighed):
+        run, rows = of_run.run, of_run.by_ratio(of_run.run.sensor)
         assert run.ratio is not None
-        average = average_over_ratios(by_ratio.rows, run.ratio, len(run.time), partial(solved, at))
-        further = RatioAverage(further.shift + average.shift, further.covariance + average.covariance)
-    return further
+        average = average_over_ratios(rows, run.ratio, len(run.time), partial(solved, at))
+        shift, covariance = shift + average[0], covariance + average[1]
+    return shift, covariance
 
 
 def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:

@@ -8,7 +8,6 @@ that were held while the ratio is sought would lend its own error to the random 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,8 +19,15 @@ from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.regression import RunRegression
 from sysid_trib.likelihood.rows import Rows, deviation_matrix, rows_about
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows
-from sysid_trib.likelihood.variance_ratio import RowsByRatio, VarianceRatio
-from sysid_trib.likelihood.weak_form import coloured
+from sysid_trib.likelihood.variance_ratio import (
+    VarianceRatio,
+    WhiteRows,
+    held_ratio,
+    ratio_span,
+    rows_by_ratio,
+    variance_ratio,
+)
+from sysid_trib.likelihood.weak_form import cholesky_factor, coloured
 from sysid_trib.records.smoothing import smooth
 
 # Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
@@ -29,24 +35,17 @@ from sysid_trib.records.smoothing import smooth
 DEGREES_OF_PRIOR = 5
 
 
-class WeighedRun(NamedTuple):
-    """A run with its noises, its rows, their operator on the sensor's innovations, and their likelihood."""
-
-    run: RunRegression
-    rows: Rows
-    acting: sp.csr_matrix
-    by_ratio: RowsByRatio
-
-
 @dataclass(frozen=True)
-class RowsLikelihood:
-    """The restricted likelihood of a run's rows in its two noises.
+class WeighedRun:
+    """A run's rows, and their restricted likelihood in its two noises.
 
     Attributes
     ----------
     run : RunRegression
+        With the noises that were last most likely.
     matrix : (row, sample) sparse array of float
         Operator of small deviations.
+    rows : Rows
     table : (row, column) array of float
         Free columns, nuisances, target of the rows.
     shared_level : bool
@@ -56,13 +55,9 @@ class RowsLikelihood:
 
     run: RunRegression
     matrix: sp.csr_matrix
+    rows: Rows
     table: Array
     shared_level: bool = False
-
-    @property
-    def follows(self) -> bool:
-        """True if a free motion follows the record."""
-        return self.run.near is not None
 
     @cached_property
     def deviation(self) -> Array:
@@ -82,25 +77,37 @@ class RowsLikelihood:
         return lines_above(self.deviation, self.tau, band)
 
     @cached_property
-    def band_of_white(self) -> Array:
-        """Covariance of the rows in white noise of the sensor, of unit variance: (band, row)."""
-        return covariance_of_local_rows(self.matrix)
+    def acting(self) -> sp.csr_matrix:
+        """The operator on the innovations of the sensor's noise."""
+        return coloured(self.matrix, self.run.sensor.filter_)
 
-    def by_ratio(self, sensor: NoiseModel) -> RowsByRatio:
-        """The rows by the ratio of the two variances, with a sensor's noise of one colour."""
-        filter_, degrees = sensor.filter_, float(DEGREES_OF_PRIOR)
+    @cached_property
+    def _band(self) -> Array:
+        return covariance_of_local_rows(self.acting)
+
+    def factor(self, ratio: float) -> Array:
+        """Cholesky factor of the rows' covariance in the run's noises, with this ratio of their variances."""
+        return cholesky_factor(self._band, self.run.form.gram, ratio)
+
+    def by_ratio(self, sensor: NoiseModel) -> Callable[[float], WhiteRows]:
+        """The white rows of a ratio of the two variances, with a sensor's noise of one colour."""
+        degrees = float(DEGREES_OF_PRIOR)
         further = degrees, degrees * sensor.innovation**2, 0.0
         if self.shared_level:
-            further = self.lines.as_samples(filter_)
-        band = self.band_of_white
-        if len(filter_) > 1:
-            band = covariance_of_local_rows(coloured(self.matrix, filter_))
-        return RowsByRatio(band, self.run.form.gram, self.table, further)
+            further = self.lines.as_samples(sensor.filter_)
+        same = np.array_equal(sensor.filter_, self.run.sensor.filter_)
+        band = self._band if same else covariance_of_local_rows(coloured(self.matrix, sensor.filter_))
+        return rows_by_ratio(band, self.run.form.gram, self.table, further)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
         """Ratio of most likelihood with a sensor's noise; near `start` if that is given."""
         tau = self.run.form.tau
-        return self.by_ratio(sensor).likeliest(float(np.ptp(tau)), float(np.median(np.diff(tau))), start)
+        span = ratio_span(float(np.ptp(tau)), float(np.median(np.diff(tau))))
+        return variance_ratio(self.by_ratio(sensor), *span, start)
+
+    def without_force(self, sensor: NoiseModel) -> VarianceRatio:
+        """The sensor's noise alone."""
+        return held_ratio(self.by_ratio(sensor), 0.0, None)
 
 
 def with_noises(
@@ -125,77 +132,75 @@ def with_noises(
     which has a colour of its own.
     """
     matrix = deviation_matrix(run)
-    weak, kept = rows_about(run, matrix), constraints.keep(active)
-    target = weak.target - weak.columns @ kept.constant
+    rows, kept = rows_about(run, matrix), constraints.keep(active)
+    target = rows.target - rows.columns @ kept.constant
     # By columns, as LAPACK takes them many times.
-    table = np.asfortranarray(np.column_stack([weak.columns @ kept.matrix, weak.nuisances, target]))
-    likelihood = RowsLikelihood(run, matrix, table)
-    if not isinstance(option, str):
+    table = np.asfortranarray(np.column_stack([rows.columns @ kept.matrix, rows.nuisances, target]))
+    weighed = WeighedRun(run, matrix, rows, table)
+    if isinstance(option, str):
+        weighed = _estimated(weighed, colour)
+    else:
         per_tau = RandomForce(float(option)).per_tau(run.nominal_frequency)
         last = None if run.ratio is None else run.ratio.variance
-        weighed = replace(run, ratio=likelihood.by_ratio(run.sensor).held(per_tau, last))
-    else:
-        likelihood, weighed = _estimated(likelihood, colour)
-    by_ratio, ratio = likelihood.by_ratio(weighed.sensor), weighed.ratio
-    assert ratio is not None
-    acting = coloured(matrix, weighed.sensor.filter_)
-    return WeighedRun(weighed, replace(weak, factor=by_ratio.factor(ratio.ratio)), acting, by_ratio)
+        ratio = held_ratio(weighed.by_ratio(run.sensor), per_tau, last)
+        weighed = replace(weighed, run=replace(run, ratio=ratio))
+    assert weighed.run.ratio is not None
+    return replace(weighed, rows=replace(rows, factor=weighed.factor(weighed.run.ratio.ratio)))
 
 
-def _estimated(likelihood: RowsLikelihood, colour: bool) -> tuple[RowsLikelihood, RunRegression]:
-    """Likelihood and run with its most likely noises; the sensor's alone where a force is no likelier."""
-    run = likelihood.run
+def _estimated(weighed: WeighedRun, colour: bool) -> WeighedRun:
+    """A run with its most likely noises; the sensor's alone where a force is no likelier."""
+    run = weighed.run
     sensor, sensor_alone = run.sensor, run.sensor_alone
     start = None if run.ratio is None else run.ratio.ratio
     if colour:
-        sensor, sensor_alone, start = _colours(likelihood)
+        sensor, sensor_alone, start = _colours(weighed)
     white = len(sensor.filter_) == len(sensor_alone.filter_) == 1
     if not white:
-        likelihood = replace(likelihood, shared_level=likelihood.follows)
-    ratio = likelihood.ratio(sensor, start)
+        weighed = replace(weighed, shared_level=run.near is not None)
+    ratio = weighed.ratio(sensor, start)
     if not white:
-        without = likelihood.by_ratio(sensor_alone).held(0.0)
+        without = weighed.without_force(sensor_alone)
         gain = without.deviance - ratio.deviance
         if gain > 0.0 and ratio.ratio > 0.0:
             ratio = replace(ratio, gain=gain)
         else:
-            ratio = replace(without, upper=likelihood.ratio(sensor_alone, None).upper)
+            ratio = replace(without, upper=weighed.ratio(sensor_alone, None).upper)
             sensor = sensor_alone
-    return likelihood, replace(run, ratio=ratio, sensor=sensor, sensor_alone=sensor_alone)
+    return replace(weighed, run=replace(run, ratio=ratio, sensor=sensor, sensor_alone=sensor_alone))
 
 
-def _colours(likelihood: RowsLikelihood) -> tuple[NoiseModel, NoiseModel, float | None]:
+def _colours(weighed: WeighedRun) -> tuple[NoiseModel, NoiseModel, float | None]:
     """Most likely noises of the sensor with a random force and without, and a ratio near that of the first.
 
     The orders are those that the spectrum asks for with a random force, and without one; of the two that of
     the lower Bayesian information criterion. A random force is tested beside colours of one order: a higher
     one could resonate as the motion does.
     """
-    if not likelihood.follows:
+    if weighed.run.near is None:
         # Of a record that no free motion follows, by what the spline leaves.
-        angle, tau = likelihood.run.angle, likelihood.run.form.tau
+        angle, tau = weighed.run.angle, weighed.run.form.tau
         white = NoiseModel(float(np.std(angle - smooth(tau, angle)[0])), np.ones(1))
         return white, white, None
     guesses = [
-        sensor_colour(likelihood.deviation, likelihood.tau, random_force=stochastic)
-        for stochastic in (True, False)
+        sensor_colour(weighed.deviation, weighed.tau, random_force=stochastic) for stochastic in (True, False)
     ]
     if all(len(guess.filter_) == 1 for guess in guesses):
         return guesses[0], guesses[0], None
-    likelihood = replace(likelihood, shared_level=True)
-    lines = likelihood.lines
-    samples = len(likelihood.table) + lines.independent
+    weighed = replace(weighed, shared_level=True)
+    lines = weighed.lines
+    samples = len(weighed.table) + lines.independent
     penalty = np.log(samples)
     orders = {len(guess.filter_): guess.filter_ for guess in guesses}
     starts = [(guess, lines.colour(taps - 1)) for taps, guess in orders.items()]
-    ratios = (likelihood.ratio(lines.noise(by_lines), None) for _, by_lines in starts)
+    ratios = (weighed.ratio(lines.noise(by_lines), None) for _, by_lines in starts)
     first = min(ratios, key=lambda ratio: ratio.deviance)
 
     def with_force(filter_: Array) -> float:
-        return likelihood.ratio(lines.noise(filter_), first.ratio).deviance
+        return weighed.ratio(lines.noise(filter_), first.ratio).deviance
 
     def sensor_alone(filter_: Array) -> float:
-        return likelihood.by_ratio(lines.noise(filter_)).held(0.0).deviance
+        return weighed.without_force(lines.noise(filter_)).deviance
 
     def criterion(fit: tuple[Array, float]) -> float:
         return fit[1] + penalty * (len(fit[0]) - 1)

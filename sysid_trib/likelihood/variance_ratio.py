@@ -127,11 +127,16 @@ class VarianceRatio:
         return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
 
 
-@dataclass(frozen=True)
-class RowsByRatio:
-    """Rows by the ratio of two variances.
+def rows_by_ratio(
+    band: Array,
+    gram: Array,
+    table: Array,
+    further: tuple[float, float, float] | None = None,
+    least_variance: float = 0.0,
+) -> Callable[[float], WhiteRows]:
+    """The white rows of a ratio of two variances.
 
-    Attributes
+    Parameters
     ----------
     band, gram : (band, row) array of float
         Covariance of the rows by the sensor's noise and by the random force, of unit variance.
@@ -144,35 +149,18 @@ class RowsByRatio:
         See `WhiteRows`.
     """
 
-    band: Array
-    gram: Array
-    table: Array
-    further: tuple[float, float, float] | None = None
-    least_variance: float = 0.0
-
-    def factor(self, ratio: float) -> Array:
-        """Cholesky factor of the covariance."""
-        return cholesky_factor(self.band, self.gram, ratio)
-
-    def rows(self, ratio: float) -> WhiteRows:
-        """White with this ratio."""
-        factor = self.factor(ratio)
-        white, determinant = whiten(factor, self.table), log_determinant(factor)
-        if self.further is None:
-            return WhiteRows(white[:, -1], white[:, :-1], determinant, least_variance=self.least_variance)
-        samples, squares, of_further = self.further
+    def rows(ratio: float) -> WhiteRows:
+        factor = cholesky_factor(band, gram, ratio)
+        white, determinant = whiten(factor, table), log_determinant(factor)
+        if further is None:
+            return WhiteRows(white[:, -1], white[:, :-1], determinant, least_variance=least_variance)
+        samples, squares, of_further = further
         # One row has the squares of all further samples.
         white = np.pad(white, ((0, 1), (0, 0)))
         white[-1, -1] = np.sqrt(squares)
         return WhiteRows(white[:, -1], white[:, :-1], determinant + of_further, further=samples - 1.0)
 
-    def likeliest(self, duration: float, step: float, start: float | None = None) -> VarianceRatio:
-        """Ratio of most likelihood in a record of so many tau; see `ratio_span` and `variance_ratio`."""
-        return variance_ratio(self.rows, *ratio_span(duration, step), start)
-
-    def held(self, per_tau: float, variance: float | None = None) -> VarianceRatio:
-        """The ratio where the size of the random force is given; see `held_ratio`."""
-        return held_ratio(self.rows, per_tau, variance)
+    return rows
 
 
 def variance_ratio(

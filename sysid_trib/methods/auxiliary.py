@@ -13,7 +13,13 @@ from sysid_trib.cycles.signatures import averages, tabulated_averages
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.variance_ratio import RowsByRatio, VarianceRatio
+from sysid_trib.likelihood.variance_ratio import (
+    VarianceRatio,
+    held_ratio,
+    ratio_span,
+    rows_by_ratio,
+    variance_ratio,
+)
 from sysid_trib.methods.half_period_equations import (
     DENSITY,
     ENVELOPE_ERRORS,
@@ -204,9 +210,9 @@ def random_force_ratio(
 
     # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
     # half periods may look less noisy by chance: a random force would take what they lack.
-    rows = RowsByRatio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)
+    rows = rows_by_ratio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)
     if not isinstance(option, str):
-        return rows.held(RandomForce(float(option)).per_tau(w))
+        return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
     times = measured.extremum_time.values
     # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
-    return rows.likeliest(w * float(times[-1] - times[0]), 0.1)
+    return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), 0.1))

@@ -21,7 +21,6 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.ratio_posterior import NOTHING_OPEN, RatioAverage
 from sysid_trib.likelihood.refined_columns import refine_columns
 from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
 from sysid_trib.likelihood.rows import (
@@ -35,7 +34,7 @@ from sysid_trib.likelihood.rows import (
     with_errors_of_dropped,
 )
 from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
-from sysid_trib.likelihood.stochastic_columns import regress_stochastic
+from sysid_trib.likelihood.stochastic_columns import NOTHING_OPEN, regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.smoothing import swing_frequency
@@ -179,7 +178,7 @@ class Direct(Constrained):
         # About the motion of the kept forces alone the choice is better founded than about all of them.
         for _ in range(MAX_SELECTIONS):
             active = chosen
-            runs, rows, refined, further = self._regressed(begun, runs, rows, active, constraints)
+            runs, rows, refined, (shift, added) = self._regressed(begun, runs, rows, active, constraints)
             chosen = _selected(self, runs, rows, constraints)
             if np.array_equal(chosen, active):
                 break
@@ -187,9 +186,9 @@ class Direct(Constrained):
             runs = shifted(runs, nearer - common_values(runs), constraints)
             runs, rows, refined = refine_columns(runs, rows, runs, active, constraints)
         solution = solve(rows, runs[0], active, constraints)
-        solution = replace(solution, covariance=solution.covariance + further.covariance)
+        solution = replace(solution, covariance=solution.covariance + added)
         solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
-        runs = shifted(solution.applied_to(runs), further.shift, constraints)
+        runs = shifted(solution.applied_to(runs), shift, constraints)
         estimate = _estimate(runs, solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
@@ -205,7 +204,7 @@ class Direct(Constrained):
 
     def _regressed(
         self, begun: Runs, runs: Runs, rows: Rows, active: Mask, constraints: ConstraintMap
-    ) -> tuple[Runs, Rows, bool, RatioAverage]:
+    ) -> tuple[Runs, Rows, bool, tuple[Array, Array]]:
         """Runs and rows of the active forces, whether these have settled, what open ratios add."""
         if self._fits_random_force:
             return regress_stochastic(begun, active, constraints, self.random_force)

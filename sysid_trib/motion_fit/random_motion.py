@@ -27,10 +27,10 @@ from sysid_trib.likelihood.colour import most_likely_colour
 from sysid_trib.likelihood.random_force import (
     RandomForce,
     RandomForceOption,
+    average_over_ratios,
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.ratio_posterior import RatioAverage, average_over_ratios
 from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
@@ -150,7 +150,7 @@ class Iterate:
         low, high = (limit[free] for limit in self.parameters.limits)
         return self.parameters.expand(np.clip(self.values[free] + step, low, high))
 
-    def average_by_ratio(self, run: int) -> RatioAverage:
+    def average_by_ratio(self, run: int) -> tuple[Array, Array]:
         """The step of the free parameters over the ratios of a run that its record leaves open."""
 
         def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
@@ -258,8 +258,8 @@ def _fit(best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
     step, covariance = best.solution
     covariance = covariance + np.outer(step, step)
     for run in range(len(best.linear)) if density is None else ():
-        average = best.average_by_ratio(run)
-        covariance, step = covariance + average.covariance, step + average.shift
+        shift, added = best.average_by_ratio(run)
+        covariance, step = covariance + added, step + shift
     rows, of_all = best.rows, best.jacobian @ covariance @ best.jacobian.T
     fit = Fit(best.stepped(step), rows.design @ step - rows.target, rows.design)
     return fit, of_all, best.with_gains_over_colours()
