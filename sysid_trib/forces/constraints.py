@@ -1,5 +1,6 @@
 """What a user asks of parameters: values held fixed, bounds, and ties of one parameter to others."""
 
+import ast
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -156,7 +157,7 @@ class Constraints:
                 raise UsageError(f"No parameter '{name}' can be constrained; there are {', '.join(known)}.")
         self.formulas(library)
 
-    def formulas(self, library: ForceLibrary) -> "dict[str, Tie]":
+    def formulas(self, library: ForceLibrary) -> dict[str, Formula]:
         """The ties, each after those that its formula needs.
 
         Raises
@@ -208,10 +209,11 @@ class Constraints:
         for name, tie in self.formulas(library).items():
             if name in held:
                 raise UsageError(f"Shape parameter {name} is tied, which only a trajectory fit can do.")
-            affine = tie.linear(held)
+            affine = _affine(tie, held)
             if affine is None:
                 raise UsageError(
-                    f"The tie '{tie}' is not linear in the coefficients, which only a trajectory fit can do."
+                    f"The tie '{name}={tie.text}' is not linear in the coefficients, which only a trajectory "
+                    "fit can do."
                 )
             constant, slopes = affine
             rows[name] = sum((a * rows[s] for s, a in slopes.items()), np.zeros(len(free) + 1))
@@ -229,83 +231,8 @@ def parameters_of(library: ForceLibrary) -> tuple[str, ...]:
 WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
 
 
-@dataclass(frozen=True)
-class Tie:
-    """One parameter as a function of others.
-
-    Parameters
-    ----------
-    name : str
-        The parameter that is tied.
-    text : str
-        The formula as written.
-    formula : Formula
-        The formula over stand-ins of the parameters' names, which need not be words of Python.
-    names : tuple of str
-        The parameters it holds; the stand-in of the first is `p0`.
-    """
-
-    name: str
-    text: str
-    formula: Formula
-    names: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"{self.name}={self.text}"
-
-    def value(self, values: Mapping[str, float]) -> float:
-        """Value at the given parameters; nan where it has none.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            Value of each parameter that the formula holds.
-        """
-        with np.errstate(all="ignore"):
-            value = float(self.formula.evaluate(self._stand_ins(values)))
-        return value if np.isfinite(value) else np.nan
-
-    def derivatives(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Derivative by each parameter that the formula holds.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            Value of each of these parameters.
-        """
-        given = self._stand_ins(values)
-        with np.errstate(all="ignore"):
-            slopes = [float(self.formula.derivative(given, stand_in)) for stand_in in given]
-        return dict(zip(self.names, slopes, strict=True))
-
-    def linear(self, known: Mapping[str, float] | None = None) -> tuple[float, dict[str, float]] | None:
-        """Constant and factor of each parameter, if the formula is linear; else None.
-
-        Parameters
-        ----------
-        known : mapping of str to float, optional
-            Values of parameters that count as constants.
-        """
-        variable = [name for name in self.names if name not in (known or {})]
-
-        def value(numbers: Array) -> float:
-            return self.value({**(known or {}), **dict(zip(variable, numbers.tolist(), strict=True))})
-
-        constant = value(np.zeros(len(variable)))
-        slopes = np.array([value(unit) - constant for unit in np.eye(len(variable))])
-        random = np.random.default_rng(20190417)
-        shape = (16, len(variable))
-        points = random.choice((-1.0, 1.0), shape) * random.uniform(1e-3, 30.0, shape)
-        # Known by what it does: a formula of any form may be linear.
-        same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
-        return (constant, dict(zip(variable, slopes.tolist(), strict=True))) if same.all() else None
-
-    def _stand_ins(self, values: Mapping[str, float]) -> dict[str, np.float64]:
-        return {f"p{i}": np.float64(values[name]) for i, name in enumerate(self.names)}
-
-
-def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
-    """Read a tie.
+def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
+    """Read a tie: the formula of other parameters, which it holds by their names.
 
     Parameters
     ----------
@@ -322,7 +249,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
         The formula holds another name, the tied parameter itself, or is not of the whitelist.
     """
     words = list(dict.fromkeys(WORD.findall(text)))
-    names = tuple(word for word in words if word in known)
+    names = [word for word in words if word in known]
     strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
     if strangers:
         raise UsageError(
@@ -331,14 +258,51 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Tie:
         )
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")
+    # `lambda` and `dahl.s` are no words that can be parsed: until then others stand for them.
     stand_ins = {word: f"p{i}" for i, word in enumerate(names)}
     replaced = WORD.sub(lambda word: stand_ins.get(word[0], word[0]), text)
     shapes = frozenset(p for word, p in stand_ins.items() if "." in word)
     try:
-        formula = parse(replaced, frozenset(stand_ins.values()), shapes, name)
+        tree = parse(replaced, frozenset(stand_ins.values()), shapes, name).tree
     except LibraryError:
         raise UsageError(
             f"The tie '{name}={text}' is not a formula of numbers, parameters, + - * / ** and the functions "
             f"{' '.join((*SWITCHING, *SMOOTH))}."
         ) from None
-    return Tie(name, text, formula, names)
+    meant = {stand_in: word for word, stand_in in stand_ins.items()}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            node.id = meant.get(node.id, node.id)
+    return Formula(text, tree)
+
+
+def tied_value(tie: Formula, values: Mapping[str, float]) -> float:
+    """Value of a tied parameter by those of the parameters; nan where it has none."""
+    with np.errstate(all="ignore"):
+        value = float(tie.evaluate(values))
+    return value if np.isfinite(value) else np.nan
+
+
+def tied_slopes(tie: Formula, values: Mapping[str, float]) -> dict[str, float]:
+    """Derivative of a tied parameter by each parameter that its formula holds."""
+    # NumPy's numbers: a division by zero gives one that is not finite, not an exception.
+    held = {name: np.float64(values[name]) for name in sorted(tie.names)}
+    with np.errstate(all="ignore"):
+        return {name: float(tie.derivative(held, name)) for name in held}
+
+
+def _affine(tie: Formula, known: Mapping[str, float]) -> tuple[float, dict[str, float]] | None:
+    """Constant and factor of each parameter that is not known, if a tie is linear in these; else None."""
+    free = sorted(tie.names - known.keys())
+
+    def value(numbers: Array) -> float:
+        return tied_value(tie, {**known, **dict(zip(free, numbers.tolist(), strict=True))})
+
+    constant = value(np.zeros(len(free)))
+    slopes = np.array([value(unit) - constant for unit in np.eye(len(free))])
+    random = np.random.default_rng(20190417)
+    shape = (16, len(free))
+    points = random.choice((-1.0, 1.0), shape) * random.uniform(1e-3, 30.0, shape)
+    # Known by what it does: a formula of any form may be linear.
+    same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
+    return (constant, dict(zip(free, slopes.tolist(), strict=True))) if same.all() else None

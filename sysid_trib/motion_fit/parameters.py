@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.arrays import Array
-from sysid_trib.forces.constraints import Constraints, Tie
+from sysid_trib.forces.constraints import Constraints, tied_slopes, tied_value
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.formulas import Formula
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FREQUENCY
 
@@ -135,7 +136,7 @@ class Parameters:
             if name in self.names:
                 values[self.index(name)] = value
         for name, tie in self._ties.items():
-            values[self.index(name)] = tie.value(self._known(values))
+            values[self.index(name)] = tied_value(tie, self._known(values))
         return values
 
     def by_free(self, table: Array, values: Array) -> Array:
@@ -189,13 +190,13 @@ class Parameters:
         rows = np.zeros((len(self), len(self.free)))
         rows[self.free, range(len(self.free))] = 1.0
         for name, tie in self._ties.items():
-            for other, slope in tie.derivatives(self._known(values)).items():
+            for other, slope in tied_slopes(tie, self._known(values)).items():
                 if other in self.common:
                     rows[self.index(name)] += slope * rows[self.index(other)]
         return rows
 
     @cached_property
-    def _ties(self) -> Mapping[str, Tie]:
+    def _ties(self) -> Mapping[str, Formula]:
         return self.constraints.formulas(self.library)
 
     def _known(self, values: Array) -> dict[str, float]:
