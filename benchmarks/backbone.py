@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 
 import sysid_trib as st
 from benchmarks.study.common import over_seeds, shown, timed
-from sysid_trib.cycles.backbone import CURVES, BackboneCurves, backbone_curves, period_rows
+from sysid_trib.cycles.backbone import CURVES, half_width, period_rows
 from sysid_trib.forces.library import parse_library
 
 W, PERIODS, PER_PERIOD, NOISE, STEP, COLOUR, RANDOM_FORCE = 2.0 * np.pi, 80, 50, 5e-4, 2e-3, 0.8, 1e-6
@@ -70,18 +70,17 @@ def measured(clean: xr.Dataset, seed: int) -> xr.Dataset:
     return st.free_decay(clean.assign(angle=angle.assign_attrs(clean.angle.attrs)))
 
 
-def coverage(curves: BackboneCurves, truth: xr.Dataset) -> dict[str, tuple[bool, float, float]]:
+def coverage(curves: xr.Dataset, truth: xr.Dataset) -> dict[str, tuple[bool, float, float]]:
     """Of each curve: whether all of it is in the band, the part within 1.96 errors, the median half width."""
     u = truth.log_amplitude.values
-    inside = (u >= curves.log_amplitude[0]) & (u <= curves.log_amplitude[-1])
+    along = np.log(curves.amplitude.values)
+    inside = (u >= along[0]) & (u <= along[-1])
     found = {}
     for name in CURVES:
-        of_curve, half = curves.by_name[name], curves.half_width(name)
-        mean = PchipInterpolator(curves.log_amplitude, of_curve.mean)(u[inside])
-        apart = np.abs(mean - truth[name].values[inside])
-        error = np.hypot(of_curve.standard_error, curves.left_open(name))
-        pointwise = np.mean(apart < 1.96 * np.interp(u[inside], curves.log_amplitude, error))
-        whole = bool(np.all(apart <= np.interp(u[inside], curves.log_amplitude, half)))
+        half, error = half_width(curves, name), curves[f"{name}_standard_error"].values
+        apart = np.abs(PchipInterpolator(along, curves[name])(u[inside]) - truth[name].values[inside])
+        pointwise = np.mean(apart < 1.96 * np.interp(u[inside], along, error))
+        whole = bool(np.all(apart <= np.interp(u[inside], along, half)))
         found[name] = whole, float(pointwise), float(np.median(half))
     return found
 
@@ -105,7 +104,7 @@ def cells(results: list[dict]) -> list[str]:
 def held(kind: str, clean: xr.Dataset, truth: xr.Dataset, density: float, seed: int) -> dict:
     """What bands of one record hold, and their time."""
     decay = measured(motion(kind, density, seed) if density else clean, seed)
-    curves, seconds = timed(lambda: backbone_curves(decay), time.process_time)
+    curves, seconds = timed(lambda: st.backbone(decay), time.process_time)
     return coverage(curves, truth) | {"seconds": seconds}
 
 

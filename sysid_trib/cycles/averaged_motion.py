@@ -7,8 +7,7 @@ f cos W t, to first order (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from math import floor, log2
 from typing import TypeAlias
 
@@ -183,106 +182,92 @@ AMPLITUDES_TRIED, LEAST_TRIED = 400, 1e-3
 NODES = 5
 # Part of an amplitude over which slopes are taken.
 SLOPE_PART = 1e-6
+# 2 <h sin phi> and 2 <h cos phi> of each force at amplitudes, (force, 2, frequency, amplitude); or, given the
+# number of a frequency for each, (force, 2, amplitude).
+DescribedAt: TypeAlias = Callable[..., Array]
 
 
-@dataclass(frozen=True)
-class DescribingFunctions:
-    """Averages of forces over a cycle, at some frequencies.
+def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Array) -> DescribedAt:
+    """Describing functions of forces at ratios W/w of frequencies, (frequency,), increasing."""
+    # Forces that act at some of the ratios, and their weights at each, (frequency, node).
+    parts: list[tuple[list[Force], Array]] = []
+    for force in forces:
+        power = force.speed_degree if force.memoryless else None
+        if power is not None:
+            parts.append(([force], ratio[:, None] ** power))
+            continue
+        middle, half = float(np.mean(ratio[[0, -1]])), 0.5 * float(np.ptp(ratio))
+        nodes, weights = np.array([middle]), np.ones((len(ratio), 1))
+        if half:
+            nodes = middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
+            weights = np.asarray(BarycentricInterpolator(nodes, np.eye(NODES))(ratio))
+        parts.append(([_at_rate(force, node) for node in nodes.tolist()], weights))
 
-    Parameters
-    ----------
-    forces : sequence of Force
-    shapes : mapping of str to float
-    ratio : (frequency,) array of float
-        W/w, increasing.
-    """
-
-    forces: Sequence[Force]
-    shapes: ShapeValues
-    ratio: Array
-
-    @cached_property
-    def _parts(self) -> list[tuple[list[Force], Array]]:
-        """Forces that act at some ratios of frequencies, and their weights at each, (frequency, node)."""
-        parts = []
-        for force in self.forces:
-            power = force.speed_degree if force.memoryless else None
-            if power is not None:
-                parts.append(([force], self.ratio[:, None] ** power))
-                continue
-            middle, half = float(np.mean(self.ratio[[0, -1]])), 0.5 * float(np.ptp(self.ratio))
-            nodes, weights = np.array([middle]), np.ones((len(self.ratio), 1))
-            if half:
-                nodes = middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-                weights = np.asarray(BarycentricInterpolator(nodes, np.eye(NODES))(self.ratio))
-            parts.append(([_at_rate(force, node) for node in nodes.tolist()], weights))
-        return parts
-
-    def over(self, amplitude: Array) -> Array:
-        """2 <h sin phi> and 2 <h cos phi> of each force, (force, 2, frequency, amplitude)."""
-        return self._sums(amplitude, "fn,nka->kfa", np.arange(len(self.ratio)))
-
-    def at(self, frequency: Index, amplitude: Array) -> Array:
-        """Describing functions at amplitudes, each at the frequency of a number, (force, 2, amplitude)."""
-        return self._sums(amplitude, "an,nka->ka", frequency)
-
-    def _sums(self, amplitude: Array, how: str, frequency: Index) -> Array:
+    def described(amplitude: Array, frequency: Index | None = None) -> Array:
         sums = []
-        for nodes, weights in self._parts:
-            means = np.array([tabulated_averages(force, amplitude, self.shapes) for force in nodes])
-            sums.append(2.0 * np.einsum(how, weights[frequency], means))
+        for nodes, weights in parts:
+            means = np.array([tabulated_averages(force, amplitude, shapes) for force in nodes])
+            if frequency is None:
+                sums.append(2.0 * np.einsum("fn,nka->kfa", weights, means))
+            else:
+                sums.append(2.0 * np.einsum("an,nka->ka", weights[frequency], means))
         return np.array(sums)
 
-    def grid(self, coefficients: Array, drive: Array) -> Array:
-        """Amplitudes between which every balance is, (amplitude,), by the drive's sizes (frequency,).
+    return described
 
-        Raises
-        ------
-        DecayError
-            Nothing bounds the response.
-        """
-        top = 4.0 * float(np.max(drive))
-        for _ in range(40):
-            sine, cosine = np.einsum("i,ikfa->kfa", coefficients, self.over(np.array([top])))[:, :, 0]
-            along = top * (1.0 - self.ratio**2) + cosine
-            if np.all(np.abs(sine) > drive) or np.all(np.hypot(along, sine) > 4.0 * drive):
-                return np.geomspace(LEAST_TRIED * float(np.min(drive)), top, AMPLITUDES_TRIED)
-            top *= 2.0
-        raise DecayError("No damping bounds this response; a model with a force that damps has one.")
 
-    def balances(
-        self, coefficients: Array, drive: Array, amplitude: Array
-    ) -> tuple[Index, Array, Array, Mask, Array]:
-        """The steady motions, by coefficients (force,), a complex drive (frequency,) and the grid.
+def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, drive: Array) -> Array:
+    """Amplitudes between which every balance is, (amplitude,), by the drive's sizes (frequency,).
 
-        Returns
-        -------
-        frequency, amplitude, phase, stable, by_lines : (motion,) arrays
-            Number of the frequency, amplitude, theta (rad), whether it is stable, and the amplitude by lines
-            between those of the grid.
-        """
-        over_grid = excess(self.over(amplitude), coefficients, self.ratio, drive, amplitude)
-        frequency, by_lines = crossings(over_grid, amplitude)
+    Raises
+    ------
+    DecayError
+        Nothing bounds the response.
+    """
+    top = 4.0 * float(np.max(drive))
+    for _ in range(40):
+        sine, cosine = np.einsum("i,ikfa->kfa", coefficients, described(np.array([top])))[:, :, 0]
+        along = top * (1.0 - ratio**2) + cosine
+        if np.all(np.abs(sine) > drive) or np.all(np.hypot(along, sine) > 4.0 * drive):
+            return np.geomspace(LEAST_TRIED * float(np.min(drive)), top, AMPLITUDES_TRIED)
+        top *= 2.0
+    raise DecayError("No damping bounds this response; a model with a force that damps has one.")
 
-        def sums(a: Array, row: Index = frequency) -> tuple[Array, Array]:
-            sine, cosine = np.einsum("i,ika->ka", coefficients, self.at(row, a))
-            return sine, a * (1.0 - self.ratio[row] ** 2) + cosine
 
-        def surplus(a: Array, row: Array) -> Array:
-            sine, along = sums(a, row.astype(int))
-            return np.asarray(along**2 + sine**2 - np.abs(drive[row.astype(int)]) ** 2)
+def balances(
+    described: DescribedAt, coefficients: Array, ratio: Array, drive: Array, amplitude: Array
+) -> tuple[Index, Array, Array, Mask, Array]:
+    """The steady motions, by coefficients (force,), a complex drive (frequency,) and a `balance_grid`.
 
-        at = np.searchsorted(amplitude, by_lines)
-        between = amplitude[at - 1], amplitude[at]
-        a = np.asarray(elementwise.find_root(surplus, between, args=(frequency.astype(float),)).x)
-        sine, along = sums(a)
-        below, above = (np.array(sums(a * (1.0 + side * SLOPE_PART))) for side in (-1.0, 1.0))
-        rise = np.sum(above**2 - below**2, axis=0) / (2.0 * SLOPE_PART * a)
-        fall = (above - below)[0] / (2.0 * SLOPE_PART * a)
-        # Of the averaged equations: a determinant that is not negative, and damping of small deviations.
-        stable = (rise > 0.0) & (fall + sine / a < 0.0)
-        phase = np.angle(drive[frequency] * np.exp(-1j * np.angle(along - 1j * sine)))
-        return frequency, a, phase, stable, by_lines
+    Returns
+    -------
+    frequency, amplitude, phase, stable, by_lines : (motion,) arrays
+        Number of the frequency, amplitude, theta (rad), whether it is stable, and the amplitude by lines
+        between those of the grid.
+    """
+    frequency, by_lines = crossings(
+        excess(described(amplitude), coefficients, ratio, drive, amplitude), amplitude
+    )
+
+    def sums(a: Array, row: Index = frequency) -> tuple[Array, Array]:
+        sine, cosine = np.einsum("i,ika->ka", coefficients, described(a, row))
+        return sine, a * (1.0 - ratio[row] ** 2) + cosine
+
+    def surplus(a: Array, row: Array) -> Array:
+        sine, along = sums(a, row.astype(int))
+        return np.asarray(along**2 + sine**2 - np.abs(drive[row.astype(int)]) ** 2)
+
+    at = np.searchsorted(amplitude, by_lines)
+    between = amplitude[at - 1], amplitude[at]
+    a = np.asarray(elementwise.find_root(surplus, between, args=(frequency.astype(float),)).x)
+    sine, along = sums(a)
+    below, above = (np.array(sums(a * (1.0 + side * SLOPE_PART))) for side in (-1.0, 1.0))
+    rise = np.sum(above**2 - below**2, axis=0) / (2.0 * SLOPE_PART * a)
+    fall = (above - below)[0] / (2.0 * SLOPE_PART * a)
+    # Of the averaged equations: a determinant that is not negative, and damping of small deviations.
+    stable = (rise > 0.0) & (fall + sine / a < 0.0)
+    phase = np.angle(drive[frequency] * np.exp(-1j * np.angle(along - 1j * sine)))
+    return frequency, a, phase, stable, by_lines
 
 
 def excess(sums: Array, coefficients: Array, ratio: Array, drive: Array, amplitude: Array) -> Array:

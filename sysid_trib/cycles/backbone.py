@@ -1,6 +1,6 @@
 """Frequency and damping ratio against amplitude, from a free decay and without a model, with bands."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -29,6 +29,8 @@ SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 # Values of single periods, (row,), and how unit draws of the sensor's noise and of a random force move each,
 # (row, draw).
 CurveRows: TypeAlias = tuple[Array, sp.csr_matrix, sp.csr_matrix]
+# A backbone, and weights of its periods in each curve, (amplitude, period).
+Smoothed: TypeAlias = tuple[xr.Dataset, dict[str, Array]]
 
 
 def period_rows(
@@ -103,86 +105,6 @@ QUANTILES, FINE = 17, 801
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 
-@dataclass(frozen=True)
-class BackboneCurves:
-    """The curves through the periods of a decay.
-
-    Attributes
-    ----------
-    measured : Dataset
-        Its envelope.
-    row_log_amplitude : (row,) array of float
-    rows : dict of str to CurveRows
-        See `period_rows`.
-    log_amplitude : (point,) array of float
-        Increasing.
-    by_name : mapping of str to SmoothCurve
-        ``frequency`` (rad/s), ``damping_ratio``.
-    """
-
-    measured: xr.Dataset
-    row_log_amplitude: Array
-    rows: dict[str, CurveRows]
-    log_amplitude: Array
-    by_name: dict[str, SmoothCurve]
-
-    def left_open(self, name: str) -> Array:
-        """What averaging leaves open of a curve to second order in damping."""
-        damping, value = (np.abs(self.by_name[key].mean) for key in ("damping_ratio", name))
-        return np.asarray(SECOND_ORDER[name] * damping**2 * value)
-
-    def half_width(self, name: str) -> Array:
-        """Half width of the simultaneous 95 % band of a curve."""
-        curve = self.by_name[name]
-        return curve.factor * curve.standard_error + self.left_open(name)
-
-
-def backbone_curves(decay: xr.Dataset) -> BackboneCurves:
-    """Smooth curves of frequency and damping ratio over the log amplitude (see `backbone`)."""
-    measured = envelope(decay)
-    if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
-        source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
-        raise DecayError(
-            f"{source}: {count} whole half periods; a backbone needs {FEWEST_HALF_PERIODS}: record longer."
-        )
-    u, rows = period_rows(measured)
-    position, log_amplitude = _coordinate(u)
-    points = np.linspace(0.0, 1.0, CURVE_POINTS)
-    curves: dict[str, SmoothCurve] = {}
-    for turn in range(ROUNDS + 1):
-        if curves:
-            slopes = {
-                name: np.interp(u, log_amplitude, np.gradient(curve.mean, log_amplitude))
-                for name, curve in curves.items()
-            }
-            _, rows = period_rows(measured, slopes)
-        curves = {
-            name: smooth_curve(
-                rows[name][0],
-                rows[name][1:],
-                position,
-                points,
-                curves[name].bends if curves else None,
-                WALKS if turn == ROUNDS else WALKS[::2],
-            )
-            for name in CURVES
-        }
-    return BackboneCurves(measured, u, rows, log_amplitude, curves)
-
-
-def _coordinate(u: Array) -> tuple[Array, Array]:
-    """Positions of log amplitudes from 0 to 1, and the log amplitudes of evenly spaced points.
-
-    Half by the log amplitude, half by the number of periods below it: fine where the record is.
-    """
-    part = np.linspace(0.0, 1.0, QUANTILES)
-    low, width = u.min(), max(float(np.ptp(u)), 1e-9)
-    below = PchipInterpolator(np.quantile(u, part) + 1e-12 * width * np.arange(QUANTILES), part)
-    fine = low + np.linspace(0.0, width, FINE)
-    along = 0.5 * (np.clip(below(fine), 0.0, 1.0) + np.linspace(0.0, 1.0, FINE))
-    return np.interp(u, fine, along), np.interp(np.linspace(0.0, 1.0, CURVE_POINTS), along, fine)
-
-
 def backbone(decay: xr.Dataset) -> xr.Dataset:
     """Frequency and damping ratio of a free decay against its amplitude, without a model.
 
@@ -215,32 +137,83 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
     """
-    return backbone_dataset(decay, backbone_curves(decay))
+    return smoothed_backbone(decay)[0]
 
 
-def backbone_dataset(decay: xr.Dataset, curves: BackboneCurves) -> xr.Dataset:
-    """The `backbone` of a decay of which there are the `backbone_curves` already."""
-    unit, amplitude = unit_of_signal(decay), np.exp(curves.log_amplitude)
-    singles = {
-        f"period_{name}": variable("period", curves.rows[name][0], f"{long_name} of a period", units)
-        for name, (long_name, units) in CURVES.items()
-    }
-    amplitudes = np.exp(curves.row_log_amplitude)
-    singles["period_amplitude"] = variable("period", amplitudes, "amplitude of a period", unit)
-    return xr.Dataset(
-        _over_amplitude(curves, amplitude, unit) | _over_time(curves, unit) | singles,
-        {"amplitude": variable("amplitude", amplitude, "amplitude", unit)},
-        attrs=dict(decay.attrs),
+def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
+    """The `backbone` of a decay, and how its periods weigh in it."""
+    measured = envelope(decay)
+    if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
+        source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
+        raise DecayError(
+            f"{source}: {count} whole half periods; a backbone needs {FEWEST_HALF_PERIODS}: record longer."
+        )
+    u, rows = period_rows(measured)
+    position, log_amplitude = _coordinate(u)
+    points = np.linspace(0.0, 1.0, CURVE_POINTS)
+    curves: dict[str, SmoothCurve] = {}
+    for turn in range(ROUNDS + 1):
+        if curves:
+            slopes = {
+                name: np.interp(u, log_amplitude, np.gradient(curve.mean, log_amplitude))
+                for name, curve in curves.items()
+            }
+            _, rows = period_rows(measured, slopes)
+        curves = {
+            name: smooth_curve(
+                rows[name][0],
+                rows[name][1:],
+                position,
+                points,
+                curves[name].bends if curves else None,
+                WALKS if turn == ROUNDS else WALKS[::2],
+            )
+            for name in CURVES
+        }
+    unit, amplitude = unit_of_signal(decay), np.exp(log_amplitude)
+    data = _over_amplitude(curves, amplitude, unit) | _over_time(
+        measured, curves["damping_ratio"].noise, unit
     )
+    data["period_amplitude"] = variable("period", np.exp(u), "amplitude of a period", unit)
+    for name, (long_name, units) in CURVES.items():
+        data[f"period_{name}"] = variable("period", rows[name][0], f"{long_name} of a period", units)
+    coords = {"amplitude": variable("amplitude", amplitude, "amplitude", unit)}
+    backbone = xr.Dataset(data, coords, dict(decay.attrs))
+    return backbone, {name: curve.weights for name, curve in curves.items()}
 
 
-def _over_amplitude(curves: BackboneCurves, amplitude: Array, unit: str) -> Variables:
+def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
+    """What averaging leaves open of a curve to second order in damping."""
+    return np.asarray(SECOND_ORDER[name] * np.abs(damping_ratio) ** 2 * np.abs(value))
+
+
+def half_width(backbone: xr.Dataset, name: str) -> Array:
+    """Half width of the simultaneous 95 % band of a curve, (amplitude,)."""
+    return np.asarray((backbone[f"{name}_high"] - backbone[name]).values)
+
+
+def _coordinate(u: Array) -> tuple[Array, Array]:
+    """Positions of log amplitudes from 0 to 1, and the log amplitudes of evenly spaced points.
+
+    Half by the log amplitude, half by the number of periods below it: fine where the record is.
+    """
+    part = np.linspace(0.0, 1.0, QUANTILES)
+    low, width = u.min(), max(float(np.ptp(u)), 1e-9)
+    below = PchipInterpolator(np.quantile(u, part) + 1e-12 * width * np.arange(QUANTILES), part)
+    fine = low + np.linspace(0.0, width, FINE)
+    along = 0.5 * (np.clip(below(fine), 0.0, 1.0) + np.linspace(0.0, 1.0, FINE))
+    return np.interp(u, fine, along), np.interp(np.linspace(0.0, 1.0, CURVE_POINTS), along, fine)
+
+
+def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: str) -> Variables:
     """The curves with their bands, and the averaged forces."""
     variables: Variables = {}
     values: dict[str, tuple[Array, Array, Array]] = {}
     for name, (long_name, units) in CURVES.items():
-        curve, half = curves.by_name[name], curves.half_width(name)
-        values[name] = curve.mean, np.hypot(curve.standard_error, curves.left_open(name)), half
+        curve = curves[name]
+        further = left_open(name, curve.mean, curves["damping_ratio"].mean)
+        half = curve.factor * curve.standard_error + further
+        values[name] = curve.mean, np.hypot(curve.standard_error, further), half
         variables |= _banded(name, "amplitude", values[name], long_name, units)
     smallest = values["frequency"][0][0]
     for name, of, scale, least in (
@@ -255,12 +228,11 @@ def _over_amplitude(curves: BackboneCurves, amplitude: Array, unit: str) -> Vari
     return variables | {"smallest_amplitude_frequency": at}
 
 
-def _over_time(curves: BackboneCurves, unit: str) -> Variables:
-    """The amplitude at the extrema but two at either end."""
-    measured = curves.measured
+def _over_time(measured: xr.Dataset, noise: float, unit: str) -> Variables:
+    """The amplitude at the extrema but two at either end; noise in units of that of their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
-    relative = relative / measured.attrs["scatter_of_extrema"] * curves.by_name["damping_ratio"].noise
+    relative = relative / measured.attrs["scatter_of_extrema"] * noise
     amplitude = np.exp(np.convolve(log_b, LEVEL_WEIGHTS, "valid"))
     error = amplitude * np.sqrt(np.convolve(relative**2, LEVEL_WEIGHTS**2, "valid"))
     half = -ndtri(0.5 * (1.0 - BAND_PROBABILITY ** (1.0 / len(amplitude)))) * error

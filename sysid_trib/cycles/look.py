@@ -10,7 +10,7 @@ from scipy.signal import periodogram
 from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.backbone import BackboneCurves, backbone_curves
+from sysid_trib.cycles.backbone import backbone, half_width
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force
@@ -28,13 +28,13 @@ FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "d
 ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
 
 
-def pointed_to(curves: BackboneCurves, forces: Mapping[str, Force], *, angle: bool) -> tuple[list[str], bool]:
+def pointed_to(curves: xr.Dataset, forces: Mapping[str, Force], *, angle: bool) -> tuple[list[str], bool]:
     """The forces that a backbone points to, by their formulas, and whether it is that of a pendulum.
 
     Parameters
     ----------
-    curves : BackboneCurves
-        Of `backbone_curves`.
+    curves : Dataset
+        Of `backbone`.
     forces : mapping of str to Force
         Those of `FRICTION` and `ELASTIC` by their formulas.
     angle : bool
@@ -46,14 +46,14 @@ def pointed_to(curves: BackboneCurves, forces: Mapping[str, Force], *, angle: bo
     band; all that have a part in the best sum where none do. Of frequency nothing where a constant stays
     within the band; a pendulum where w0 pi/(2 K(sin(a/2))) does; else the fewest elastic forces.
     """
-    a = np.exp(curves.log_amplitude)
+    a = curves.amplitude.values
     damping = {formula: -averages(forces[formula], a, {})[0] / a for formula in FRICTION}
     shifts = {formula: averages(forces[formula], a, {})[1] / a for formula in ELASTIC}
-    frequency, half = curves.by_name["frequency"].mean, curves.half_width("frequency")
+    frequency, half = curves.frequency.values, half_width(curves, "frequency")
     shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
-    ratio = curves.by_name["damping_ratio"].mean
+    ratio = curves.damping_ratio.values
     # Decrements go with the square of the period: averages of first order leave that open.
-    width = curves.half_width("damping_ratio") + 2.0 * shift / frequency * np.abs(ratio)
+    width = half_width(curves, "damping_ratio") + 2.0 * shift / frequency * np.abs(ratio)
     # A curve that is nowhere known better than so says nothing.
     known = np.min(width / np.abs(ratio)) < 0.5
     friction = _fewest(damping, ratio, width, []) if known else []
@@ -182,7 +182,7 @@ def _pointers(decay: xr.Dataset) -> dict[str, str]:
     roles = {formula: library.role(formula) for formula in (*FRICTION, *ELASTIC)}
     forces = {formula: force for formula, force in roles.items() if force is not None}
     try:
-        formulas, pendulum = pointed_to(backbone_curves(decay), forces, angle=counts_angles(decay))
+        formulas, pendulum = pointed_to(backbone(decay), forces, angle=counts_angles(decay))
     except DecayError:
         formulas, pendulum = [], False
     friction, elastic = (

@@ -7,10 +7,10 @@ derivatives the engine gives (shooting).
 """
 
 import ast
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.optimize import elementwise
@@ -33,6 +33,8 @@ MAX_PIECES = 20_000
 # Where a cycle begins and ends: not where the angle or its rate is zero.
 FIRST_PHASE = 1.0
 PERIOD = 2.0 * np.pi
+# Variables of the formulas by half cycles and angles.
+NamesAt: TypeAlias = Callable[[Index, Array], dict[str, Any]]
 
 
 def cycle_averages(
@@ -60,12 +62,12 @@ def cycle_averages(
         The force is not finite, too rough, or has no steady cycle.
     """
     if force.memoryless:
-        means = _Cycles(force, a, time, shape_values).integrals() / (2 * np.pi)
+        means = _integrals(force, a, partial(_at_phases, a, time, shape_values)) / (2 * np.pi)
     else:
         shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
         means = np.zeros((len(a), 3))
-        for rows, cycles in cycles_at(force, a, time, shapes):
-            means[rows] = cycles.integrals / (2 * np.pi)
+        for rows, _, integrals in cycles_at(force, a, time, shapes):
+            means[rows] = integrals / (2 * np.pi)
         # The root mean square of h in the place of the mean of |h|.
         means[:, 2] = np.sqrt(means[:, 2])
     # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
@@ -74,91 +76,83 @@ def cycle_averages(
     return means[:, 0], means[:, 1]
 
 
-@dataclass
-class _Cycles:
-    """Cycles of a force at some amplitudes.
+def _at_phases(
+    a: Array, time: Array, shape_values: Mapping[str, float], row: Index, phi: Array
+) -> dict[str, Any]:
+    """Variables of the formulas at the angles `phi` of half cycles (same shapes, or broadcast).
 
     Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
     """
+    cosine, sine = np.cos(phi), np.sin(phi)
+    # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
+    cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
+    row = row % a.size
+    return {"t": time[row], "x": a[row] * cosine, "v": -a[row] * sine, **shape_values}
 
-    force: Force
-    a: Array
-    time: Array
-    shape_values: Mapping[str, float]
 
-    def names(self, row: Index, phi: Array) -> dict[str, Any]:
-        """Variables of the formulas at the angles `phi` of the rows (same shapes, or broadcast)."""
-        a, time = self.a[row % self.a.size], self.time[row % self.a.size]
-        cosine, sine = np.cos(phi), np.sin(phi)
-        # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
-        cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
-        return {"t": time, "x": a * cosine, "v": -a * sine, **self.shape_values}
+def _pieces(force: Force, count: int, names: NamesAt) -> tuple[Index, Array, Array]:
+    """Half cycles of so many amplitudes, cut at their middle and at switching surfaces: (row, low, high)."""
+    halves = np.repeat((0.0, np.pi), count)
+    # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
+    phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
+    every = np.arange(halves.size)
+    there = names(every[:, None], phi)
+    cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
+    exact = {"xatol": 1e-15, "xrtol": 1e-15}
+    for surface in force.surfaces:
 
-    def pieces(self) -> tuple[Index, Array, Array]:
-        """Rows, cut at the quarter point and where a switching surface is crossed: (row, low, high)."""
-        halves = np.repeat((0.0, np.pi), self.a.size)
-        # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
-        phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
-        every = np.arange(halves.size)
-        names = self.names(every[:, None], phi)
-        cut_row, cut_at = [every, every, every], [halves, halves + QUARTER, halves + np.pi]
-        for surface in self.force.surfaces:
-            sides = np.sign(np.broadcast_to(surface.evaluate(names), phi.shape))
-            row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
-            if row.size:
-                cut_row.append(row)
-                cut_at.append(self.crossings(surface, row, phi[row, before], phi[row, before + 1]))
-        row, at = np.concatenate(cut_row), np.concatenate(cut_at)
-        order = np.lexsort((at, row))
-        row, at = row[order], at[order]
-        inside = (row[:-1] == row[1:]) & (at[:-1] < at[1:])
-        return row[:-1][inside], at[:-1][inside], at[1:][inside]
+        def side(phi: Array, row: Array, surface: Formula = surface) -> Array:
+            return np.asarray(surface.evaluate(names(row.astype(int), phi)))
 
-    def crossings(self, surface: Formula, row: Index, low: Array, high: Array) -> Array:
-        """Where a surface is crossed in a row between two angles."""
+        sides = np.sign(np.broadcast_to(surface.evaluate(there), phi.shape))
+        row, before = np.nonzero(sides[:, :-1] * sides[:, 1:] < 0)
+        if row.size:
+            ends = phi[row, before], phi[row, before + 1]
+            root = elementwise.find_root(side, ends, args=(row.astype(float),), tolerances=exact)
+            cut_row.append(row)
+            cut_at.append(np.asarray(root.x))
+    row, at = np.concatenate(cut_row), np.concatenate(cut_at)
+    order = np.lexsort((at, row))
+    row, at = row[order], at[order]
+    inside = (row[:-1] == row[1:]) & (at[:-1] < at[1:])
+    return row[:-1][inside], at[:-1][inside], at[1:][inside]
 
-        def side(phi: Array, row: Array) -> Array:
-            return np.asarray(surface.evaluate(self.names(row.astype(int), phi)))
 
-        exact = {"xatol": 1e-15, "xrtol": 1e-15}
-        root = elementwise.find_root(side, (low, high), args=(row.astype(float),), tolerances=exact)
-        return np.asarray(root.x)
+def _integrals(force: Force, a: Array, names: NamesAt) -> Array:
+    """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
 
-    def integrals(self) -> Array:
-        """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
-
-        Pieces are halved until they are exact.
-        """
-        nodes, weights = _nodes()
-        row, low, high = self.pieces()
-        total = np.zeros((2 * self.a.size, 3))
-        before = np.full(len(total), np.inf)
-        for turn in range(60):
-            phi = low[:, None] + (high - low)[:, None] * nodes
-            h = self.force.formula.evaluate(self.names(row[:, None], phi))
-            h = np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None])
-            terms = np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
-            fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
-            _check_finite(self.force, fine, self.a[row % self.a.size])
-            # The size is computed anew at every turn: the first may miss a narrow peak.
-            size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
-            error = np.abs(fine - coarse)[:, :2].max(axis=1)
-            # Doubling the nodes of an accepted piece changes it by less than this part of the mean of |h|.
-            done = error <= 3e-13 * size[row]
-            remaining = np.bincount(row[~done], error[~done], len(total))
-            # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
-            rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(self.a, 2)
-            rounding &= (remaining > 0.6 * before) & (turn > 2)
-            done, before = done | rounding[row], remaining
-            np.add.at(total, row[done], fine[done])
-            if done.all():
-                return total[: self.a.size] + total[self.a.size :]
-            if done.size > MAX_PIECES:
-                break
-            row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
-            middle = 0.5 * (low + high)
-            low[1::2], high[::2] = middle[1::2], middle[::2]
-        raise LibraryError(f"Force '{self.force.symbol}' is too rough to be averaged over a cycle.")
+    Pieces are halved until they are exact.
+    """
+    nodes, weights = _nodes()
+    row, low, high = _pieces(force, a.size, names)
+    total = np.zeros((2 * a.size, 3))
+    before = np.full(len(total), np.inf)
+    for turn in range(60):
+        phi = low[:, None] + (high - low)[:, None] * nodes
+        h = force.formula.evaluate(names(row[:, None], phi))
+        h = np.broadcast_to(h, phi.shape) * (weights * (high - low)[:, None])
+        terms = np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
+        fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
+        _check_finite(force, fine, a[row % a.size])
+        # The size is computed anew at every turn: the first may miss a narrow peak.
+        size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
+        error = np.abs(fine - coarse)[:, :2].max(axis=1)
+        # Doubling the nodes of an accepted piece changes it by less than this part of the mean of |h|.
+        done = error <= 3e-13 * size[row]
+        remaining = np.bincount(row[~done], error[~done], len(total))
+        # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
+        rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(a, 2)
+        rounding &= (remaining > 0.6 * before) & (turn > 2)
+        done, before = done | rounding[row], remaining
+        np.add.at(total, row[done], fine[done])
+        if done.all():
+            return total[: a.size] + total[a.size :]
+        if done.size > MAX_PIECES:
+            break
+        row, low, high = (np.repeat(side[~done], 2) for side in (row, low, high))
+        middle = 0.5 * (low + high)
+        low[1::2], high[::2] = middle[1::2], middle[::2]
+    raise LibraryError(f"Force '{force.symbol}' is too rough to be averaged over a cycle.")
 
 
 def _check_finite(force: Force, values: Array, amplitude: Array) -> None:
@@ -182,51 +176,27 @@ def _nodes() -> tuple[Array, Array]:
     return 1.0 / (1.0 + np.exp(-2.0 * u)), 0.5 * step * QUARTER * np.cosh(s) / np.cosh(u) ** 2
 
 
-@dataclass(frozen=True)
-class SteadyCycles:
-    """Cycles x = a cos phi, v = -a sin phi that repeat themselves, `t` held.
-
-    Attributes
-    ----------
-    force : Force
-    a : (amplitude,) array of float, rad
-    shapes : mapping of str to float, or None
-    begin : dict of str to (amplitude,) array of float
-        States and memory at `FIRST_PHASE`.
-    integrals : (amplitude, 3) array of float
-        Over a cycle, of h sin phi, h cos phi and h^2.
-    """
-
-    force: Force
-    a: Array
-    shapes: ShapeValues | None
-    begin: dict[str, Array]
-    integrals: Array
-
-    def along(self, points: int) -> Iterator[tuple[Array, dict[str, Array]]]:
-        """Phases and states and memory there, (point,) each, over the cycle of each amplitude."""
-        phase = FIRST_PHASE + PERIOD * np.arange(points) / points
-        for i, a in enumerate(self.a.tolist()):
-            force = begun_with(self.force, {k: float(values[i]) for k, values in self.begin.items()})
-            yield phase, history_on_cycle(force, phase, a, self.shapes)
-
-
 def cycles_at(
     force: Force, a: Array, time: Array, shapes: ShapeValues | None
-) -> Iterator[tuple[Index, SteadyCycles]]:
-    """Steady cycles at amplitudes that are not zero, each with `t` held: their rows, and the cycles."""
+) -> Iterator[tuple[Index, list[Force], Array]]:
+    """Steady cycles at amplitudes that are not zero, each with `t` held: their rows, and `steady_cycles`."""
     moves = a > 0.0
-    if not force.holds_time:
-        if moves.any():
-            yield np.flatnonzero(moves), steady_cycles(force, a[moves], shapes)
-        return
-    for instant in np.unique(time[moves]).tolist():
-        rows = np.flatnonzero(moves & (time == instant))
-        yield rows, steady_cycles(force_counted_from(force, instant), a[rows], shapes)
+    held = time if force.holds_time else np.zeros_like(a)
+    for instant in np.unique(held[moves]).tolist():
+        rows = np.flatnonzero(moves & (held == instant))
+        yield rows, *steady_cycles(force_counted_from(force, instant), a[rows], shapes)
 
 
-def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> SteadyCycles:
-    """Steady cycles of a force that depends on history.
+def history_over(
+    force: Force, amplitude: float, points: int, shapes: ShapeValues | None
+) -> tuple[Array, dict[str, Array]]:
+    """Phases of a cycle, and states and memory there, (point,), of a force that begins as on a steady one."""
+    phase = FIRST_PHASE + PERIOD * np.arange(points) / points
+    return phase, history_on_cycle(force, phase, amplitude, shapes)
+
+
+def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[list[Force], Array]:
+    """Cycles x = a cos phi, v = -a sin phi of a force that depends on history which repeat themselves.
 
     Parameters
     ----------
@@ -236,6 +206,13 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> SteadyC
         Positive.
     shapes : mapping of str to float, optional
         Shape parameters, `{"dahl.s": 0.02}`.
+
+    Returns
+    -------
+    begun : list of Force
+        At each amplitude the force whose states and memory begin at `FIRST_PHASE` as on that cycle.
+    integrals : (amplitude, 3) array of float
+        Over a cycle, of h sin phi, h cos phi and h^2.
 
     Raises
     ------
@@ -269,8 +246,8 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> SteadyC
         # A state that still moves by this part of its size after so many cycles drifts.
         if np.all((np.maximum(change, drift) <= 1e-13) | ((change >= 0.5 * last) & (drift <= 1e-9))):
             scale = np.stack([a, a, np.ones_like(a)], axis=1)
-            starts = dict(zip(names, begin[:, of_history].T, strict=True))
-            return SteadyCycles(force, a, shapes, starts, ends.end[:, sums] / scale)
+            starts = [dict(zip(names, row, strict=True)) for row in begin[:, of_history].tolist()]
+            return [begun_with(force, start) for start in starts], ends.end[:, sums] / scale
         # Where Newton's step did no good the cycle itself goes on.
         begin[:, of_history] += np.where((change < last)[:, None], step, shift)
         last = change

@@ -3,9 +3,8 @@
 import itertools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -72,19 +71,8 @@ def formula_latex(force: "Force") -> str:
     return str(sympy.latex(expression, mul_symbol=r"\,"))
 
 
-@dataclass(frozen=True)
-class Powers:
-    """Powers of the signal's unit, or of the reference frequency, with which a force is written.
-
-    Attributes
-    ----------
-    coefficient : float
-    shapes : dict of str to float
-        Power of each shape parameter.
-    """
-
-    coefficient: float
-    shapes: dict[str, float]
+# Power of the coefficient, under the name "", and of each shape parameter by its name.
+Powers: TypeAlias = dict[str, float]
 
 
 @lru_cache(maxsize=1024)
@@ -99,8 +87,7 @@ def signal_powers(force: "Force") -> Powers | None:
         power 1. A degree that depends on a shape parameter, as that of abs(v)**p, is none.
     """
     of_signal = {channel.name: 1.0 for channel in force.channels if channel.kind}
-    scaled = _powers(force, {"x": 1.0, "v": 1.0} | of_signal, SHAPE_POWERS, HIDDEN_POWERS, 0.0)
-    return None if scaled is None else Powers(1.0 - scaled[0], scaled[1])
+    return _powers(force, {"x": 1.0, "v": 1.0} | of_signal, SHAPE_POWERS, HIDDEN_POWERS, 0.0, 1.0)
 
 
 @lru_cache(maxsize=1024)
@@ -114,11 +101,8 @@ def reference_powers(force: "Force") -> Powers | None:
         frequency in units of w goes as 1/w, a relaxation time as w. None of abs(v)**p, as of `signal_powers`.
     """
     over_w = {channel.name: -float(channel.power) for channel in force.channels if channel.power}
-    scaled = _powers(force, {"v": -1.0} | over_w, REFERENCE_POWERS, REFERENCE_POWERS, OF_RATES)
-    if scaled is None:
-        return None
-    degree, shapes = scaled
-    return Powers(-degree - (0.0 if force.kind == "sensor" else 2.0), shapes)
+    whole = 0.0 if force.kind == "sensor" else -2.0
+    return _powers(force, {"v": -1.0} | over_w, REFERENCE_POWERS, REFERENCE_POWERS, OF_RATES, whole)
 
 
 def _powers(
@@ -127,8 +111,9 @@ def _powers(
     of_shapes: Sequence[float],
     of_hidden: Sequence[float],
     of_rates: float,
-) -> tuple[float, dict[str, float]] | None:
-    """Degree of a force, and powers of its shape parameters, as x and v scale with given powers."""
+    whole: float,
+) -> Powers | None:
+    """Powers with which coefficient times force keeps the power `whole` as x and v scale with given ones."""
     hidden = (*force.state, *force.memory)
     for shape_powers in itertools.product(of_shapes, repeat=len(force.shape)):
         shapes = dict(zip(force.shape, shape_powers, strict=True))
@@ -136,7 +121,7 @@ def _powers(
             powers = {**motion, **shapes, **dict(zip(hidden, hidden_powers, strict=True))}
             degrees = {_degree(force, powers, points, of_rates) for points in _points(force, shapes)}
             if None not in degrees and len(degrees) == 1:
-                return float(degrees.pop() or 0.0), shapes
+                return {"": whole - float(degrees.pop() or 0.0), **shapes}
     return None
 
 

@@ -101,7 +101,7 @@ class TrialEffect:
         values = self.force.shape_values(self.shapes)
         shapes = {
             f"{self.force.symbol}.{name}": float(
-                np.clip(values[name] * factor ** powers.shapes[name], shape.low, shape.high)
+                np.clip(values[name] * factor ** powers[name], shape.low, shape.high)
             )
             for name, shape in self.force.shape.items()
         }
@@ -118,7 +118,7 @@ def shape_values(trials: Iterable[TrialEffect]) -> list[tuple[Shape, float]]:
 def reference_power(force: Force) -> float:
     """Power of the reference frequency of a coefficient; where none is known, that of a force of x alone."""
     powers = reference_powers(force)
-    return -2.0 if powers is None else powers.coefficient
+    return -2.0 if powers is None else powers[""]
 
 
 def trials_of(

@@ -178,8 +178,9 @@ def _unit_peak(force: Force) -> float:
 def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Array) -> Array:
     """Peaks on the steady cycles; of a memory half from peak to peak: an offset is what it began with."""
     peaks = np.zeros(a.size)
-    for rows, cycles in one_cycle.cycles_at(force, a, time, shapes):
-        for row, (phi, hidden) in zip(rows, cycles.along(POINTS_WITH_HISTORY), strict=True):
+    for rows, begun, _ in one_cycle.cycles_at(force, a, time, shapes):
+        for row, of_cycle in zip(rows, begun, strict=True):
+            phi, hidden = one_cycle.history_over(of_cycle, float(a[row]), POINTS_WITH_HISTORY, shapes)
             h = force.value(
                 a[row] * np.cos(phi), -a[row] * np.sin(phi), time[row], shapes=shapes, hidden=hidden
             )

@@ -321,7 +321,7 @@ def in_si_units(
 def _degrees(estimate: ModelEstimate) -> Array:
     """Degree of each force in the signal; nan of one that has none."""
     degrees = [signal_powers(force) for force in estimate.forces]
-    return np.array([np.nan if degree is None else 1.0 - degree.coefficient for degree in degrees])
+    return np.array([np.nan if degree is None else 1.0 - degree[""] for degree in degrees])
 
 
 def _of_rotation(result: xr.Dataset, inertia: Measured) -> xr.Dataset:

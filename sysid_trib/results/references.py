@@ -175,7 +175,7 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
         changed = {k: xr.DataTree(with_scale_error(own, relative_error)) for k, own in named.items()}
         return result.assign(changed)
     degrees = [signal_powers(force) for force in schema.library_of(result)]
-    powers = np.array([0.0 if degree is None else degree.coefficient for degree in degrees])
+    powers = np.array([0.0 if degree is None else degree[""] for degree in degrees])
     known = result.standard_error.values > 0.0
     by_scale = np.where(known, powers * result.coefficient.values, 0.0) * relative_error
     covariance = result.covariance + np.outer(by_scale, by_scale)

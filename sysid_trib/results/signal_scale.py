@@ -152,11 +152,8 @@ class _SignalScale:
 
     def _power_of(self, name: str) -> float:
         """Power of the signal in a coefficient, or in a shape parameter as `dahl.s`."""
-        symbol, dot, shape = name.partition(".")
-        degree = self.degrees.get(symbol)
-        if degree is None:
-            return 0.0
-        return degree.shapes.get(shape, 0.0) if dot else degree.coefficient
+        symbol, _, shape = name.partition(".")
+        return self.degrees.get(symbol, {}).get(shape, 0.0)
 
     def _unit(self, symbol: str, unit: str, inside: bool) -> str:
         """Unit of a coefficient: a power of the signal's, and of s where it drifts."""

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.backbone import backbone_curves, backbone_dataset
+from sysid_trib.cycles.backbone import smoothed_backbone
 from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import DecayError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
@@ -214,9 +214,9 @@ def _backbones(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) ->
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
         with suppress(DecayError):
-            curves = backbone_curves(run)
-            groups[of_record] = backbone_dataset(run, curves)
-            groups[of_models] = lack_of_fit(run, results, curves)
+            backbone = smoothed_backbone(run)
+            groups[of_record] = backbone[0]
+            groups[of_models] = lack_of_fit(run, results, backbone)
     return groups
 
 

@@ -9,7 +9,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import binned_statistic, binned_statistic_2d
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.cycles.backbone import CURVES, BackboneCurves, CurveRows, backbone_curves, period_rows
+from sysid_trib.cycles import backbone as bands
 from sysid_trib.errors import SysidTribError
 from sysid_trib.records import equilibrium, half_sines
 from sysid_trib.records.signal import unit_of_signal
@@ -26,14 +26,14 @@ SHORT = {"frequency": "frequency", "damping_ratio": "damping"}
 
 
 def lack_of_fit(
-    decay: xr.Dataset, results: Mapping[str, xr.Dataset], curves: BackboneCurves | None = None
+    decay: xr.Dataset, results: Mapping[str, xr.Dataset], curves: bands.Smoothed | None = None
 ) -> xr.Dataset:
     """Models' frequency and damping ratio against the backbone of a record.
 
     Parameters
     ----------
     decay : Dataset
-        ``angle(time)`` of one run, `curves` its `backbone_curves`, if there are.
+        ``angle(time)`` of one run, `curves` its `smoothed_backbone`, if there is one.
     results : mapping of str to Dataset
         Identifications by name.
 
@@ -54,16 +54,16 @@ def lack_of_fit(
     The models' motions from a release go through the same half-sines and the same smoothing at the record's
     own amplitudes: what these do to a curve they do to both.
     """
-    backbone = curves or backbone_curves(decay)
+    backbone, weights = curves or bands.smoothed_backbone(decay)
     rows = {name: _model_rows(decay, result, backbone) for name, result in results.items()}
-    both = {name: _against(backbone, of_model) for name, of_model in rows.items()}
+    both = {name: _against(backbone, weights, of_model) for name, of_model in rows.items()}
     variables: Variables = {}
-    for name, (long_name, units) in CURVES.items():
+    for name, (long_name, units) in bands.CURVES.items():
         values = np.array([pair[name] for pair in both.values()]).reshape(len(both), 2, -1)
         text = f"{long_name} of the model minus that of the record, in half widths of its 95 % band"
         variables[name] = variable(("model", "amplitude"), values[:, 0], f"{long_name} of the model", units)
         variables[f"{name}_deviation"] = variable(("model", "amplitude"), values[:, 1], text, "1")
-    amplitude = variable("amplitude", np.exp(backbone.log_amplitude), "amplitude", unit_of_signal(decay))
+    amplitude = variable("amplitude", backbone.amplitude.values, "amplitude", unit_of_signal(decay))
     return xr.Dataset(variables, {"model": list(both), "amplitude": amplitude})
 
 
@@ -75,7 +75,7 @@ Departure: TypeAlias = tuple[str, float, tuple[float, float]]
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:
     """Ranges of amplitude in which a model of `lack_of_fit` leaves the bands, the farthest first."""
     amplitude, those = lack.amplitude.values, []
-    for name in CURVES:
+    for name in bands.CURVES:
         deviation = lack[f"{name}_deviation"].sel(model=model).values
         # Where the model has stopped, it has left.
         outside = ~(np.abs(deviation) <= 1.0)
@@ -108,31 +108,35 @@ def _between(low: float, high: float, unit: str) -> str:
 
 
 def _against(
-    backbone: BackboneCurves, model: tuple[Array, Array, Array] | None
+    backbone: xr.Dataset, weights: Mapping[str, Array], model: tuple[Array, Array, Array] | None
 ) -> dict[str, tuple[Array, Array]]:
     """Each curve of a model, smoothed as the record's, and its deviation in half widths of the band."""
-    nothing = np.full(len(backbone.log_amplitude), np.nan)
+    log_amplitude = np.log(backbone.amplitude.values)
+    nothing = np.full(len(log_amplitude), np.nan)
     if model is None:
-        return dict.fromkeys(CURVES, (nothing, nothing))
+        return dict.fromkeys(bands.CURVES, (nothing, nothing))
     against = {}
-    for name, of_model in zip(CURVES, model[1:], strict=True):
-        curve, u = backbone.by_name[name], backbone.row_log_amplitude
+    for name, of_model in zip(bands.CURVES, model[1:], strict=True):
+        curve, u = backbone[name].values, np.log(backbone.period_amplitude.values)
         there = PchipInterpolator(model[0], of_model, extrapolate=False)(u)
-        difference = there - backbone.rows[name][0]
-        smoothed = curve.weights @ np.where(np.isfinite(difference), difference, 0.0)
-        reached = (backbone.log_amplitude >= model[0][0]) & (backbone.log_amplitude <= model[0][-1])
-        deviation = np.where(reached, smoothed / (curve.factor * curve.standard_error), np.nan)
-        against[name] = (curve.mean + np.where(reached, smoothed, np.nan), deviation)
+        difference = there - backbone[f"period_{name}"].values
+        smoothed = weights[name] @ np.where(np.isfinite(difference), difference, 0.0)
+        reached = (log_amplitude >= model[0][0]) & (log_amplitude <= model[0][-1])
+        # Both go through the same averages: what these leave open is the same of both.
+        half = bands.half_width(backbone, name) - bands.left_open(name, curve, backbone.damping_ratio.values)
+        smoothed = np.where(reached, smoothed, np.nan)
+        against[name] = curve + smoothed, smoothed / half
     return against
 
 
 def _model_rows(
-    decay: xr.Dataset, result: xr.Dataset, backbone: BackboneCurves
+    decay: xr.Dataset, result: xr.Dataset, backbone: xr.Dataset
 ) -> tuple[Array, Array, Array] | None:
     """Log amplitudes of a model's motion, increasing, with frequency and damping ratio; None without one."""
-    top, low = float(backbone.row_log_amplitude.max()), float(backbone.row_log_amplitude.min())
+    amplitude = backbone.period_amplitude
+    top, low = float(np.log(amplitude.max())), float(np.log(amplitude.min()))
     # A model is released so many half periods above the record: its first ones are left out.
-    above = 4.0 * np.pi * max(0.0, float(backbone.by_name["damping_ratio"].mean[-1]))
+    above = 4.0 * np.pi * max(0.0, float(backbone.damping_ratio[-1]))
     largest = float(np.abs(decay.angle.values).max())
     # A model that damps less takes longer to the record's last amplitude: up to so many times its length.
     for times in (1.0, 3.0):
@@ -149,7 +153,7 @@ def _model_rows(
 @in_units_of_the_motion
 def _motion_rows(
     decay: xr.Dataset, result: xr.Dataset, release: float, times: float
-) -> tuple[Array, dict[str, CurveRows]]:
+) -> tuple[Array, dict[str, bands.CurveRows]]:
     """Periods of the motion from a release; amplitudes in parts of the record's largest signal."""
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
@@ -157,7 +161,7 @@ def _motion_rows(
     motion = trajectory(model_of(result), grid, release * largest, 0.0, most_steps=FEW_STEPS_A_PERIOD)
     stop = grid <= motion.stop_time if np.isfinite(motion.stop_time) else np.full(len(grid), True)
     simulated = xr.Dataset({"angle": ("time", motion.angle[stop] / largest)}, {"time": grid[stop]})
-    return period_rows(half_sines.envelope(simulated))
+    return bands.period_rows(half_sines.envelope(simulated))
 
 
 # Cells each way, drawings of noise for the errors, and a seed for them.

@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.averaged_motion import DescribingFunctions, crossings, excess, picked, sweeps
+from sysid_trib.cycles import averaged_motion as steady
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary
@@ -111,21 +111,21 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     ratio = w / model.reference_frequency
     by_force = _forcings(model, name, ratio) if name else np.zeros((len(c), len(w)), complex)
     at_rest = np.zeros(len(w)) if name else ratio**2 if base else np.ones(len(w))
-    functions = DescribingFunctions(model.forces, model.shapes, ratio)
+    described_at = steady.describing_functions(model.forces, model.shapes, ratio)
     drive = size * (c @ by_force + at_rest)
-    amplitudes = functions.grid(c, np.abs(drive))
-    at_frequency, *motions, stable, by_lines = functions.balances(c, drive, amplitudes)
-    chosen = sweeps(len(w), at_frequency, motions[0], stable)
-    amplitude, phase, by_lines = (picked(values, chosen) for values in (*motions, by_lines))
+    amplitudes = steady.balance_grid(described_at, c, ratio, np.abs(drive))
+    at_frequency, *motions, stable, by_lines = steady.balances(described_at, c, ratio, drive, amplitudes)
+    chosen = steady.sweeps(len(w), at_frequency, motions[0], stable)
+    amplitude, phase, by_lines = (steady.picked(values, chosen) for values in (*motions, by_lines))
     drawn = _drawn(result, model, seed)
-    sums, curves = functions.over(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
+    sums, curves = described_at(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
     for at, (reference, coefficients) in enumerate(drawn):
         other = w / reference
         forcing = size * (coefficients @ by_force + (at_rest if not base or name else other**2))
-        surplus = excess(sums, coefficients, other, forcing, amplitudes)
-        row, there = crossings(surplus, amplitudes)
+        surplus = steady.excess(sums, coefficients, other, forcing, amplitudes)
+        row, there = steady.crossings(surplus, amplitudes)
         rises = surplus[row, np.searchsorted(amplitudes, there) - 1] < 0.0
-        curves[at] = picked(there, sweeps(len(w), row, there, rises))
+        curves[at] = steady.picked(there, steady.sweeps(len(w), row, there, rises))
     checks = _checks(model, w, drive, amplitude, phase)
     there = np.abs(checks[2] / checks[1] - 1.0)
     # A simulated motion that is farther off, as a part of itself, has left its branch.
@@ -223,9 +223,10 @@ def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array
 def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, float]) -> float:
     """Amplitude of the first harmonic to which a motion settles that begins as a steady one; nan of none."""
     amplitude, phase = motion
-    functions = DescribingFunctions(model.forces, model.shapes, np.array([w / model.reference_frequency]))
+    ratio = np.array([w / model.reference_frequency])
+    described_at = steady.describing_functions(model.forces, model.shapes, ratio)
     c = np.array([model.coefficients[force.symbol] for force in model.forces])
-    sine = c @ functions.at(np.zeros(1, int), np.array([amplitude]))[:, 0, 0]
+    sine = c @ described_at(np.array([amplitude]), np.zeros(1, int))[:, 0, 0]
     forgets = max(-float(sine) / amplitude, 1e-9)
     periods = int(np.clip(-np.log(TRANSIENT_PART) / (np.pi * forgets), SHORTEST_PERIODS, LONGEST_PERIODS))
     step = 2.0 * np.pi / w / SAMPLES_A_PERIOD
