@@ -263,14 +263,13 @@ def test_a_force_is_the_same_with_another_reference_frequency(symbol):
     library, powers = replace(BOTH, forces=(BOTH["alpha"], force)), reference_powers(force)
     defaults = {f"{symbol}.{name}": shape.default for name, shape in force.shape.items()}
     scaled = {
-        f"{symbol}.{name}": shape.default * factor ** powers[name]
-        for name, shape in force.shape.items()
+        f"{symbol}.{name}": shape.default * factor ** powers[name] for name, shape in force.shape.items()
     }
     c, time = 2e-3, np.linspace(0.0, 6.0, 400)
     here = Model(library, {"alpha": 0.0, symbol: c}, W, defaults)
     there = Model(
         library,
-        {"alpha": factor**-2 - 1.0, symbol: c * factor**powers[""]},
+        {"alpha": factor**-2 - 1.0, symbol: c * factor ** powers[""]},
         factor * W,
         scaled,
     )

@@ -13,8 +13,7 @@ from hypothesis import given, strategies as st
 
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import probe
-from sysid_trib.records.as_angle import scale_translation
-from sysid_trib.records.read import read_record
+from sysid_trib.records.read import read_record, scale_translation
 
 TIME = np.round(np.arange(0.0, 3.0, 0.01), 3)
 ANGLE = np.round(0.3 * np.exp(-0.1 * TIME) * np.cos(9.91 * TIME), 6)

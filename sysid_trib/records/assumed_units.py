@@ -1,4 +1,6 @@
-"""Units that a file does not state: what its numbers and names let one assume, with the evidence."""
+"""Units of times and signals: as the user or the file says, else what numbers and names let one assume."""
+
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -11,6 +13,7 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.free_decay import free_decay
 from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import FileTable
 
 
@@ -106,7 +109,69 @@ def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
         )
 
 
-def assumed_unit(
+def unit_of(
+    table: FileTable, column: Column, how: Reading, time: Array, values: Array
+) -> tuple[lab.SignalUnit, str]:
+    """Unit of a signal without bad samples, and why that one where neither user nor file says it.
+
+    Raises
+    ------
+    UsageError
+        The header says another unit, or another quantity, than the user.
+    RecordError
+        An amplitude that no oscillation has in this unit.
+    """
+    stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes))
+    header = f"{table.source}: the header of column {column.name} says {stated.text if stated else ''}"
+    given = lab.signal_unit(how.units or "")
+    if given and how.signal and given.quantity in lab.POSITIONS:
+        # "deg" of a rate is deg/s.
+        given = replace(given, quantity=how.signal)
+    if given and stated and stated.known and not _agree(stated, given):
+        known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
+        raise UsageError(
+            f"{header}, but --units says {how.units} (units= in Python){known}; leave the option out or "
+            "correct the header."
+        )
+    if given and not given.known and given.quantity == "angle":
+        # In whatever it is, no coefficient would have its size.
+        raise UsageError(
+            f"{table.source}: --units '{how.units}' (units= in Python) is no unit of an angle that is known; "
+            f"give {lab.OFFERED_ANGLES}."
+        )
+    unit, why = given or stated, ""
+    if unit is None:
+        meant = how.quantity or lab.names_quantity(column.base) or how.usual
+        unit, why = _assumed_unit(table, column, time, values, meant)
+    if how.quantity not in (None, unit.quantity):
+        if unit.quantity in lab.POSITIONS and (times := lab.INTEGRATIONS[how.quantity]):
+            unit = replace(unit, text=f"{unit.text}{'/s' if times == 1 else '/s^2'}", quantity=how.quantity)
+        elif stated is not None and stated.known:
+            article = "an" if stated.quantity[0] == "a" else "a"
+            raise UsageError(
+                f"{header}: {article} {stated.quantity}; but --signal says {how.signal} (signal= in Python); "
+                "leave the option out."
+            )
+    if not unit.known:
+        known = f"none of those that are known ({lab.OFFERED_UNITS})"
+        why = f"unit {unit.text} is {known}: coefficients are in it"
+    # Two whole turns to either side are more than an oscillation.
+    swing = 0.5 * float(np.ptp(values)) * unit.factor
+    if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
+        raise RecordError(
+            f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much for an "
+            "oscillation; if it is in degrees say so with --units deg (units= in Python), if it is no angle "
+            "name its unit."
+        )
+    return unit, why
+
+
+def _agree(stated: lab.SignalUnit, given: lab.SignalUnit) -> bool:
+    alike = stated.quantity == given.quantity or lab.plain_unit(stated.text) == lab.plain_unit(given.text)
+    return alike and stated.position == given.position and bool(np.isclose(stated.factor, given.factor))
+
+
+def _assumed_unit(
     table: FileTable, signal: Column, time: Array, values: Array, meant: str | None
 ) -> tuple[lab.SignalUnit, str]:
     """Unit of a signal that nothing states, and the evidence for it.

@@ -8,9 +8,9 @@ from typing import TypeAlias
 import numpy as np
 import pandas as pd
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import units as lab
-from sysid_trib.records.as_angle import are_axes, in_phase, is_magnitude
 from sysid_trib.records.cleaning import unwrapped
 from sysid_trib.records.clock import read_clock
 from sysid_trib.records.column import Column
@@ -142,7 +142,7 @@ def _swing_of(column: Column, time: Column | None) -> tuple[Swing | None, str] |
 def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, str]:
     """The one column that can be meant, and why."""
     moving = [c for c in swings if c.amplitude > 0.0] or [*swings]
-    moving = [c for c in moving if not is_magnitude(c.values)] or moving
+    moving = [c for c in moving if not _is_magnitude(c.values)] or moving
     pool = [c for c in moving if swings[c][0]] or moving
     if signal is not None:
         pool = [c for c in pool if c.quantity == signal] or pool
@@ -187,7 +187,7 @@ def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> No
     """Ask which one is the signal where a column of the same kind that is no clean decay is far larger."""
     for other in moving:
         swing, reason = swings[other]
-        alike = other.unit_text == swinging.unit_text != "" or are_axes(other.base, swinging.base)
+        alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)
         # What is so many times as large as the column that swings is no noise of it, and is asked about.
         if alike and swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
@@ -203,7 +203,7 @@ def _without_smaller_axes(pool: list[Column]) -> list[Column]:
     return [
         c
         for c in pool
-        if c is largest or not (are_axes(c.base, largest.base) and in_phase(c.values, largest.values))
+        if c is largest or not (_are_axes(c.base, largest.base) and _in_phase(c.values, largest.values))
     ]
 
 
@@ -214,7 +214,7 @@ def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
     kept: list[Column] = []
     for column in ranked:
         # Two columns are one signal twice.
-        alike = any(in_phase(column.values, other.values, 0.9999) for other in kept)
+        alike = any(_in_phase(column.values, other.values, 0.9999) for other in kept)
         doubled = any(abs(periods[other] / periods[column] - 2.0) < 0.1 for other in pool)
         if (
             not alike
@@ -246,3 +246,32 @@ def _listed(pool: list[Column], swings: Swings) -> str:
         period = f", period {swing.oscillation.period:.4g}" if swing else ""
         texts.append(f"{column.name} ({low:.4g} to {high:.4g}{period})")
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
+
+
+_AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<=acc)[xyz]$|(?<=gyro)[xyz]$")
+
+
+def _are_axes(first: str, second: str) -> bool:
+    """True if two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
+    plain = [_AXIS.sub("", name) for name in (first, second)]
+    return first != second and plain[0] == plain[1] and first not in plain and second not in plain
+
+
+def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
+    """True if two columns are one motion, of either sign, but for their noise: by their correlation."""
+    if first.size != second.size:
+        return False
+    good = np.isfinite(first) & np.isfinite(second)
+    x, y = first[good], second[good]
+    return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > least)
+
+
+def _is_magnitude(values: Array) -> bool:
+    """True if a column is never negative but near zero to the end: a magnitude, not a signal with a sign."""
+    good = values[np.isfinite(values)]
+    if good.size < 2 or good.min() < 0.0:
+        return False
+    parts = [part for part in np.array_split(good, 4) if part.size]
+    # Of its range: a magnitude comes back to zero as near as this in every swing.
+    allowed = 0.05 * max(float(part.max()) for part in parts)
+    return all(part.min() < allowed for part in parts)

@@ -12,12 +12,11 @@ from scipy.optimize import curve_fit
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks
-from sysid_trib.records.as_angle import integrated
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.half_periods import noise_level
 from sysid_trib.records.half_sines import with_standard_error
 from sysid_trib.records.inputs import refuse_inputs
-from sysid_trib.records.signal import Piece, checked_signal, unit_of_signal
+from sysid_trib.records.signal import Piece, as_position, checked_signal, unit_of_signal
 
 
 def free_part(swing: Swing) -> Swing:
@@ -134,10 +133,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
         at = {"measured_time": ("measured_time", time, {"units": "s", "long_name": "time"})}
         variables = {"measured": xr.DataArray(signal, at, "measured_time", attrs=own_attrs)}
         period = swing.oscillation.period
-        for _ in range(int(record.attrs["integrations"])):
-            signal = integrated(time, signal, period)
-        if "felt_per_sine" in record.attrs:
-            signal = np.arcsin(np.clip(signal / float(record.attrs["felt_per_sine"]), -1.0, 1.0))
+        signal = as_position(time, signal, period, record.attrs)
         # Samples of a period that are kept of an integrated signal: integration leaves next to no noise above
         # them.
         every = max(1, int(period / 32 * (time.size - 1) / (time[-1] - time[0])))

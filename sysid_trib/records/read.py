@@ -12,79 +12,15 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records import units as lab
-from sysid_trib.records.as_angle import as_felt, as_position
-from sysid_trib.records.assumed_units import assumed_unit
+from sysid_trib.records.assumed_units import unit_of
 from sysid_trib.records.cleaning import spikes, unwrapped
-from sysid_trib.records.column import Column
 from sysid_trib.records.columns import Chosen, choose_columns
-from sysid_trib.records.inputs import named_inputs
+from sysid_trib.records.equilibrium import Swing, find_swing
+from sysid_trib.records.inputs import PER_KIND, named_inputs
 from sysid_trib.records.reading import Reading, is_expression, with_expression
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
+from sysid_trib.records.signal import as_position
 from sysid_trib.records.tables import FileTable, read_table
-
-POSITIONS = ("angle", "displacement")
-
-
-def _unit_of(
-    table: FileTable, column: Column, how: Reading, time: Array, values: Array
-) -> tuple[lab.SignalUnit, str]:
-    """Unit of a signal without bad samples, and why that one where neither user nor file says it.
-
-    Raises
-    ------
-    UsageError
-        The header says another unit, or another quantity, than the user.
-    RecordError
-        An amplitude that no oscillation has in this unit.
-    """
-    stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes))
-    header = f"{table.source}: the header of column {column.name} says {stated.text if stated else ''}"
-    given = lab.signal_unit(how.units or "")
-    if given and how.signal and given.quantity in POSITIONS:
-        # "deg" of a rate is deg/s.
-        given = replace(given, quantity=how.signal)
-    if given and stated and stated.known and not _agree(stated, given):
-        known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
-        raise UsageError(
-            f"{header}, but --units says {how.units} (units= in Python){known}; leave the option out or "
-            "correct the header."
-        )
-    if given and not given.known and given.quantity == "angle":
-        # In whatever it is, no coefficient would have its size.
-        raise UsageError(
-            f"{table.source}: --units '{how.units}' (units= in Python) is no unit of an angle that is known; "
-            f"give {lab.OFFERED_ANGLES}."
-        )
-    unit, why = given or stated, ""
-    if unit is None:
-        meant = how.quantity or lab.names_quantity(column.base) or how.usual
-        unit, why = assumed_unit(table, column, time, values, meant)
-    if how.quantity not in (None, unit.quantity):
-        if unit.quantity in POSITIONS and (times := lab.INTEGRATIONS[how.quantity]):
-            unit = replace(unit, text=f"{unit.text}{'/s' if times == 1 else '/s^2'}", quantity=how.quantity)
-        elif stated is not None and stated.known:
-            article = "an" if stated.quantity[0] == "a" else "a"
-            raise UsageError(
-                f"{header}: {article} {stated.quantity}; but --signal says {how.signal} (signal= in Python); "
-                "leave the option out."
-            )
-    if not unit.known:
-        known = f"none of those that are known ({lab.OFFERED_UNITS})"
-        why = f"unit {unit.text} is {known}: coefficients are in it"
-    # Two whole turns to either side are more than an oscillation.
-    swing = 0.5 * float(np.ptp(values)) * unit.factor
-    if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
-        raise RecordError(
-            f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much for an "
-            "oscillation; if it is in degrees say so with --units deg (units= in Python), if it is no angle "
-            "name its unit."
-        )
-    return unit, why
-
-
-def _agree(stated: lab.SignalUnit, given: lab.SignalUnit) -> bool:
-    alike = stated.quantity == given.quantity or lab.plain_unit(stated.text) == lab.plain_unit(given.text)
-    return alike and stated.position == given.position and bool(np.isclose(stated.factor, given.factor))
 
 
 def read_record(
@@ -224,9 +160,9 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
         raise RecordError(f"{table.source}: a single sample is not a record.")
     # A bad sample says nothing of the unit.
     calm = np.delete(np.arange(values.size), spikes(time, values))
-    unit, why = _unit_of(table, column, how, time[calm], values[calm])
+    unit, why = unit_of(table, column, how, time[calm], values[calm])
     values = values * unit.factor
-    if unit.quantity in POSITIONS:
+    if unit.quantity in lab.POSITIONS:
         is_angle = unit.quantity == "angle"
         values, turn, cuts = unwrapped(values, 2.0 * np.pi if is_angle else None)
         at_end = f"the end of its range ({cuts} times, {turn:.6g} {unit.text})"
@@ -244,8 +180,96 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
     }
     if breaks:
         attrs["breaks"] = list(breaks)
-    if how.signal == lab.ACCELEROMETER:
-        record = as_felt(time, values, attrs, float(how.distance or 0.0))
-    else:
-        record = as_position(time, values, unit, attrs, how.length)
-    return with_inputs(record, table, rows, how)
+    return with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+
+
+def _as_record(
+    time: Array, values: Array, unit: lab.SignalUnit, attrs: Mapping[str, Any], how: Reading
+) -> xr.Dataset:
+    """The record of a signal: `angle(time)`, and what was measured if that is another quantity.
+
+    A rate is integrated once, an acceleration twice, without the drift of a bias. An accelerometer on a
+    pendulum feels g sin(x) + r x'' along its path; without friction x'' = -w^2 sin(x), so that to first order
+    the angle is the arcsine of what it feels over g - r w^2.
+    """
+    position, scale = unit.position, 1.0
+    time_axis = ("time", time, {"units": "s", "long_name": "time"})
+    record = xr.Dataset(coords={"time": time_axis}, attrs=attrs)
+    if how.distance is None and how.length is not None and position in lab.METRES:
+        position, scale = "rad", lab.METRES[position] / how.length
+        record.attrs["length"] = how.length
+    if times := lab.INTEGRATIONS[unit.quantity]:
+        swing, quantity = find_swing(time, values), unit.quantity
+        bias = float(np.median(values)) if swing is None else swing.equilibrium
+        period = float(np.ptp(time)) if swing is None else swing.oscillation.period
+        said = f"integrated {'once' if times == 1 else 'twice'}, without the drift of its bias"
+        made = {f"{quantity}_bias": bias, "integrations": times}
+        made["integration"] = f"{said} (splines, knots two periods apart)"
+        measured = {"units": position + PER_KIND[quantity], "long_name": f"{quantity} as measured"}
+        if how.distance is not None:
+            made = _felt(str(attrs["source"]), swing, how.distance)
+            quantity = record.attrs["signal"] = lab.ACCELEROMETER
+            measured, position = {"units": "m/s^2", "long_name": "acceleration that was felt"}, "rad"
+        record[quantity] = ("time", values * scale, measured)
+        record.attrs |= {"measured": quantity, **made}
+        values = as_position(time, values - bias, period, made)
+    name = "angle" if position == "rad" else "displacement"
+    record["angle"] = ("time", values * scale, {"units": position, "long_name": name})
+    return record
+
+
+def _felt(source: str, swing: Swing | None, distance: float) -> dict[str, Any]:
+    """What an accelerometer at a distance (m) from the axis feels, by the sine of the angle."""
+    if swing is None:
+        raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")
+    felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
+    # An accelerometer that feels less of gravity than this part shows no angle.
+    if felt < 0.02 * lab.STANDARD_GRAVITY:
+        raise RecordError(
+            f"{source}: at {distance:g} m from the axis an accelerometer feels next to nothing of this swing "
+            f"along its path ({felt:.3g} m/s^2 of 9.81): correct --distance, or choose another axis."
+        )
+    made = "its angle by the arcsine, as if there were no friction"
+    return {"integrations": 0, "distance": distance, "felt_per_sine": felt, "integration": made}
+
+
+def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float, load: float) -> xr.Dataset:
+    """Turn the position of a translational tribometer into the dimensionless angle of the theory.
+
+    Parameters
+    ----------
+    record : Dataset
+        `angle(time)` in a unit of length.
+    mass : float, kg
+        m.
+    natural_frequency : float, rad/s
+        w0.
+    load : float, N
+        P.
+
+    Returns
+    -------
+    Dataset
+        `angle(time)` = m w0^2 x / P; a friction force T then acts as f = -T/P (Le Bot et al. 2019, Sec. 2).
+
+    Raises
+    ------
+    UsageError
+        The record is not a position in a unit of length, or a value is not positive.
+    """
+    source = record.attrs.get("source", "record")
+    unit = str(record["angle"].attrs.get("units"))
+    if unit not in lab.METRES:
+        raise UsageError(f"{source}: only a position can be scaled; read the record with units=m (or mm).")
+    for name, value in (("mass", mass), ("natural frequency", natural_frequency), ("load", load)):
+        if not (np.isfinite(value) and value > 0):
+            raise UsageError(f"{name} of {value}: give a positive number.")
+    factor = lab.METRES[unit] * mass * natural_frequency**2 / load
+    scaled = record.copy()
+    scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
+    scaled.attrs = record.attrs | {
+        "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, "
+        f"P = {load:g} N",
+        "translation_factor": factor,
+    }
+    return scaled

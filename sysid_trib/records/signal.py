@@ -1,11 +1,13 @@
-"""What every function of a record asks of it: `angle(time)`, and pieces without gaps on a uniform clock."""
+"""What every function of a record asks of it: `angle(time)`, integrated or not, in pieces without gaps."""
 
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
+import scipy.sparse as sp
 import xarray as xr
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
@@ -212,3 +214,69 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
     jitters = not is_uniform(np.cumsum(steps[steps <= PARTED_STEP * usual]))
     said = [text for text, is_so in ((uneven, jitters or not filled), (gaps, filled > 0)) if is_so]
     return grid, value, " and ".join(said)
+
+
+DRIFT_DEGREE = 3
+
+
+def integrated(time: Array, signal: Array, period: float) -> Array:
+    """Integral of an oscillation over time, about its slow mean.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Rising.
+    signal : (sample,) array of float
+    period : float, s
+        Of the oscillation.
+
+    Returns
+    -------
+    (sample,) array of float
+        In the signal's unit times s.
+
+    Notes
+    -----
+    The antiderivative of the quintic spline through the samples, less its drift: the slow part of the least
+    squares fit of splines (knots two periods apart) times 1, cos and sin. Without the waves the ends of the
+    swing would pass for drift.
+    """
+    spline = (
+        make_interp_spline(time, signal - np.median(signal), 5)
+        if time.size > 6
+        else CubicSpline(time, signal)
+    )
+    whole = np.asarray(spline.antiderivative()(time), dtype=float)
+    return whole - _drift(time, whole, period)
+
+
+def _drift(time: Array, signal: Array, period: float) -> Array:
+    # Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias
+    # drifts.
+    spans = int((time[-1] - time[0]) / (2.0 * period))
+    slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
+    phase = 2.0 * np.pi * (time - time[0]) / period
+    design = sp.hstack([slow, *(sp.diags_array(wave(phase)) @ slow for wave in (np.cos, np.sin))]).tocsr()
+    # Normal equations: a few hundred unknowns of many thousand samples.
+    normal = (design.T @ design).toarray()
+    solution = np.linalg.lstsq(normal, design.T @ signal, rcond=1e-12)[0]
+    return np.asarray(slow @ solution[: slow.shape[1]])
+
+
+def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:
+    """Angle or displacement of what was measured about its mean, as the attrs of its record say it.
+
+    Parameters
+    ----------
+    time, measured : (sample,) array of float
+    period : float, s
+        Of the oscillation.
+    attrs : mapping
+        `integrations`, how often it is integrated; `felt_per_sine` of an accelerometer on a pendulum, which
+        feels so much times the sine of the angle.
+    """
+    for _ in range(int(attrs["integrations"])):
+        measured = integrated(time, measured, period)
+    if "felt_per_sine" in attrs:
+        return np.asarray(np.arcsin(np.clip(measured / float(attrs["felt_per_sine"]), -1.0, 1.0)))
+    return measured

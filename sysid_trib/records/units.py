@@ -32,6 +32,7 @@ INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 # What an accelerometer on a pendulum feels is no derivative of its angle.
 ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
+POSITIONS = ("angle", "displacement")
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
 OFFERED_TIME_UNITS = "s, ms, us, ns, min, h or d"
 OFFERED_ANGLES = ", ".join(LAB_WORDS["angles"])
