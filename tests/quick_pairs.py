@@ -8,17 +8,17 @@ the sum of the covariances that both methods state.
 import numpy as np
 
 from sysid_trib.results.references import stated_covariance
-from sysid_trib.validation import cross_check as cross_check_statistics
-from sysid_trib.validation.simulated_pairs import Scatter, scatter
+from sysid_trib.validation import simulated_pairs
+
+SCATTER = simulated_pairs.scatter
 
 
-def stated_scatter(runs, results, truth, kept, *, draws, seed, tell=None):
+def stated_scatter(results, truth, kept, *, draws, seed, tell=None):
     """In the place of `scatter`: nothing is simulated."""
     covariance = sum(stated_covariance(result, kept) for result in results)
-    return Scatter(np.zeros(len(covariance)), covariance, draws)
+    return np.zeros(len(covariance)), covariance, draws, False
 
 
 def choose(item):
     """Take the scatter that a test wants."""
-    simulated = item.get_closest_marker("simulated_pairs") is not None
-    cross_check_statistics.scatter = scatter if simulated else stated_scatter
+    simulated_pairs.scatter = SCATTER if item.get_closest_marker("simulated_pairs") else stated_scatter

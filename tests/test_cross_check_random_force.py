@@ -8,7 +8,8 @@ import sysid_trib as st
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.verdict import runs_json, runs_sentences
-from sysid_trib.validation.holdout import PERIODS_PER_STRETCH, compared_part
+from sysid_trib.validation.residuals import FollowedRuns
+from sysid_trib.validation.simulated_pairs import PERIODS_PER_STRETCH, compared_part
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces").select(["zeta", "delta"])
@@ -90,10 +91,10 @@ def test_a_long_record_is_compared_on_stretches():
     assert any(
         "compared on stretches of 14.2 s" in text for text in sentences_of(identification_blocks(tree))
     )
-    runs, results, _ = compared_part([record], pair)
-    assert [len(run.time) for run in runs] == pytest.approx([800] * 3, abs=1)
-    assert runs[-1].time[-1] == record.time[-1]
-    found, other = (result.coefficient.values for result in results)
+    parts, _ = compared_part([FollowedRuns({0: record}, result) for result in pair])
+    assert [len(run.time) for run in parts[0].runs.values()] == pytest.approx([800] * 3, abs=1)
+    assert parts[0].runs[2].time[-1] == record.time[-1]
+    found, other = (part.result.coefficient.values for part in parts)
     assert compared.difference.values[:-1] == pytest.approx(found - other, rel=1e-2)
     # What is left of the record is judged on all of it.
     assert tree["record"].sizes["time"] == record.sizes["time"]

@@ -20,12 +20,13 @@ from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.start_model import default_shapes, path_like
 from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
-from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_frequency
-from sysid_trib.validation.holdout import first_held_out, stretches, up_to_held_out
+from sysid_trib.validation.holdout import first_held_out, up_to_held_out
 from sysid_trib.validation.random_force_test import dependence_on_motion
+from sysid_trib.validation.residuals import FollowedRuns
+from sysid_trib.validation.simulated_pairs import stretches
 
 # Mean logarithm of the predictive density of the rows of each period of all parts, given those before; and
 # the RMS residual (rad) of the free motion, its start and the sensor's zero fitted.

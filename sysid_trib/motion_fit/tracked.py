@@ -1,13 +1,12 @@
 """A record followed by the motion of a model that is given: only its start and the sensor's zero adapt."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import DecayError, SysidTribError
+from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.colour import of_order
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
@@ -80,54 +79,6 @@ class TrackedRecord:
         """
         per_tau = RandomForce(density).per_tau(self.model.reference_frequency)
         return self if per_tau == self.per_tau else _settled(replace(self, per_tau=per_tau))
-
-
-@dataclass(frozen=True)
-class FollowedRuns:
-    """Runs and a result, each run followed once by the result's model: when it is first asked for.
-
-    Attributes
-    ----------
-    runs : mapping of int to Dataset
-        `angle(time)`, by their place among the result's runs.
-    result : Dataset
-        An identification.
-    """
-
-    runs: Mapping[int, xr.Dataset]
-    result: xr.Dataset
-    _outcomes: dict[int, TrackedRecord | SysidTribError] = field(default_factory=dict)
-    _tests: dict[str, xr.Dataset] = field(default_factory=dict)
-
-    def with_result(self, result: xr.Dataset) -> "FollowedRuns":
-        """The tracked record for a result of the same model whose errors are others."""
-        return replace(self, result=result)
-
-    def tested(self, name: str, test: "Callable[[FollowedRuns], xr.Dataset]") -> xr.Dataset:
-        """What a test of all runs says, made once."""
-        if name not in self._tests:
-            self._tests[name] = test(self)
-        return self._tests[name].copy(deep=True)
-
-    def tracked(self, run: int) -> TrackedRecord:
-        """A run as `track` follows it.
-
-        Raises
-        ------
-        DecayError
-            The motion does not settle on the record.
-        SimulationError
-            The motion between two samples cannot be computed.
-        """
-        if run not in self._outcomes:
-            try:
-                self._outcomes[run] = track(self.runs[run], self.result, run)
-            except SysidTribError as error:
-                self._outcomes[run] = error
-        outcome = self._outcomes[run]
-        if isinstance(outcome, SysidTribError):
-            raise outcome
-        return outcome
 
 
 def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -> TrackedRecord:

@@ -13,12 +13,11 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.random_force import RandomForceOption, random_force_of
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
-from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.validation import holdout, model_error
-from sysid_trib.validation.residuals import residuals
+from sysid_trib.validation import model_error
+from sysid_trib.validation.residuals import FollowedRuns, residuals
 from sysid_trib.validation.verdict import is_found, is_random
 
 # Significance level of a residual that is not white noise.
@@ -157,8 +156,7 @@ def with_noise(method: Method, option: RandomForceOption) -> Method:
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
-    motions = holdout.fitted_motions([*followed.runs.values()], (followed.result,))
-    whole = residuals({"": followed}, motions, followed.result)
+    whole = residuals({"": followed}, followed.result)
     return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
 
 

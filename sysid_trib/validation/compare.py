@@ -19,9 +19,9 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation import answer, comparison_table, cross_check, findings, verdict
+from sysid_trib.validation import answer, cross_check, findings, verdict
 from sysid_trib.validation.driven import is_driven
-from sysid_trib.validation.holdout import in_all_runs, split, up_to_held_out
+from sysid_trib.validation.holdout import Trial, in_all_runs, method_table, split, up_to_held_out
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -150,7 +150,7 @@ def _compared(
         if driven
         else answer.with_common_noise(decay, library, named)
     )
-    trials: dict[str, comparison_table.Trial] = {}
+    trials: dict[str, Trial] = {}
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
         trials[label] = _try_method(method, parts, library, contactless, Constraints(constraints))
@@ -163,7 +163,7 @@ def _compared(
     steps = [np.median(np.diff(run.time.values)) for run in runs]
     halves = [np.median(np.diff(half_sines.extremum_time)) for *_, half_sines in parts]
     blocks = [max(1, round(2.0 * half / step)) for half, step in zip(halves, steps, strict=True)]
-    table = comparison_table.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
+    table = method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
     of_best: Sequence[xr.Dataset | None] = trials[best][2].get("residual") or [None] * len(runs)
@@ -187,7 +187,7 @@ def _try_method(
     library: ForceLibrary,
     contactless: tuple[float, float] | None,
     constraints: Constraints,
-) -> comparison_table.Trial:
+) -> Trial:
     """A method on the training parts, on the parts held out, and on the whole.
 
     `parts` : each run, what models are identified from, what is held out, and the envelope.
@@ -199,6 +199,7 @@ def _try_method(
     amplitude = max(float(np.max(np.abs(run.angle.values))) for run in runs)
     forces = force_scope(method, library, result, amplitude)
     row = {**vars(scope_of(method)), **forces, "time_taken": seconds, "failure": ""}
+    row["bias"] = _bias(result)
     if result is None:
         return None, row | {"reason": reason}, {}
     if not forces["neglects"]:
@@ -280,3 +281,16 @@ def _not_separable(
         "no_method_identifies": ", ".join(unseen),
         "exchangeable_with_the_frequency": "" if stiffness in identified else stiffness,
     }
+
+
+def _bias(result: xr.Dataset | None) -> str:
+    """A bias of its own that a method says it has left in."""
+    if result is None:
+        return ""
+    removed = str(result.attrs.get("first_order_bias_removed", "yes"))
+    if removed == "no" or removed.startswith("no:"):
+        why = removed[2:].strip(" :.")
+        return f"first-order bias not removed{': ' + why if why else ''}"
+    if result.attrs.get("refined", "True") != "True":
+        return "columns from the smoothed record, whose noise biases them"
+    return ""

@@ -12,67 +12,16 @@ from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, w
 from sysid_trib.errors import DecayError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
-from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.results import references, schema
+from sysid_trib.results import schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import chi_square_test, described, group_names
-from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation import agreement, findings, holdout, simulated_pairs
+from sysid_trib.results.variables import described, group_names
+from sysid_trib.validation import agreement, findings, simulated_pairs
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.lack_of_fit import lack_of_fit
-from sysid_trib.validation.residuals import residuals, with_motions
+from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
-
-
-def comparison(
-    runs: Sequence[xr.Dataset],
-    results: Sequence[xr.Dataset],
-    motions: Sequence[Sequence[FittedMotion | None]],
-    *,
-    draws: int,
-    seed: int,
-    tell: Tell,
-) -> xr.Dataset:
-    """Difference of two identifications, force by force and as a whole (see `cross_check`).
-
-    `motions` : of each result, in each run.
-    """
-    second = results[1]
-    kept = references.comparable(*results)
-    # The second's model is the truth of the simulated records, or the first's if that has no motion.
-    # Where a bias could not be removed, what to expect is not known.
-    failed = any(str(r.attrs.get("first_order_bias_removed", "")).startswith("no:") for r in results)
-    computed = [[motion for motion in of_result if motion is not None] for of_result in motions]
-    pairs = zip(results[::-1], computed[::-1], strict=True)
-    moving = [pair for pair in pairs if len(pair[1]) == len(runs)]
-    truth = moving[0][0] if moving else second
-    frequency = truth.reference_frequency.item()
-    difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
-    count = len(difference)
-    known = simulated_pairs.nothing_known(count)
-    if moving and not failed:
-        known = simulated_pairs.scatter(runs, results, moving[0], kept, draws=draws, seed=seed, tell=tell)
-    error = np.sqrt(np.diag(known.covariance))
-    excess = difference - known.expected
-    # One method with and without its bias: nothing else differs.
-    z = np.divide(excess, error, out=np.zeros_like(excess), where=error != 0.0)
-    chi_square, p_value = known.chi_square(difference)
-    values = {
-        "difference": difference,
-        "expected_difference": known.expected,
-        "standard_error": error,
-        "z": z,
-    }
-    variables = {
-        **described("cross_check", values),
-        **chi_square_test((), chi_square, count, "chi-square of all differences", p_value),
-    }
-    compared = xr.Dataset(variables, {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]})
-    compared.attrs["errors"] = "stated" if known.stated else "simulated"
-    # Where the motion is pushed some records may not be identified.
-    return compared.assign_attrs(simulated_records=known.records)
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
@@ -173,38 +122,30 @@ def identified_and_checked(
 
 
 def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell) -> xr.DataTree:
-    first, second = results = tuple(followed.result for followed in pair)
-    runs = [*pair[0].runs.values()]
+    runs, results = [*pair[0].runs.values()], [followed.result for followed in pair]
     names = [result.attrs["method"] for result in results]
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
-    motions = holdout.fitted_motions(runs, results)
-    parts, of_parts, duration = holdout.compared_part(runs, results)
-    parts_motions = motions if duration is None else holdout.fitted_motions(parts, of_parts)
-    compared = comparison(parts, of_parts, parts_motions, draws=draws, seed=seed, tell=tell)
-    tell("residuals")
-    if duration is not None:
-        compared.attrs["compared_stretch"] = duration
     followed = dict(zip(names, pair, strict=True))
-    compared = compared.merge(residuals(followed, motions, second))
+    compared = simulated_pairs.comparison(pair, draws=draws, seed=seed, tell=tell)
+    tell("residuals")
+    records = [with_motions(run, names, [f.motions[at] for f in pair]) for at, run in enumerate(runs)]
+    over_motion = {"residual_over_motion": _residual_over_motion(records)}
+    compared = compared.merge(residuals(followed, results[1])).assign(described("cross_check", over_motion))
+    compared = compared.assign(findings.failure_of_models(records))
     verdict = agreement.verdict_of(compared.p_value.item())
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
-    compared.attrs = made | compared.attrs
-    compared.attrs |= {"explained": _explained(compared)} | ties(runs, second)
-    stochastic = random_force_groups(followed[names[1]])
-    compared.attrs["answer"] = answer = names[better_of(first, second)]
-    of_runs = zip(runs, zip(*motions, strict=True), strict=True)
-    records = [with_motions(run, names, of_run) for run, of_run in of_runs]
-    compared = compared.assign(findings.failure_of_models(records))
-    over_motion = _residual_over_motion(records)
-    compared = compared.assign(described("cross_check", {"residual_over_motion": over_motion}))
-    compared.attrs["verdict_on_record"] = verdict_on_record(
-        compared.attrs["explained"], over_motion[names.index(answer)], followed[names[1]], stochastic
+    explained, answer = _explained(compared), names[better_of(*results)]
+    stochastic = random_force_groups(pair[1])
+    unexplained = compared.residual_over_motion.sel(model=answer).item()
+    compared.attrs = (
+        made | compared.attrs | {"explained": explained, "answer": answer} | ties(runs, results[1])
     )
+    compared.attrs["verdict_on_record"] = verdict_on_record(explained, unexplained, pair[1], stochastic)
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
-    groups |= {names[0]: first, names[1]: second, "comparison": compared}
-    groups |= _backbones(runs, dict(zip(names, results, strict=True)))
+    of_names = dict(zip(names, results, strict=True))
+    groups |= of_names | {"comparison": compared} | _backbones(runs, of_names)
     return xr.DataTree.from_dict({**groups, **stochastic})
 
 

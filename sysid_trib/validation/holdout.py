@@ -1,97 +1,24 @@
-"""Prediction of what a fit has not seen: which part is held out, and whether another model does better."""
+"""Prediction of what fits have not seen: which part is held out, and all methods in one table by it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
 from scipy.stats import ttest_1samp
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
-from sysid_trib.methods import method_of
-from sysid_trib.methods.scope import scope_of
+from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import least_squares_spline
+from sysid_trib.results.references import in_model, reference_factors
 from sysid_trib.results.schema import library_of, model_of
-from sysid_trib.simulation import initial_conditions, internal_states
-from sysid_trib.validation.residuals import fitted_motion, motion_residual
-from sysid_trib.validation.simulated_pairs import with_held_random_force
-
-PERIODS_PER_STRETCH = 20
-# A run is long where identifying every simulated record whole would take longer than its stretches do, and
-# something is gained: three short records cost as much as one of twice their length.
-LONGEST_WHOLE = 120
-
-
-def compared_part(
-    runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset]
-) -> tuple[Sequence[xr.Dataset], Sequence[xr.Dataset], float | None]:
-    """Stretches of long runs, with what both methods identify there.
-
-    Parameters
-    ----------
-    runs, results : sequence of Dataset
-        The runs, and the identifications of all they hold.
-
-    Returns
-    -------
-    runs, results : sequence of Dataset
-        The stretches as runs of one experiment, each with a start of its own; a random force is held at that
-        of the whole. As given where no run is longer than `LONGEST_WHOLE` periods, where a force depends on
-        time, or where a method cannot identify the stretches.
-    duration : float or None, s
-        Of each stretch; None where every run is taken whole.
-    """
-    whole, frequency = (runs, results, None), results[1].asymptotic_frequency.item()
-    # A model that does not swing at small amplitudes has no period there.
-    if not frequency > 0.0:
-        return whole
-    period = 2.0 * np.pi / frequency
-    duration = PERIODS_PER_STRETCH * period
-    parts = [part for run in runs for part in stretches(run, duration, LONGEST_WHOLE * period)]
-    if len(parts) == len(runs):
-        return whole
-    libraries = [library_of(result, whole=True) for result in results]
-    methods = [with_held_random_force(method_of(result), result) for result in results]
-    # A stretch counts the time since the first sample anew.
-    if any("t" in force.formula.names for library in libraries for force in library):
-        return whole
-    if not all(scope_of(method).several_runs for method in methods):
-        return whole
-    try:
-        pairs = zip(methods, libraries, strict=True)
-        return parts, [method.identify(parts, library) for method, library in pairs], duration
-    except SysidTribError:
-        return whole
-
-
-def fitted_motions(
-    runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset]
-) -> tuple[tuple[initial_conditions.FittedMotion | None, ...], ...]:
-    """Motions of each result in each run."""
-    motions: list[tuple[initial_conditions.FittedMotion | None, ...]] = []
-    for result in results:
-        nearby = motions[0] if motions else [None] * len(runs)
-        pairs = enumerate(zip(runs, nearby, strict=True))
-        motions.append(tuple(fitted_motion(run, result, at, nearby=near) for at, (run, near) in pairs))
-    return tuple(motions)
-
-
-def stretches(run: xr.Dataset, duration: float, longest: float) -> list[xr.Dataset]:
-    """Beginning, middle and end, of `duration` (s), of a run longer than `longest`; else the run itself."""
-    time = run.time.values
-    whole = time[-1] - time[0]
-    if whole <= longest:
-        return [run]
-    # A long run is compared on its beginning, its middle and its end: from three amplitudes what depends on
-    # amplitude can be told, which a single stretch of a motion that hardly decays leaves undecided.
-    starts = time[0] + np.linspace(0.0, 1.0, 3) * (whole - duration)
-    ends = starts + duration
-    bounds = zip(np.searchsorted(time, starts), np.searchsorted(time, ends, side="right"), strict=True)
-    return [run.isel(time=slice(int(first), int(last))) for first, last in bounds]
-
+from sysid_trib.results.variables import described
+from sysid_trib.simulation import internal_states
+from sysid_trib.validation.findings import LARGE
+from sysid_trib.validation.residuals import motion_residual
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0
@@ -210,3 +137,123 @@ def _block_losses(residual: Array, block: int) -> Array:
     count = len(residual) // block
     squares = np.mean(residual[: count * block].reshape(count, block) ** 2, axis=1)
     return np.asarray(np.log(np.maximum(squares, 1e-300)))
+
+
+# Parts of the runs on which residuals are, and texts or truths of a method.
+PARTS = ("residual", "train", "holdout")
+TEXTS = (
+    *("reason", "failure", "bias", "identifies", "neglects", "cannot_tell_apart", "assumes", "family"),
+    "white_noise",
+)
+
+# What came of one method: its identification; what it says of itself and of that, by the name of the column;
+# and of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
+Results: TypeAlias = Sequence[xr.Dataset | None]
+Trial: TypeAlias = tuple[xr.Dataset | None, dict[str, Any], dict[str, list[xr.Dataset]]]
+
+
+def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
+    """The group `comparison` (see `compare`).
+
+    Parameters
+    ----------
+    trials : mapping of str to Trial
+        What came of each method, by its label.
+    noises : sequence of float, rad
+        Of each run, the same for all methods.
+    blocks : sequence of int
+        Samples of a period of each run.
+    """
+    labels, (results, rows, motions) = list(trials), zip(*trials.values(), strict=True)
+    values = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
+    values |= _residuals(motions, noises)
+    ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))
+    # The smallest RMS over the noise on the part held out; if no method has any, on the whole.
+    whole = np.where([result is None for result in results], np.nan, np.nan_to_num(ratio, nan=np.inf))
+    best = int(np.nanargmin(held_out if np.isfinite(held_out).any() else whole))
+    reference, of_reference = _common_frequency(results, labels, whole, best)
+    forces = _forces(results)
+    values |= {"common_frequency": reference, "noise": root_mean_square(noises)}
+    values["coefficient"], values["standard_error"] = c = _coefficients(results, forces, reference)
+    values["z"] = contrast(*c, best)
+    for name in ("reference_frequency", "asymptotic_frequency"):
+        values[name] = w = tuple(
+            np.array([np.nan if result is None else result[column].item() for result in results])
+            for column in (name, f"{name}_standard_error")
+        )
+    values["asymptotic_frequency_z"] = contrast(*(column[:, None] for column in w), best)[:, 0]
+    residuals = [[of_run.residual.values for of_run in of.get("holdout", [])] for of in motions]
+    values["holdout_p_value"] = [
+        diebold_mariano(some, residuals[best], blocks) if some else np.nan for some in residuals
+    ]
+    attrs = {
+        "best": labels[best],
+        "common_frequency_of": of_reference,
+        "errors_of_z": "taken as independent; the methods saw the same noise, so that z is rather too small",
+    }
+    return forces.assign_coords(method=labels).assign(described("comparison", values)).assign_attrs(attrs)
+
+
+def _common_frequency(results: Results, labels: Sequence[str], whole: Array, best: int) -> tuple[float, str]:
+    """A frequency that was given to a method, else that of the best, rad/s; and whose it is.
+
+    Where the best predicts by accident, as its model misses the record as a whole, it is that of the model
+    that misses it least: its own may be far off. `whole` : residual of the whole record over the noise.
+    """
+    known = [result for result in results if result is not None]
+    given = [r for r in known if r.reference_frequency_standard_error == 0.0]
+    least = int(np.nanargmin(whole))
+    owner = least if whole[best] > LARGE * whole[least] else best
+    of = given[0] if given else results[owner]
+    return of.reference_frequency.item(), "given" if given else labels[owner]  # type: ignore[union-attr]
+
+
+def _forces(results: Results) -> xr.Dataset:
+    """The forces that any method found, in the order of the result with most of them."""
+    known = sorted((result for result in results if result is not None), key=lambda r: -r.sizes["force"])
+    labels = xr.concat([r.coords.to_dataset()[["name", "formula", "unit"]] for r in known], "force")
+    return labels.drop_duplicates("force")
+
+
+def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tuple[Array, Array]:
+    """Coefficients and errors, (method, force), nan where a method has none.
+
+    Those that refer to another frequency by their definition, or cannot be converted, keep theirs.
+    """
+    values, errors = np.full((2, len(results), forces.sizes["force"]), np.nan)
+    for row, result in enumerate(results):
+        if result is not None:
+            symbols = result.force.values.tolist()
+            own = [in_model(result, symbol) for symbol in symbols]
+            factors = np.where(own, reference_factors(result, symbols, reference), 1.0)
+            at = forces.indexes["force"].get_indexer(symbols)
+            values[row, at] = result.coefficient.values * factors
+            errors[row, at] = result.standard_error.values * factors
+    return values, errors
+
+
+def contrast(values: Array, errors: Array, best: int) -> Array:
+    """Differences from the best method's row over the root of the sum of both variances."""
+    both = np.sqrt(errors**2 + errors[best] ** 2)
+    z = np.divide(values - values[best], both, out=np.full_like(values, np.nan), where=both > 0.0)
+    z[best, np.isfinite(values[best])] = 0.0
+    return z
+
+
+def _residuals(
+    motions: Sequence[Mapping[str, Sequence[xr.Dataset]]], noises: Sequence[float]
+) -> dict[str, Any]:
+    """RMS of the simulated models' residuals, of several runs of each too, and their largest phase."""
+    values: dict[str, Any] = {}
+    nothing = np.full(len(noises), np.nan)
+    for name in PARTS:
+        of_runs = [[root_mean_square(of_run.residual) for of_run in part.get(name, [])] for part in motions]
+        rms = np.array([row or nothing for row in of_runs])
+        values[f"{name}_rms"] = [root_mean_square(row) for row in rms]
+        values[f"{name}_over_noise"] = np.array([root_mean_square(row) for row in rms / np.array(noises)])
+        if len(noises) > 1:
+            values[f"run_{name}_rms"] = rms
+    if len(noises) > 1:
+        values["run_noise"] = list(noises)
+    slips = [[of_run.phase_error.item() for of_run in part.get("residual", [])] for part in motions]
+    return values | {"phase_error": [float(np.max(phase or [np.nan])) for phase in slips]}

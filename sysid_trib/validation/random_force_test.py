@@ -19,9 +19,10 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood import random_force, sensor_noise, variance_ratio
 from sysid_trib.motion_fit import bands, kalman, linearised
-from sysid_trib.motion_fit.tracked import FollowedRuns, TrackedRecord, track
+from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described
+from sysid_trib.validation.residuals import FollowedRuns
 
 NULL_DRAWS = 60
 # Of longer records one sample of so many is taken, but no fewer than so many a period.

@@ -1,7 +1,8 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,7 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
-from sysid_trib.motion_fit.tracked import FollowedRuns
+from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.records import sensor, smoothing
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
@@ -40,17 +41,63 @@ RESIDUALS = (
 )
 
 
+@dataclass(frozen=True)
+class FollowedRuns:
+    """Runs and a result, each run followed once by the result's model: when it is first asked for.
+
+    Attributes
+    ----------
+    runs : mapping of int to Dataset
+        `angle(time)`, by their place among the result's runs.
+    result : Dataset
+        An identification.
+    """
+
+    runs: Mapping[int, xr.Dataset]
+    result: xr.Dataset
+    _made: dict[str, Any] = field(default_factory=dict)
+
+    def with_result(self, result: xr.Dataset) -> "FollowedRuns":
+        """The runs with a result of the same model whose errors are others."""
+        return replace(self, result=result)
+
+    def once(self, name: str, make: Callable[[], Any]) -> Any:
+        """What is made of all runs, or of one, made once; what it is refused with is kept too."""
+        if name not in self._made:
+            try:
+                self._made[name] = make()
+            except SysidTribError as error:
+                self._made[name] = error
+        if isinstance(self._made[name], SysidTribError):
+            raise self._made[name]
+        return self._made[name]
+
+    @property
+    def motions(self) -> list[FittedMotion | None]:
+        """The free motion in each run, see `fitted_motion`."""
+        return self.once(
+            "motions", lambda: [fitted_motion(d, self.result, at) for at, d in self.runs.items()]
+        )
+
+    def tracked(self, run: int) -> TrackedRecord:
+        """A run as `track` follows it.
+
+        Raises
+        ------
+        DecayError
+            The motion does not settle on the record.
+        SimulationError
+            The motion between two samples cannot be computed.
+        """
+        return self.once(f"tracked {run}", lambda: track(self.runs[run], self.result, run))
+
+
 def fitted_motion(
-    decay: xr.Dataset,
-    result: xr.Dataset,
-    run: int = 0,
-    *,
-    nearby: FittedMotion | None = None,
-    most_steps: int = STEPS_A_PERIOD,
+    decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, most_steps: int = STEPS_A_PERIOD
 ) -> FittedMotion | None:
     """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
-    A motion of another model of the run, `nearby`, spares simulations; `most_steps` as that of `trajectory`.
+    `most_steps` : as that of `trajectory`.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     model = replace(model_of(result, run), inputs=inputs_of(decay))
@@ -60,8 +107,7 @@ def fitted_motion(
     else:
         start = first_guess(time, angle, model.reference_frequency)
     try:
-        near = None if nearby is None else nearby.sensitivity
-        return fit_start(model, time, angle, start, offset=zero, sensitivity=near, most_steps=most_steps)
+        return fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
     except SimulationError:
         return None
 
@@ -75,19 +121,13 @@ def with_motions(
     return with_noise_and_models(decay, names, simulated)
 
 
-def residuals(
-    followed: Mapping[str, FollowedRuns],
-    motions: Sequence[Sequence[FittedMotion | None]],
-    noise_of: xr.Dataset,
-) -> xr.Dataset:
+def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.Dataset:
     """Residual of each model: RMS, RMS over the noise, first departure, p-value of white noise.
 
     Parameters
     ----------
     followed : mapping of str to FollowedRuns
         The runs with each identification, by its name.
-    motions : sequence of sequences of FittedMotion, or None
-        Of each model in each run; one without a motion has nan.
     noise_of : Dataset
         The identification whose noise of a sample counts.
 
@@ -105,8 +145,8 @@ def residuals(
     is no noise: within the band of the motion the p-value is zero with one.
     """
     rows = [
-        [_of_run(pair, motion, run, noise_of_run(noise_of, run)) for run, motion in enumerate(of_model)]
-        for pair, of_model in zip(followed.values(), motions, strict=True)
+        [_of_run(model, motion, run, noise_of_run(noise_of, run)) for run, motion in enumerate(model.motions)]
+        for model in followed.values()
     ]
     # Each of `RESIDUALS`, (run, model).
     columns = np.array(rows).transpose(2, 1, 0)

@@ -11,12 +11,12 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit import bands, innovations
-from sysid_trib.motion_fit.tracked import FollowedRuns
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import determines
 from sysid_trib.results.variables import group_names, noise_of_run, text_variable
 from sysid_trib.validation.findings import DIVERGES
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
+from sysid_trib.validation.residuals import FollowedRuns
 
 PARTS_OF_RECORD = ("first", "second", "last")
 NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
@@ -114,7 +114,7 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
     followed : FollowedRuns
         All runs of an identification with a random force.
     """
-    return followed.tested("random_force", _tested)
+    return followed.once("random_force", lambda: _tested(followed))
 
 
 def _tested(followed: FollowedRuns) -> xr.Dataset:
