@@ -9,7 +9,7 @@ import pytest
 from command_line import run
 
 from sysid_trib import load_library
-from sysid_trib.commands.options import COMMANDS
+from sysid_trib.commands.app import COMMANDS
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.plots.declared import figures_of
 from sysid_trib.printing.identification import identification_table

@@ -9,7 +9,7 @@ from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, sentences_of
 
 from sysid_trib import Model, load
-from sysid_trib.commands.options import Asked, options_of
+from sysid_trib.commands.app import Asked, options_of
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.plots.declared import figures_of
 from sysid_trib.printing.discovery import discovery_blocks, discovery_json
@@ -106,15 +106,15 @@ def test_the_twins_phase_slips_most_at_large_amplitude(twin):
 
 def test_what_is_not_predicted_is_said_and_fitted_next(twin):
     tree = twin[0].copy(deep=True)
-    assert next_step(tree).command == "identify"
+    assert next_step(tree)[0] == "identify"
     tree["holdout"].rms[-1] = 3.4 * record_noise(tree)
     assert "But it leaves 3.4 times the noise of what was held out (the last third)." in story(tree)
-    step = next_step(tree)
+    command, _, options = next_step(tree)
     given = Asked(options_of("search"), max_effects=2)
-    assert command_after(step, given) == "sysid-trib discover --max-effects 2 --refit"
+    assert command_after(command, options, given) == "sysid-trib discover --max-effects 2 --refit"
     tree.attrs["options"] = json.dumps({"refit": True})
     assert "But" not in story(tree)
-    assert next_step(tree).command == "identify"
+    assert next_step(tree)[0] == "identify"
 
 
 def test_json_follows_the_schema(twin):

@@ -10,7 +10,7 @@ from helpers import FIVE, OWN_MODELS, library_of_formulas, paper_run
 
 import sysid_trib as st
 from sysid_trib import load_library, methods
-from sysid_trib.commands.options import Asked, options_of
+from sysid_trib.commands.app import Asked, options_of
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import METHODS, Averaging, Direct, Trajectory, method_of
 from sysid_trib.plots.compared import FAMILY_MARKS

@@ -12,10 +12,10 @@ from command_line import run, write_csv
 from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
-from sysid_trib.commands.options import Asked, options_of
+from sysid_trib.commands.app import Asked, options_of
 from sysid_trib.commands.terminal import command_after
 from sysid_trib.printing.identification import identification_blocks
-from sysid_trib.printing.next_step import NextStep, next_step
+from sysid_trib.printing.next_step import next_step
 from sysid_trib.validation.findings import holds
 from sysid_trib.validation.identify import usual_methods
 
@@ -43,12 +43,12 @@ def unexplained():
 
 def test_an_explained_record_leads_to_every_method():
     assert holds(explained())
-    assert next_step(explained()).command == "compare"
+    assert next_step(explained())[0] == "compare"
 
 
 def test_a_record_that_is_not_explained_leads_to_discover():
     assert not holds(unexplained())
-    assert next_step(unexplained()).command == "discover"
+    assert next_step(unexplained())[0] == "discover"
 
 
 def test_the_next_command_takes_over_what_was_given(tmp_path):
@@ -56,16 +56,16 @@ def test_the_next_command_takes_over_what_was_given(tmp_path):
     read = {"records": [record], "angle": "theta", "units": "deg", "window": "2:60"}
     model = {"forces": "zeta", "omega0": "8.87±0.02", "fix": ["zeta=0.01", "lambda=0"]}
     given = Asked(options_of("records", "model"), **read, **model)
-    compare = shlex.split(command_after(NextStep("compare", ""), given))
+    compare = shlex.split(command_after("compare", {}, given))
     assert compare[:3] == ["sysid-trib", "compare", str(record)]
     for pair in (["--angle", "theta"], ["--window", "2:60"], ["--fix", "zeta=0.01"], ["--fix", "lambda=0"]):
         assert " ".join(pair) in " ".join(compare)
     assert "8.87±0.02" in compare
-    discover = shlex.split(command_after(NextStep("discover", "", without=("units",)), given))
+    discover = shlex.split(command_after("discover", {"units": None}, given))
     assert discover[-2:] == ["--forces", "zeta"]
     # These are no options of discover, or not wanted.
     assert not {"--units", "--omega0", "--fix"} & set(discover)
-    other = command_after(NextStep("identify", "", {"window": "3:"}, ("b.csv",)), given)
+    other = command_after("identify", {"window": "3:", "records": "b.csv"}, given)
     assert "2:60" not in other
     assert other.endswith("--window 3:")
     assert f"{shlex.quote(str(record))} b.csv" in other
@@ -110,12 +110,12 @@ def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors
 
 def test_a_file_that_begins_with_a_dash_is_no_option():
     given = Asked(options_of("records"), records=[Path("-a.csv"), Path("b.csv")])
-    assert command_after(NextStep("identify", ""), given) == "sysid-trib identify ./-a.csv b.csv"
+    assert command_after("identify", {}, given) == "sysid-trib identify ./-a.csv b.csv"
 
 
 def test_forces_of_one_s_own_that_were_candidates_are_known_to_the_next_command():
     given = Asked(options_of("search", "model"), candidates="own.toml")
-    step = NextStep("identify", "", {"forces": "zeta,slip"})
-    assert command_after(step, given) == "sysid-trib identify --library own.toml --forces zeta,slip"
-    assert "--candidates own.toml" in command_after(NextStep("discover", ""), given)
-    assert "--library other.toml" in command_after(step, given.but(library="other.toml"))
+    step = "identify", {"forces": "zeta,slip"}
+    assert command_after(*step, given) == "sysid-trib identify --library own.toml --forces zeta,slip"
+    assert "--candidates own.toml" in command_after("discover", {}, given)
+    assert "--library other.toml" in command_after(*step, given.but(library="other.toml"))

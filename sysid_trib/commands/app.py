@@ -1,16 +1,169 @@
-"""The commands as one program: options, help and examples of each; what works is imported when it runs."""
+"""The commands as one program: their options and help, of a table (`commands.toml`), and what was given.
 
-import inspect
+What works is imported when it runs.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from copy import copy
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from inspect import Parameter, Signature
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
-from sysid_trib.commands import terminal
-from sysid_trib.commands.destination import check_values
-from sysid_trib.commands.options import COMMANDS, Asked, options_of
+from sysid_trib.errors import UsageError
+
+# What the embedded example starts from: a search then has two elastic forces to find.
+EXAMPLE_FORCES = "lambda,zeta,delta"
+# No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
+LEAST, MOST = 1e-9, 1e9
+POSITIVE = (LEAST, MOST, "")
+PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
+PYTHON_TYPES: dict[str, Any] = {"text": str, "number": float, "count": int, "switch": bool, "file": Path}
+PYTHON_TYPES |= {"files": list[Path], "texts": list[str]}
+# What stands for an option that is left out, where it is not None.
+ABSENT: dict[str, Any] = {"files": [], "texts": [], "switch": False}
+
+
+@dataclass(frozen=True)
+class Option:
+    """A row of the table; see there."""
+
+    name: str
+    title: str
+    help: str
+    kind: str = "text"
+    value: str | None = None
+    default: Any = None
+    required: bool = False
+    positional: bool = False
+    flag: str = ""
+    least: int | None = None
+    within: Any = None
+    ending: str = ""
+
+    @property
+    def parameter(self) -> Parameter:
+        """It as the argument of a function that typer reads, under the title of its group in the help."""
+        usual: dict[str, Any] = {"metavar": self.value, "help": self.help, "rich_help_panel": self.title}
+        if self.positional:
+            # What cannot be read is refused where it is read.
+            read = typer.Argument(show_default=self.default != [], readable=False, **usual)
+        else:
+            flags = ("-o", "--output") if self.flag == "-o" else (self.flag,)
+            read = typer.Option(*flags, min=self.least, **usual)
+        kind = PYTHON_TYPES[self.kind] | None if self.default is None else PYTHON_TYPES[self.kind]
+        of = {"default": copy(self.default), "annotation": Annotated[kind, read]}
+        return Parameter(self.name, Parameter.KEYWORD_ONLY, **of)
+
+
+def _option(name: str, title: str, row: Mapping[str, Any]) -> Option:
+    usual: dict[str, Any] = {"title": title, "flag": f"--{name.replace('_', '-')}"}
+    absent = ... if row.get("required") else ABSENT.get(row.get("kind", ""))
+    whole = usual | {"default": absent} | dict(row)
+    whole["help"] = whole["help"].format(example=EXAMPLE_FORCES)
+    if whole.get("within") == "positive":
+        whole["within"] = POSITIVE
+    return Option(name, **whole)
+
+
+TABLE = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
+# Rows of the commands by their names, and options by their names in groups by theirs.
+COMMANDS: dict[str, Any] = TABLE.pop("commands")
+GROUPS: dict[str, dict[str, Option]] = {
+    group: {
+        name: _option(name, rows["title"], TABLE[row][name] if isinstance(row, str) else row)
+        for name, row in rows.items()
+        if name != "title"
+    }
+    for group, rows in TABLE.items()
+}
+
+
+class Asked:
+    """What a command was given: the values of its options by their names, and these as `options`."""
+
+    def __init__(self, options: Mapping[str, Option], **values: Any) -> None:
+        vars(self).update({name: copy(row.default) for name, row in options.items()} | values)
+        self.options = options
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse what is no option of the command."""
+        raise AttributeError(name)
+
+    def but(self, **values: Any) -> "Asked":
+        """Options and values, some of them others."""
+        return Asked(**vars(self) | values)
+
+    def changed(self, names: Iterable[str]) -> list[str]:
+        """Flags of the options among these that have another value than their default."""
+        return [self.options[n].flag for n in names if getattr(self, n) != self.options[n].default]
+
+
+def options_of(*groups: str) -> dict[str, Option]:
+    """The options of groups by their names."""
+    return {name: row for group in groups for name, row in GROUPS[group].items()}
+
+
+def check_between(value: float | None, option: str, low: float, high: float, units: str = "") -> None:
+    """Refuse a number outside of a range, or none, by the name of its option."""
+    if value is not None and not low <= value <= high:
+        raise UsageError(f"{option} '{value:g}' must be a number from {low:g} to {high:g}{units}.")
+
+
+def parse_window(
+    text: str, option: str, form: str = "START:STOP in seconds, such as 15:75, 25: or :60"
+) -> tuple[float | None, float | None]:
+    """`15:75`; either side may be empty. `form` says how it is written."""
+    sides = text.split(":")
+    if len(sides) != 2:
+        raise UsageError(f"{option} '{text}' must be {form}.")
+    low, high = (parse_number(side, option) if side.strip() else None for side in sides)
+    return low, high
+
+
+def parse_value_with_error(text: str | None, option: str) -> tuple[float, float] | None:
+    """`8.87`, `8.87±0.01` or `8.87+-0.01`."""
+    if text is None:
+        return None
+    parts = PLUS_MINUS.split(text.strip())
+    if len(parts) > 2:
+        raise UsageError(f"{option} '{text}' must be VALUE or VALUE±ERROR.")
+    value = parse_number(parts[0], option)
+    error = parse_number(parts[1], option) if len(parts) == 2 else 0.0
+    check_between(value, option, *POSITIVE)
+    if not 0.0 <= error <= value:
+        raise UsageError(f"{option} '{text}': the error must be positive and below the value.")
+    return value, error
+
+
+def assigned(texts: list[str], refusal: str) -> dict[str, float]:
+    """Values by name of `NAME=VALUE,...`; the refusal takes what is no such pair."""
+    values: dict[str, float] = {}
+    for setting in (part for text in texts for part in text.split(",")):
+        name, equals, value = (part.strip() for part in setting.partition("="))
+        if not equals or not name:
+            raise UsageError(refusal.format(setting))
+        values[name] = parse_number(value, f"--set {name}")
+    return values
+
+
+def parse_number(text: str, option: str) -> float:
+    """A finite number, or a sentence that names the option."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not isfinite(value):
+        raise UsageError(f"{option}: '{text.strip()}' is not a finite number.")
+    return value
 
 
 class GroupedCommand(TyperCommand):
@@ -62,15 +215,16 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     known = options_of(*options)
 
     def run(**values: Any) -> None:
+        from sysid_trib.commands import destination, terminal
+
         given = Asked(known, **values)
         with terminal.working(values.get(terminal.RECORDS, ())) as tell:
-            check_values(given)
+            destination.check_values(given)
             say = getattr(import_module(f"sysid_trib.commands.{home}"), name)(tell, given)
         say()
 
-    parameters = [option.parameter for option in known.values()]
     run.__name__, run.__doc__ = name, help
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__signature__ = Signature([option.parameter for option in known.values()])  # type: ignore[attr-defined]
     app.command(name, cls=GroupedCommand, help=help)(run)
 
 

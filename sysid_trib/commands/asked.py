@@ -2,13 +2,12 @@
 
 import re
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.options import MOST, Asked, assigned, parse_number, parse_value_with_error
+from sysid_trib.commands.app import MOST, Asked, assigned, parse_number, parse_value_with_error
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -52,42 +51,20 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
     return whole.select(symbols)
 
 
-@dataclass(frozen=True)
-class AskedModel:
-    """What is to be identified, as the options have it.
+def asked_model(given: Asked) -> Asked:
+    """What is to be identified, with what the system always has.
 
-    Attributes
+    Parameters
     ----------
-    library : ForceLibrary
-        The forces.
-    shapes : dict of str to float
-        Shape parameters that are held.
-    constraints : Constraints
-        Checked against the forces.
-    contactless : (float, float) or None, rad/s
-        Frequency without contact and its error.
-    reference_frequency : float or None, rad/s
-        Held.
-    random_force : str or float
-        As methods take it.
+    given : Asked
+        What the command was given.
+
+    Returns
+    -------
+    Asked
+        It with the `library` of the forces, the `shapes` that are held, `constraints` and the `random_force`
+        as methods take them, and `contactless`, the frequency without contact and its error (rad/s) or None.
     """
-
-    library: ForceLibrary
-    shapes: dict[str, float]
-    constraints: Constraints
-    contactless: tuple[float, float] | None
-    reference_frequency: float | None
-    random_force: RandomForceOption
-
-    @property
-    def every_method(self) -> dict[str, Method]:
-        """Every method, by its label, with this frequency, these shapes and this random force."""
-        methods = every_method(self.reference_frequency, self.shapes)
-        return {label: with_random_force(method, self.random_force) for label, method in methods.items()}
-
-
-def asked_model(given: Asked) -> AskedModel:
-    """What is to be identified, with what the system always has."""
     moving = load_system(given.system)
     contactless, held = parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
@@ -100,7 +77,14 @@ def asked_model(given: Asked) -> AskedModel:
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
     constraints.check(forces_to_identify(offered, held, sensors=True))
     random_force = parse_random_force(given.random_force)
-    return AskedModel(offered, shapes, constraints, contactless, held, random_force)
+    asked = {"library": offered, "shapes": shapes, "constraints": constraints.table}
+    return given.but(**asked, contactless=contactless, random_force=random_force)
+
+
+def methods_asked(asked: Asked) -> dict[str, Method]:
+    """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
+    methods = every_method(asked.reference_frequency, asked.shapes)
+    return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
 
 def _constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:

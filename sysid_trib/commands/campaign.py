@@ -14,9 +14,9 @@ from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.store import counts_of
 from sysid_trib.campaigns.study import load_study, names_of
-from sysid_trib.commands.asked import asked_model, asked_search
+from sysid_trib.commands.app import GROUPS, Asked
+from sysid_trib.commands.asked import asked_model, asked_search, methods_asked
 from sysid_trib.commands.destination import check_output, print_json
-from sysid_trib.commands.options import GROUPS, Asked
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import command_line, print_blocks
 from sysid_trib.errors import RecordError, Tell, UsageError
@@ -85,7 +85,7 @@ def _task(given: Asked) -> task.Task:
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     _refuse(name, given.changed(GROUPS["search"]))
     of_model = asked_model(given)
-    methods = of_model.every_method
+    methods = methods_asked(of_model)
     # The two that `identify` holds against each other.
     wanted = ["averaging", "direct"] if name == "identify" else list(methods)
     if given.methods:
@@ -98,7 +98,7 @@ def _task(given: Asked) -> task.Task:
         {label: methods[label] for label in wanted},
         judged=name == "identify" and not given.methods,
         read=read,
-        constraints=of_model.constraints.table,
+        constraints=of_model.constraints,
         contactless=of_model.contactless,
     )
 

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.options import Asked, check_between
+from sysid_trib.commands.app import Asked, check_between
 from sysid_trib.commands.terminal import command_line, print_blocks
 from sysid_trib.errors import RecordError, Tell, UsageError, printable
 from sysid_trib.printing import Block, Layer

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.asked import asked_model, asked_search
+from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
+from sysid_trib.commands.asked import asked_model, asked_search, methods_asked
 from sysid_trib.commands.destination import deliver, texts_of
-from sysid_trib.commands.options import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
 from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
 from sysid_trib.commands.terminal import keep_next, record_sentences
 from sysid_trib.discovery.discover import discover as searched
@@ -59,7 +59,7 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         decays,
         wanted.library,
         [with_random_force(method, wanted.random_force) for method in usual],
-        constraints=wanted.constraints.table,
+        constraints=wanted.constraints,
         contactless=wanted.contactless,
         tell=tell,
     )
@@ -178,9 +178,9 @@ def compare(tell: Tell, given: Asked) -> Callable[[], None]:
     tree = compared(
         decays,
         asked.library,
-        asked.every_method,
+        methods_asked(asked),
         contactless=asked.contactless,
-        constraints=asked.constraints.table,
+        constraints=asked.constraints,
         tell=tell,
     )
     keep_next(tree, given)
@@ -204,8 +204,8 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
         raise UsageError("A record is given in both samples; their differences would share its noise.")
     usual = usual_methods([*first, *second], asked.library, asked.reference_frequency, asked.shapes)
     method = with_random_force(usual[-1], asked.random_force)
-    table = asked.constraints.table
-    tree = held_against(first, second, asked.library, method, constraints=table, tell=tell)
+    how = {"constraints": asked.constraints, "tell": tell}
+    tree = held_against(first, second, asked.library, method, **how)
     blocks = partial(sureness.difference_blocks, tree, [*of_first, *of_second])
     says = blocks, partial(sureness.difference_json, tree)
     return deliver(given, tell, says, tree, texts_of(given, tree))

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.options import Asked, parse_number, parse_value_with_error, parse_window
+from sysid_trib.commands.app import Asked, parse_number, parse_value_with_error, parse_window
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.selection import load_system
 from sysid_trib.records.free_decay import free_decays

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from sysid_trib.commands.app import MOST, Asked, assigned, parse_window
 from sysid_trib.commands.asked import asked_model, model_of_file
 from sysid_trib.commands.destination import check_output, deliver
-from sysid_trib.commands.options import MOST, Asked, assigned, parse_window
 from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
 from sysid_trib.commands.terminal import command_after, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
@@ -22,7 +22,7 @@ from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.printing import driven, looked
 from sysid_trib.printing.equation import model_code
 from sysid_trib.printing.exported import forces_latex
-from sysid_trib.printing.next_step import NextStep, plan_blocks, plan_json
+from sysid_trib.printing.next_step import plan_blocks, plan_json
 from sysid_trib.results.files import kind_of, load, save, write_file
 from sysid_trib.results.variables import group_names
 from sysid_trib.simulation.model import Model, check_shapes
@@ -56,7 +56,7 @@ def look(tell: Tell, given: Asked) -> Callable[[], None]:
         # What was understood helps to see why.
         return partial(_refuse, [] if given.as_json else sentences, error)
     asked = looked.pointed_options(tree, given.system is not None)
-    command = command_after(NextStep("identify", "the forces of this decay", asked), given)
+    command = command_after("identify", asked, given)
     says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
     return deliver(given, tell, says, tree, kind="look")
 
@@ -122,7 +122,7 @@ def plan(tell: Tell, given: Asked) -> Callable[[], None]:
     if tree is None or not kind_of(tree):
         of_model = asked_model(given)
         decays, _ = read_decays(given)
-        tree = identify(decays, of_model.library, constraints=of_model.constraints.table, tell=tell)
+        tree = identify(decays, of_model.library, constraints=of_model.constraints, tell=tell)
     main = model_of_file(given.records[0] if given.records else Path("the example"), tree)
     data = best_run(tree, **limits, sampling_rate=given.rate, repeats=given.repeats, wanted=wanted, tell=tell)
     says = partial(plan_blocks, data, main), partial(plan_json, data)

@@ -1,13 +1,12 @@
 """Text, tables and progress on the terminal, and the command that follows from a result."""
 
-import inspect
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from sysid_trib.commands.options import Asked, options_of
+from sysid_trib.commands.app import COMMANDS, Asked, options_of
 from sysid_trib.errors import DecayError, Tell, printable, readable, silent
 from sysid_trib.printing import Block, Layer
 
@@ -17,21 +16,13 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.table import Table
 
-    from sysid_trib.printing.next_step import NextStep
-
 
 def print_table(table: "Table") -> None:
     """Print a table whole."""
     from rich.console import Console
 
-    class Output(Console):
-        """A console that leaves a pipe whose reader has enough to the command line."""
-
-        def on_broken_pipe(self) -> None:
-            raise BrokenPipeError
-
     # Markup would take a bracket in the name of a force for a command.
-    console = Output(highlight=False, markup=False, emoji=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
     if not console.is_terminal:
         # Columns of a table that is not cut short.
@@ -179,32 +170,27 @@ def keep_next(tree: "xr.DataTree", given: Asked) -> None:
     """
     from sysid_trib.printing.next_step import next_step
 
-    step = next_step(tree)
-    tree.attrs["next"] = f"{command_after(step, given)} # {step.reason}"
+    command, reason, options = next_step(tree)
+    tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
 
 
-def command_after(step: "NextStep", given: Asked) -> str:
-    """The command of a next step, with the options that were given before."""
-    from sysid_trib.commands.app import app
-
-    known = next(
-        inspect.signature(info.callback).parameters
-        for info in app.registered_commands
-        if info.callback and info.callback.__name__ == step.command
-    )
-    replaced = {name.replace("-", "_") for name in (*step.options, *step.without)}
-    options = given.options
+def command_after(command: str, others: Mapping[str, str | None], given: Asked) -> str:
+    """A command with the options that were given before, and others in their place (see `next_step`)."""
+    known, options = options_of(*COMMANDS[command]["options"]), given.options
     changed = {name: vars(given)[name] for name in options if name in TAKEN_OVER}
     if "candidates" not in known and "library" in changed and not given.changed(["library"]):
         # Forces that the package ships are known to every command, one's own candidates by their file.
         changed["library"] = changed.get("candidates") or changed["library"]
     # A dash at the beginning of a word would be an option.
     files = map(str, changed.pop(RECORDS, []))
-    words = [f"./{file}" if file.startswith("-") else file for file in files] + list(step.records)
+    words = [f"./{file}" if file.startswith("-") else file for file in files]
+    words += [file for name, file in others.items() if name == RECORDS and file]
     for name, value in changed.items():
-        if name in known and name.strip("_") not in replaced and value != options[name].default:
+        if name in known and name.strip("_") not in others and value != options[name].default:
             for item in value if isinstance(value, list | tuple) else [value]:
                 # A switch is its flag alone.
                 words += [options[name].flag] if isinstance(item, bool) else [options[name].flag, str(item)]
-    words += [word for name, value in step.options.items() for word in (f"--{name}", value) if word]
-    return readable(shlex.join(["sysid-trib", step.command, *words]))
+    for name, value in others.items():
+        if value is not None and name != RECORDS:
+            words += [f"--{name.replace('_', '-')}", *filter(None, [value])]
+    return readable(shlex.join(["sysid-trib", command, *words]))

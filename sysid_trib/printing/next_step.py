@@ -1,7 +1,6 @@
 """What to do after a result: the next command, and why; the next run, in words and as plain data."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,39 +28,13 @@ MOST_RUNS = 8
 MORE_EFFECTS = 2
 
 
-@dataclass(frozen=True)
-class NextStep:
-    """A command that follows from a result.
-
-    Attributes
-    ----------
-    command : str
-        Its name.
-    reason : str
-        What it is for, in a few words.
-    options : mapping of str to str
-        By name; they replace those of the command that has run. A switch has an empty value.
-    records : tuple of str
-        Further records.
-    without : tuple of str
-        Options of the command that has run which are left out.
-    """
-
-    command: str
-    reason: str
-    options: Mapping[str, str] = field(default_factory=dict)
-    records: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
+# A command, what it is for in a few words, and options that replace those of the command that has run: a
+# switch has an empty value, what is left out has None; `records` is one more.
+NextStep = tuple[str, str, Mapping[str, str | None]]
 
 
 def next_step(tree: xr.DataTree) -> NextStep:
-    """The command that follows from a result of `cross_check`, `compare` or `discover`.
-
-    Parameters
-    ----------
-    tree : DataTree
-        The result.
-    """
+    """The command that follows from a result of `cross_check`, `compare` or `discover`."""
     after = {"discover": _after_discovery, "compare": _after_comparison}
     return after.get(kind_of(tree), _after_identification)(tree)
 
@@ -72,18 +45,18 @@ def _after_identification(tree: xr.DataTree) -> NextStep:
     if not verdict_of(tree).startswith("explained"):
         return _search(tree, "names what is missing")
     if fewer := fewer_forces(tree):
-        return NextStep("identify", "the fewest forces that suffice", {"forces": ",".join(fewer[0])})
-    return NextStep("compare", "every method, and how it predicts a part that is held out")
+        return "identify", "the fewest forces that suffice", {"forces": ",".join(fewer[0])}
+    return "compare", "every method, and how it predicts a part that is held out", {}
 
 
 def _after_nothing(result: xr.Dataset) -> NextStep:
     """After a record that decides none of its forces: with fewer of them."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
-        reason = "fewer forces, and all of the record"
-        return NextStep("identify", reason, {"forces": viscous[0]}, without=("window",))
+        options = {"forces": viscous[0], "window": None}
+        return "identify", "fewer forces, and all of the record", options
     reason = f"{SECOND_RECORD}: a longer motion, from a larger amplitude"
-    return NextStep("identify", reason, records=(SECOND_RECORD,), without=("window",))
+    return "identify", reason, {"records": SECOND_RECORD, "window": None}
 
 
 def _after_comparison(tree: xr.DataTree) -> NextStep:
@@ -97,32 +70,30 @@ def _search(tree: xr.DataTree, reason: str) -> NextStep:
     # Methods for two forces hold no others.
     library = library_of(max(identifications_of(tree).values(), key=lambda result: result.sizes["force"]))
     forces = [force.symbol for force in library if force.kind != "sensor"]
-    return NextStep("discover", reason, {"forces": ",".join(forces)} if len(forces) < len(library) else {})
+    return "discover", reason, {"forces": ",".join(forces)} if len(forces) < len(library) else {}
 
 
 def _after_discovery(tree: xr.DataTree) -> NextStep:
     if tree.attrs.get("out_of_time"):
-        return NextStep("discover", "the same to its end", without=("time_limit",))
-    tied = _tied(tree)
-    if tied:
+        return "discover", "the same to its end", {"time_limit": None}
+    if tied := _tied(tree):
         reason = f"{SECOND_RECORD}: the measurement that separates {' and '.join(tied[:2])}, see above"
-        return NextStep("discover", reason, records=(SECOND_RECORD,))
+        return "discover", reason, {"records": SECOND_RECORD}
     after = tree["after"].to_dataset()
     if tree.attrs["verdict"] == "unknown effect":
         outstanding = bool(tree["ranking"].significant.isel(selection_step=-1).any())
         most = tree.attrs["max_effects"]
         if outstanding and tree["steps"].attrs["count"] >= most:
-            return NextStep("discover", "adds further effects", {"max-effects": str(most + MORE_EFFECTS)})
-        reason = "story shows the force that no candidate names"
-        return NextStep("discover", reason, {"plot": "figures"})
+            return "discover", "adds further effects", {"max_effects": str(most + MORE_EFFECTS)}
+        return "discover", "story shows the force that no candidate names", {"plot": "figures"}
     if not determines(after):
         return _after_nothing(after)
     if held_out_excess(tree) and tree.attrs["held_out"].startswith(LAST_THIRD):
-        return NextStep("discover", "fits the same forces to the whole record", {"refit": ""})
+        return "discover", "fits the same forces to the whole record", {"refit": ""}
     forces = ",".join(after.force.values.tolist())
     shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())
     options = {"forces": forces} | ({"set": shapes} if shapes else {})
-    return NextStep("identify", "two methods, held against each other", options)
+    return "identify", "two methods, held against each other", options
 
 
 def _tied(tree: xr.DataTree) -> list[str]:
