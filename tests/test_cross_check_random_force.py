@@ -107,7 +107,7 @@ def test_runs_of_one_experiment_agree_in_forces_and_in_the_random_force():
     found = st.validation.run_agreement(runs, together)
     assert (found.attrs["verdict"], found.attrs["density_verdict"]) == ("agree", "agree")
     assert found.random_force_density.dims == ("run",)
-    assert "random force" in runs_sentences(found)[-1]
+    assert "random force" in [*runs_sentences(found)][-1]
     assert runs_json(found)["random_force"]["verdict"] == "agree"
     # By errors that do not know the random force they disagree.
     unknowing = st.validation.run_agreement(runs, WHITE.identify(runs, FORCES))
@@ -120,7 +120,7 @@ def test_a_random_force_that_grew_is_said():
     runs = [pushed(2), pushed(3, density=9.0 * DENSITY)]
     found = st.validation.run_agreement(runs, st.identify(runs, FORCES, AUTO))
     assert found.attrs["density_verdict"] == "disagree"
-    assert runs_sentences(found)[-1].startswith("The size of the random force differs")
+    assert [*runs_sentences(found)][-1].startswith("The size of the random force differs")
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from sysid_trib.printing.comparison import comparison_json
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.identification import identification_json
-from sysid_trib.printing.sureness import difference_json
+from sysid_trib.printing.layout import mapped
 from sysid_trib.validation.samples import held_against
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -171,7 +171,9 @@ def test_json_keys_are_those_documented(generated):
         "discover": discovery_json(results["discover"]),
     }
     record, library = [results["identify"]["record"].to_dataset()], st.load_library().select(["zeta"])
-    printed["difference"] = difference_json(held_against(record, record, library, st.methods.Direct()))
+    printed["difference"] = mapped(
+        held_against(record, record, library, st.methods.Direct()).to_dataset(), "difference"
+    )
     driven = results[generated.DRIVEN]
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])

@@ -13,9 +13,8 @@ from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
 from sysid_trib.commands.app import Asked, options_of
-from sysid_trib.commands.terminal import command_after
+from sysid_trib.commands.next_step import command_after, next_step
 from sysid_trib.printing.identification import identification_blocks
-from sysid_trib.printing.next_step import next_step
 from sysid_trib.validation.findings import holds
 from sysid_trib.validation.identify import usual_methods
 

@@ -11,7 +11,7 @@ from helpers import FIVE, paper_run
 from sysid_trib import difference, identify, load, plots
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
-from sysid_trib.printing.sureness import difference_blocks
+from sysid_trib.printing.campaign import difference_blocks
 from sysid_trib.validation import sensitivity
 
 RUN = paper_run(FIVE, duration=15.0)

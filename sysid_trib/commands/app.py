@@ -215,11 +215,11 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     known = options_of(*options)
 
     def run(**values: Any) -> None:
-        from sysid_trib.commands import destination, terminal
+        from sysid_trib.commands import terminal
 
         given = Asked(known, **values)
-        with terminal.working(values.get(terminal.RECORDS, ())) as tell:
-            destination.check_values(given)
+        with terminal.working(values.get("records", ())) as tell:
+            terminal.check_values(given)
             say = getattr(import_module(f"sysid_trib.commands.{home}"), name)(tell, given)
         say()
 

@@ -16,9 +16,8 @@ from sysid_trib.campaigns.store import counts_of
 from sysid_trib.campaigns.study import load_study, names_of
 from sysid_trib.commands.app import GROUPS, Asked
 from sysid_trib.commands.asked import asked_model, asked_search, methods_asked
-from sysid_trib.commands.destination import check_output, print_json
 from sysid_trib.commands.record_inputs import read_decays
-from sysid_trib.commands.terminal import command_line, print_blocks
+from sysid_trib.commands.terminal import check_output, command_line, print_blocks, print_json
 from sysid_trib.errors import RecordError, Tell, UsageError
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 from sysid_trib.validation.between_runs import between_runs, without_collinear

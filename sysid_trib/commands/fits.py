@@ -1,6 +1,6 @@
 """What `sysid-trib identify`, `discover`, `compare` and `difference` do: fits, and what they lack."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,19 +10,22 @@ import xarray as xr
 
 from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
 from sysid_trib.commands.asked import asked_model, asked_search, methods_asked
-from sysid_trib.commands.destination import deliver, texts_of
+from sysid_trib.commands.next_step import keep_next
 from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
-from sysid_trib.commands.terminal import keep_next, record_sentences
+from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import ALWAYS, Block, driven, exported, identification, sureness
+from sysid_trib.printing.campaign import difference_blocks
 from sysid_trib.printing.comparison import comparison_blocks, comparison_json
 from sysid_trib.printing.discovery import discovery_blocks, discovery_json
+from sysid_trib.printing.layout import mapped
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
+from sysid_trib.results.variables import record_groups
 from sysid_trib.validation import findings, profiles, refits
 from sysid_trib.validation.compare import compare as compared
 from sysid_trib.validation.driven import is_driven, predict
@@ -33,6 +36,17 @@ from sysid_trib.validation.samples import held_against
 def names_in(text: str | None) -> list[str]:
     """Names between commas, each once."""
     return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
+
+
+def _texts(given: Asked, tree: xr.DataTree) -> dict[Path | None, Callable[[], str]]:
+    """What stands in the files of text of a result, by their places."""
+    return {given.csv: partial(exported.csv_text, tree), given.latex: partial(exported.latex_text, tree)}
+
+
+def _record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
+    """The sentence on each record, and what was cut of it."""
+    pairs = zip(sentences, record_groups(tree), strict=True)
+    return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
 
 
 def identify(tell: Tell, given: Asked) -> Callable[[], None]:
@@ -79,7 +93,7 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
     if not driven:
         keep_next(tree, given)
-    texts = texts_of(given, tree)
+    texts = _texts(given, tree)
     if given.methods is not None:
         texts[given.methods] = partial(exported.methods_text, tree)
         texts[given.methods.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
@@ -115,7 +129,7 @@ def _add_sureness(
 
 def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
     """What is printed of an identification, of free decays or with inputs."""
-    sentences = record_sentences(tree, sources)
+    sentences = _record_sentences(tree, sources)
     of_kind = driven.driven_blocks if kind_of(tree) == "driven" else identification.identification_blocks
     said = of_kind(tree, sentences)
     return [*said, Block(driven.prediction_sentences(predicted), ALWAYS)]
@@ -142,9 +156,9 @@ def discover(tell: Tell, given: Asked) -> Callable[[], None]:
     if not driving:
         keep_next(tree, given)
     stretches = tree.attrs["stretches"]
-    sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
+    sentences = [*sources, stretches] if stretches else _record_sentences(tree, sources)
     says = partial(discovery_blocks, tree, sentences), partial(discovery_json, tree)
-    return deliver(given, tell, says, tree, texts_of(given, tree))
+    return deliver(given, tell, says, tree, _texts(given, tree))
 
 
 def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dataset], list[xr.Dataset], str]:
@@ -184,9 +198,9 @@ def compare(tell: Tell, given: Asked) -> Callable[[], None]:
         tell=tell,
     )
     keep_next(tree, given)
-    blocks = partial(comparison_blocks, tree, record_sentences(tree, sources))
+    blocks = partial(comparison_blocks, tree, _record_sentences(tree, sources))
     says = blocks, partial(comparison_json, tree)
-    return deliver(given, tell, says, tree, texts_of(given, tree))
+    return deliver(given, tell, says, tree, _texts(given, tree))
 
 
 # Stands between the records of the two samples.
@@ -206,9 +220,9 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
     method = with_random_force(usual[-1], asked.random_force)
     how = {"constraints": asked.constraints, "tell": tell}
     tree = held_against(first, second, asked.library, method, **how)
-    blocks = partial(sureness.difference_blocks, tree, [*of_first, *of_second])
-    says = blocks, partial(sureness.difference_json, tree)
-    return deliver(given, tell, says, tree, texts_of(given, tree))
+    blocks = partial(difference_blocks, tree, [*of_first, *of_second])
+    says = blocks, partial(mapped, tree.to_dataset(), "difference")
+    return deliver(given, tell, says, tree, _texts(given, tree))
 
 
 def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:

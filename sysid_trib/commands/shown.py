@@ -9,9 +9,9 @@ import xarray as xr
 
 from sysid_trib.commands.app import MOST, Asked, assigned, parse_window
 from sysid_trib.commands.asked import asked_model, model_of_file
-from sysid_trib.commands.destination import check_output, deliver
+from sysid_trib.commands.next_step import command_after
 from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
-from sysid_trib.commands.terminal import command_after, print_table, print_written
+from sysid_trib.commands.terminal import check_output, deliver, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
 from sysid_trib.cycles.look import look as facts
 from sysid_trib.errors import DecayError, RecordError, Tell, UsageError
@@ -22,7 +22,7 @@ from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.printing import driven, looked
 from sysid_trib.printing.equation import model_code
 from sysid_trib.printing.exported import forces_latex
-from sysid_trib.printing.next_step import plan_blocks, plan_json
+from sysid_trib.printing.layout import mapped
 from sysid_trib.results.files import kind_of, load, save, write_file
 from sysid_trib.results.variables import group_names
 from sysid_trib.simulation.model import Model, check_shapes
@@ -125,7 +125,7 @@ def plan(tell: Tell, given: Asked) -> Callable[[], None]:
         tree = identify(decays, of_model.library, constraints=of_model.constraints, tell=tell)
     main = model_of_file(given.records[0] if given.records else Path("the example"), tree)
     data = best_run(tree, **limits, sampling_rate=given.rate, repeats=given.repeats, wanted=wanted, tell=tell)
-    says = partial(plan_blocks, data, main), partial(plan_json, data)
+    says = partial(driven.plan_blocks, data, main), partial(driven.plan_json, data)
     return deliver(given, tell, says, xr.DataTree(data), kind="plan")
 
 
@@ -139,7 +139,7 @@ def response(tell: Tell, given: Asked) -> Callable[[], None]:
     tell("response")
     w = answer.asymptotic_frequency.item() * np.linspace(low, high, given.points)
     data = forced_response(answer, given.drive, w, driven_by=given.driven_by, base=given.base)
-    says = partial(driven.response_blocks, data), partial(driven.response_json, data)
+    says = partial(driven.response_blocks, data), partial(mapped, data, "response")
     texts = {given.csv: partial(driven.response_csv, data)}
     return deliver(given, tell, says, xr.DataTree(data), texts, kind="response")
 

@@ -1,18 +1,20 @@
-"""Text, tables and progress on the terminal, and the command that follows from a result."""
+"""Where the result of a command goes: text and tables on the terminal, files, figures; and its progress."""
 
+import json
+import os
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.app import COMMANDS, Asked, options_of
-from sysid_trib.errors import DecayError, Tell, printable, readable, silent
+from sysid_trib.commands.app import Asked, check_between
+from sysid_trib.errors import DecayError, RecordError, Tell, UsageError, printable, readable, silent
 from sysid_trib.printing import Block, Layer
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import xarray as xr
     from rich.table import Table
 
@@ -34,7 +36,7 @@ def print_blocks(
     blocks: Iterable[Block],
     layer: Layer = Layer.DEFAULT,
     ends: Iterable[str] = (),
-    written: "Iterable[Path | None]" = (),
+    written: Iterable[Path | None] = (),
 ) -> None:
     """Print the blocks of a layer, with an empty line between two; `--explain` has headings.
 
@@ -59,15 +61,7 @@ def print_blocks(
     print_written(*written)
 
 
-def record_sentences(tree: "xr.DataTree", sentences: Sequence[str]) -> list[str]:
-    """The sentence on each record, and what was cut of it."""
-    from sysid_trib.results.variables import record_groups
-
-    pairs = zip(sentences, record_groups(tree), strict=True)
-    return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
-
-
-def print_written(*places: "Path | None") -> None:
+def print_written(*places: Path | None) -> None:
     """Print the files and folders that were written."""
     for place in places:
         if place is not None:
@@ -75,7 +69,7 @@ def print_written(*places: "Path | None") -> None:
 
 
 @contextmanager
-def working(records: "Sequence[Path]" = ()) -> Iterator[Tell]:
+def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
     """How a command works: it says what is under way, computes in one thread, and names what is refused.
 
     Parameters
@@ -153,44 +147,132 @@ def command_line() -> str:
     return readable(shlex.join(["sysid-trib", *sys.argv[1:]]))
 
 
-RECORDS = "records"
-# What the next command asks of the same records and forces.
-TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
+# mm.
+INCH = 25.4
+# Options that name what a command reads.
+READ = ("result", "test", "library", "candidates", "system")
 
 
-def keep_next(tree: "xr.DataTree", given: Asked) -> None:
-    """Keep the command that follows from a result as its attribute `next`.
+def check_values(given: Asked) -> None:
+    """Refuse, before the work is done, a number out of its range, and places that cannot be written.
+
+    Raises
+    ------
+    UsageError
+        A number out of its range, a file of another ending, or options that exclude each other.
+    RecordError
+        A place that cannot be written, or the result would replace what is read.
+    """
+    values = vars(given)
+    if values.get("explain") and values.get("quiet"):
+        raise UsageError("--explain prints more and --quiet prints less: choose one.")
+    reads = [*values.get("records", ()), *(Path(values[name]) for name in READ if values.get(name))]
+    for name, option in given.options.items():
+        if option.within:
+            check_between(values[name], option.flag, *option.within)
+        if option.ending:
+            check_output(values[name], option.ending, reads=reads, flag=option.flag)
+    if values.get("methods") and "plot" in values:
+        check_output(values["methods"].with_suffix(".bib"), ".bib", reads=reads, flag="--methods")
+    check_folder(values.get("plot"))
+
+
+def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = (), flag: str = "-o") -> None:
+    """Refuse a file that cannot be written before the work is done, not after."""
+    if target is None:
+        return
+    if target.is_dir():
+        raise RecordError(f"{target}: cannot be written, it is a directory; name a file in it with {flag}.")
+    if target.suffix.lower() not in ending.split():
+        raise UsageError(f"{target}: the ending must be {ending.replace(' ', ' or ')}.")
+    reason = ""
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        there = target.parent.is_dir()
+        reason = f"cannot be written, its folder {'is not writable' if there else 'does not exist'}"
+    elif target.exists() and any(os.path.exists(read) and target.samefile(read) for read in reads):
+        reason = "the result would replace a file that is read"
+    if reason:
+        raise RecordError(f"{target}: {reason}; choose another place with {flag}.")
+
+
+def check_folder(folder: Path | None) -> None:
+    """Refuse a folder for figures that is a file, or lies in one."""
+    if folder is None:
+        return
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        reason = "is not writable" if there.is_dir() else "is a file"
+        raise RecordError(f"{folder}: cannot be written, {there} {reason}; choose another folder for --plot.")
+
+
+def deliver(
+    given: Asked,
+    tell: Tell,
+    says: tuple[Callable[[], Sequence[Block]], Callable[[], dict[str, Any]]],
+    tree: "xr.DataTree",
+    texts: Mapping[Path | None, Callable[[], str]] | None = None,
+    *,
+    kind: str = "",
+) -> Callable[[], None]:
+    """Save and draw a result.
 
     Parameters
     ----------
-    tree : DataTree
-        Result of a command.
     given : Asked
-        What the command was given; the next command takes over the options that it knows.
+        Where it goes.
+    tell : Tell
+        Called with what begins.
+    says : pair of callable
+        What is printed, in layers, and as JSON.
+    tree : DataTree
+        What a file of netCDF holds, with the command that made it.
+    texts : mapping of Path to callable, optional
+        What stands in files of text; None as a place is no file.
+    kind : str
+        Figures of which kind are drawn, where that of the result does not say it.
+
+    Returns
+    -------
+    callable
+        Prints it.
     """
-    from sysid_trib.printing.next_step import next_step
+    from sysid_trib.results.files import save, write_file
 
-    command, reason, options = next_step(tree)
-    tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
+    tell("files")
+    written = {place: text_of for place, text_of in (texts or {}).items() if place is not None}
+    places = [vars(given).get("output"), *written, given.plot]
+    tree.attrs["command"] = command_line()
+    if places[0] is not None:
+        save(tree, places[0])
+    for place, text_of in written.items():
+        write_file(place, text_of().encode())
+    if given.plot is not None:
+        _draw(tree, kind, given.plot, given.width / INCH, tell)
+    tell("what is to be said")
+    whole = "explain" in given.options
+    following = tree.attrs.get("next", "") if whole else ""
+    if given.as_json:
+        return partial(print_json, says[1]() | ({"next": following} if whole else {}))
+    layer = Layer.DEFAULT
+    if whole:
+        layer = Layer.QUIET if given.quiet else Layer.EXPLAIN if given.explain else Layer.DEFAULT
+    ends = ["More: --explain."] if whole and layer is Layer.DEFAULT else []
+    ends += [f"Next: {printable(following)}"] if following else []
+    return partial(print_blocks, says[0](), layer, ends, places)
 
 
-def command_after(command: str, others: Mapping[str, str | None], given: Asked) -> str:
-    """A command with the options that were given before, and others in their place (see `next_step`)."""
-    known, options = options_of(*COMMANDS[command]["options"]), given.options
-    changed = {name: vars(given)[name] for name in options if name in TAKEN_OVER}
-    if "candidates" not in known and "library" in changed and not given.changed(["library"]):
-        # Forces that the package ships are known to every command, one's own candidates by their file.
-        changed["library"] = changed.get("candidates") or changed["library"]
-    # A dash at the beginning of a word would be an option.
-    files = map(str, changed.pop(RECORDS, []))
-    words = [f"./{file}" if file.startswith("-") else file for file in files]
-    words += [file for name, file in others.items() if name == RECORDS and file]
-    for name, value in changed.items():
-        if name in known and name.strip("_") not in others and value != options[name].default:
-            for item in value if isinstance(value, list | tuple) else [value]:
-                # A switch is its flag alone.
-                words += [options[name].flag] if isinstance(item, bool) else [options[name].flag, str(item)]
-    for name, value in others.items():
-        if value is not None and name != RECORDS:
-            words += [f"--{name.replace('_', '-')}", *filter(None, [value])]
-    return readable(shlex.join(["sysid-trib", command, *words]))
+def print_json(data: Mapping[str, Any]) -> None:
+    """Print what a command gives with --json."""
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell) -> None:
+    """Write the figures of a result, of a width in inches."""
+    tell("figures")
+    from sysid_trib.plots.declared import figures_of
+    from sysid_trib.results.files import kind_of, write_figure
+
+    drawings = [drawn for figure in figures_of(kind or kind_of(tree)) for drawn in figure.drawings(tree)]
+    for at, (name, _, draw) in enumerate(drawings):
+        tell(f"figure {name}", at / len(drawings))
+        write_figure(draw(width=width), folder / name)

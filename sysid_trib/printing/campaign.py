@@ -1,17 +1,23 @@
-"""A campaign in words and tables: what was done, what varies between the records, which stand out."""
+"""Many records in words and tables: what varies between those of a campaign, and how two samples differ."""
 
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from rich.table import Table
+from scipy.stats import norm
 
 from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
-from sysid_trib.printing import USUALLY, Block, layout
+from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
+from sysid_trib.printing.verdict import error_parts_sentence
+from sysid_trib.results.effects import sufficient_forces
+from sysid_trib.results.files import identifications_of
+from sysid_trib.validation.samples import SIDES
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
@@ -19,6 +25,7 @@ STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
 AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
+COLLINEAR = "Condition '{}' goes with {} in these records: it is left out, and an effect may be of either."
 
 
 def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None) -> list[Block]:
@@ -33,34 +40,25 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
     compared : Dataset, optional
         What varies between its records; None of too few.
     """
-    blocks = [Block([_counts(counts), *_verdicts(store), *named_sentences(store)])]
+    # A message on a file begins with its name.
+    reasons = [
+        why if why.startswith(name.rpartition("/")[2]) else f"{name}: {why}"
+        for name, why in _reasons(store).items()
+    ]
+    refused = layout.first_and_more(reasons, REFUSALS, ": see `message` in the store")
+    blocks = [Block([*_counts(store, counts)])]
     if compared is not None:
         blocks.append(Block((), USUALLY, VARIES, _between_records(compared), SCATTER))
-        blocks.append(Block([*_collinear_sentences(compared), *_outliers(compared)], title=VARIES))
+        collinear = (COLLINEAR.format(*pair) for pair in _collinear(compared).items())
+        blocks.append(Block([*collinear, *_outliers(compared)], title=VARIES))
         blocks.append(Block(title=AGAINST))
-    return [*blocks, Block(_refusals(store), title=WITHOUT_RESULT)]
-
-
-def _counts(counts: Mapping[str, int]) -> str:
-    """How many records are done, and how many have no result."""
-    bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
-    return f"{counts['done']:,} of {sum(counts.values()):,} records done{f'; {bad}' if bad else ''}."
+    return [*blocks, Block(refused, title=WITHOUT_RESULT)]
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
     """Why records have no numbers, by their names."""
     bad = store.isel(record=np.flatnonzero(store.status.values > 1))
     return dict(zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True))
-
-
-def _refusals(store: xr.Dataset) -> list[str]:
-    """Why records have no numbers: each of the first few, then how many more."""
-    # A message on a file begins with its name.
-    sentences = [
-        why if why.startswith(name.rpartition("/")[2]) else f"{name}: {why}"
-        for name, why in _reasons(store).items()
-    ]
-    return layout.first_and_more(sentences, REFUSALS, ": see `message` in the store")
 
 
 def _of_done(store: xr.Dataset, name: str) -> list[str]:
@@ -74,10 +72,16 @@ def _most_first(words: Iterable[str]) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda pair: (-pair[1], pair[0])))
 
 
-def _verdicts(store: xr.Dataset) -> list[str]:
-    """How often each verdict was given."""
-    counts = [*_most_first(_of_done(store, "verdict")).items()][:REFUSALS]
-    return ["; ".join(f"{count:,} {verdict}" for verdict, count in counts) + "."] if counts else []
+def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
+    """How many records are done, and how many have no result; how often there is which verdict and name."""
+    bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
+    yield f"{counts['done']:,} of {sum(counts.values()):,} records done{f'; {bad}' if bad else ''}."
+    verdicts = [f"{count:,} {v}" for v, count in _most_first(_of_done(store, "verdict")).items()]
+    if verdicts:
+        yield f"{'; '.join(verdicts[:REFUSALS])}."
+    if listed := [f"{symbol} in {count:,}" for symbol, count in named_counts(store).items()]:
+        more = f", {len(listed) - NAMES_LISTED} more" if len(listed) > NAMES_LISTED else ""
+        yield f"Named, or not to be separated from a name: {', '.join(listed[:NAMES_LISTED])}{more}."
 
 
 def named_counts(store: xr.Dataset) -> dict[str, int]:
@@ -88,16 +92,6 @@ def named_counts(store: xr.Dataset) -> dict[str, int]:
     # "nu, epsilon" and "epsilon or gravity; ...", of many "or 3 more".
     words = [set(re.split(r", |; | or ", f"{named}, {tied}")) for named, tied in texts]
     return _most_first(word for of_record in words for word in of_record if word in store.force.values)
-
-
-def named_sentences(store: xr.Dataset) -> list[str]:
-    """A sentence that counts the names of a campaign."""
-    counts = named_counts(store)
-    if not counts:
-        return []
-    listed = [f"{symbol} in {count:,}" for symbol, count in [*counts.items()][:NAMES_LISTED]]
-    more = len(counts) - len(listed)
-    return [f"Named, or not to be separated from a name: {', '.join(listed)}{f', {more} more' * (more > 0)}."]
 
 
 def named_text(record: xr.Dataset) -> str:
@@ -140,12 +134,6 @@ def _interval(of_quantity: xr.Dataset, name: str) -> str:
     return f"{value:.2g} ({lower:.2g} to {upper:.2g})" if np.isfinite(value) else "-"
 
 
-def _collinear_sentences(compared: xr.Dataset) -> list[str]:
-    """Which conditions are left out of the comparison, since they go with others."""
-    text = "Condition '{}' goes with {} in these records: it is left out, and an effect may be of either."
-    return [text.format(name, others) for name, others in _collinear(compared).items()]
-
-
 def _collinear(compared: xr.Dataset) -> dict[str, str]:
     """Conditions that are left out, and with which each goes."""
     return dict(json.loads(compared.attrs.get("collinear", "{}")))
@@ -175,3 +163,138 @@ def campaign_json(
         made["between_records"] = layout.per_label(compared, "quantity", layout.KEYS["between_records"])
         made["collinear_conditions"] = _collinear(compared)
     return made
+
+
+# Probability with which a difference is found that the table names.
+POWER_STATED = 0.9
+
+
+def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
+    """What is said of two samples, in its order; `record` says what was read."""
+    data = tree.to_dataset()
+    said = (
+        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
+        f"found with a probability of {POWER_STATED:g}, at the level {data.attrs['level']:g}."
+    )
+    return [
+        Block([_first_sentence(tree)], ALWAYS),
+        Block([*_stiffness_and_warnings(tree)]),
+        Block(record),
+        Block([said], title="Coefficients", table=_table(tree, True)),
+        Block([*_details(tree)], Layer.EXPLAIN, "Samples"),
+        Block(layers=Layer.QUIET, table=_table(tree, False)),
+    ]
+
+
+def _names(data: xr.Dataset) -> list[str]:
+    """What the samples are called: their files, or first and second where these are called alike."""
+    names = [_name(data.attrs[f"{side}_record"], side) for side in SIDES]
+    return list(SIDES) if names[0] == names[1] else names
+
+
+def _name(sources: Sequence[str], otherwise: str) -> str:
+    """A short name of records that are files."""
+    names = [Path(source).name for source in sources if source]
+    return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else "".join(names) or otherwise
+
+
+def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
+    """The identifications of all runs, with the names of their files."""
+    results = identifications_of(tree).items()
+    return [(_name(run.attrs["record_source"], label.replace("_", " ")), run) for label, run in results]
+
+
+def _details(tree: xr.DataTree) -> Iterator[str]:
+    """The test of all forces, of what the errors of each run are made, and how far its model is off."""
+    yield f"All differences together: {_test_of_all(tree.to_dataset())}."
+    for name, run in _runs(tree):
+        yield error_parts_sentence(name, run)
+        if "held_out_rms" in run:
+            ratio = f"{(run.held_out_rms / run.noise).item():.3g} times the noise"
+            yield f"Of held-out parts of {name} its model leaves {ratio}."
+
+
+def _test_of_all(data: xr.Dataset) -> str:
+    """The test of all forces together."""
+    test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
+    return test + layout.p_value_text(data.p_value_of_all.item())
+
+
+def _first_sentence(tree: xr.DataTree) -> str:
+    """Which coefficients differ, and which do not."""
+    data = tree.to_dataset()
+    rows, test = layout.by_label(data, "force"), _test_of_all(data)
+    held = [name for name, row in rows.items() if not np.isfinite(row.z)]
+    others = [name for name, row in rows.items() if not row.differs.item() and name not in held]
+    parts = []
+    for name, row in rows.items():
+        if row.differs.item():
+            unit = _force(tree, name).unit.item()
+            pair = " and ".join(layout.with_unit(layout.quantity(row, side), unit) for side in SIDES)
+            parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
+    if parts:
+        rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
+        rest += f"; not tested, since held in both: {', '.join(held)}" if held else ""
+        return f"{'; '.join(parts)}{rest}."
+    if data.attrs["verdict"] == "together they differ":
+        return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
+    return f"No difference was found in {', '.join(others) or 'the samples'} ({test})."
+
+
+def _sufficient(tree: xr.DataTree) -> str:
+    """The fewest coefficients whose difference suffices where all others are equal."""
+    data, parts = tree.to_dataset(), []
+    contrast = data[["standard_error", "covariance"]].assign(
+        coefficient=data.difference, active=("force", np.ones(data.sizes["force"], dtype=bool))
+    )
+    for choice in sufficient_forces(contrast):
+        of_each = [
+            f"{name} by {layout.with_unit(layout.value_with_error(*pair), _force(tree, name).unit.item())}"
+            for name, pair in choice.items()
+        ]
+        parts.append(" and ".join(of_each))
+    return f"; where all others are equal it is {', or '.join(parts)}" if parts else ""
+
+
+def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
+    """The ratio of the frequencies, as stiffness; what the errors allow for, and methods that differ."""
+    data, (first, second) = tree.to_dataset(), _names(tree.to_dataset())
+    value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
+    z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
+    yield f"Stiffness of {first} over that of {second}, less 1: {layout.value_with_error(value, error)}{z}."
+    if incomplete := [name for name, run in _runs(tree) if "error_of_model" in run]:
+        yield (
+            f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
+            "(--explain splits them)."
+        )
+    methods = [tree.attrs[f"{side}_method"] for side in SIDES]
+    if methods[0] != methods[1]:
+        yield f"The methods differ, {' and '.join(methods)}: a part of the differences may be theirs."
+
+
+def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
+    """A force as the first identification that has it says it."""
+    return next(r for r in identifications_of(tree).values() if symbol in r.force).sel(force=symbol)
+
+
+def _table(tree: xr.DataTree, between: bool) -> Table:
+    """A row each force: both samples, difference, how sure, and what would be found."""
+    data, rows = tree.to_dataset(), []
+    names = dict(zip(SIDES, _names(data), strict=True))
+    factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER_STATED)
+    several = [side for side in SIDES if between and np.isfinite(data[f"{side}_between_runs"]).any()]
+    for symbol, row in layout.by_label(data, "force").items():
+        error, force = row.standard_error.item(), _force(tree, symbol)
+        rows.append(
+            {
+                "force": symbol,
+                "": layout.name_and_unit(force["name"].item(), force.unit.item()),
+                **{name: layout.quantity(row, side) for side, name in names.items()},
+                "difference": layout.value_with_error(row.difference.item(), error),
+                "z": f"{row.z.item():+.1f}" if np.isfinite(row.z) else "-",
+                "p": layout.p_value_text(row.p_value.item(), ""),
+                "detectable": f"{factor * error:.2g}" if error > 0.0 else "-",
+                **{f"{names[s]} between its runs": f"{row[f'{s}_between_runs'].item():.2g}" for s in several},
+            }
+        )
+    return layout.text_table(rows, ("force", ""))

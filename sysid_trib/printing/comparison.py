@@ -120,7 +120,7 @@ def _ratio(value: float) -> str:
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """What is shown of a result of `compare`; `sources` say what each record is."""
     table, details = tree["comparison"].to_dataset(), Layer.EXPLAIN
-    constraints = constraint_sentences(given_results(tree).values())
+    constraints = [*constraint_sentences(given_results(tree).values())]
     warnings = identifiability_warnings(table.attrs)
     return [
         Block([_prediction(tree)], ALWAYS),

@@ -1,5 +1,7 @@
 """What the blocks of a discovery share: the effects and candidates as tables, and the gap in words."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import xarray as xr
 from rich.table import Table
@@ -11,7 +13,6 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results import effects
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.validation.findings import record_noise, residual_of, residual_over_noise
-from sysid_trib.validation.verdict import MARKED
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
@@ -50,8 +51,8 @@ def steps_of(tree: xr.DataTree) -> list[xr.Dataset]:
     return [steps.isel(step=at) for at in range(steps.attrs["count"])]
 
 
-def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table:
-    """The effects that were added, in order, with the residuals before and after over the noise.
+def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
+    """The effects that were added, in order, with residuals before and after over the noise; None of none.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table:
             forces = [step.random_force_before.item(), step.random_force_after.item()]
             row |= {"fall of the deviance": f"{step.gain.item():.3g}", f"random force ({units})": _to(forces)}
         rows.append(row)
-    return layout.text_table(rows, ("effect", "name", "formula"), ("effect",))
+    return layout.text_table(rows, ("effect", "name", "formula"), ("effect",)) if rows else None
 
 
 def _to(values: list[float], unit: float = 1.0) -> str:
@@ -156,38 +157,23 @@ def times_noise(ratio: float) -> str:
     return f"{ratio:.3g} times the noise"
 
 
-def slow_noise_sentences(tree: xr.DataTree) -> list[str]:
-    """That a part of the gap is slow noise of the sensor, where its noise is coloured."""
-    noise, whole = record_noise(tree), float(tree["holdout"].residual_noise)
-    if whole <= MARKED * noise:
-        return []
-    size = layout.in_small_units(whole, signal_units(tree))
-    return [
-        f"The sensor's noise is coloured: with its slow part it is {size} a sample, "
-        f"{times_noise(whole / noise)}."
-    ]
-
-
-def residual_sentences(tree: xr.DataTree, group: str) -> list[str]:
+def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
     """From when on model and record differ, and what the gap is made of."""
     spans = tree[group].to_dataset()
-    departure, parts = _departure(tree, spans), list(spans.attrs["parts"])
-    if not parts:
+    start, run, groups = spans.departure_time.item(), spans.departure_run.item(), record_groups(tree)
+    departs, parts = np.isfinite(start), list(spans.attrs["parts"])
+    if departs:
+        where = f" of run {run + 1}" if len(groups) > 1 else ""
+        first = start <= float(tree[groups[run]].time.values[0])
+        yield f"The gap exceeds the noise from {'the first sample' if first else f'{start:.3g} s'}{where} on."
+    else:
+        yield "At no time does the gap by itself exceed the noise."
+    if parts:
+        most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
+        yield f"Most of the gap is in the {most}{WHERE.get(spans.attrs['where'], '')}."
+    elif departs:
         # Larger than the noise, but in no part that goes with the motion.
-        return [departure, UNKNOWN] if np.isfinite(spans.departure_time) else [departure]
-    most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
-    where = WHERE.get(spans.attrs["where"], "")
-    return [departure, f"Most of the gap is in the {most}{where}."]
-
-
-def _departure(tree: xr.DataTree, spans: xr.Dataset) -> str:
-    start = spans.departure_time.item()
-    if not np.isfinite(start):
-        return "At no time does the gap by itself exceed the noise."
-    groups, run = record_groups(tree), spans.departure_run.item()
-    where = f" of run {run + 1}" if len(groups) > 1 else ""
-    first = start <= float(tree[groups[run]].time.values[0])
-    return f"The gap exceeds the noise from {'the first sample' if first else f'{start:.3g} s'}{where} on."
+        yield UNKNOWN
 
 
 def residual_table(tree: xr.DataTree, group: str) -> Table:
@@ -220,8 +206,10 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
     return layout.text_table(rows, ("record minus model", "when"))
 
 
-def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:
+def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
     """The type of force that scores highest in the omnibus test, and what it means.
+
+    Nothing if the test does not reject, or no part of the gap goes with the motion.
 
     Parameters
     ----------
@@ -230,24 +218,18 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> list[str]:
     group : str
         `discrepancy`, of the start model, or `discrepancy_after`.
 
-    Returns
-    -------
-    list of str
-        Empty if the test does not reject, or no part of the gap goes with the motion.
-
     Notes
     -----
     A fit trades phase for amplitude where the frequency depends on amplitude, so that the gap itself does not
     show the type. Scores do: what the model's parameters can do is projected out of them.
     """
     omnibus = tree["omnibus"].to_dataset().isel(selection_step=-1 if group.endswith("after") else 0)
-    if not len(tree[group].attrs["parts"]) or not omnibus.significant:
-        return []
-    best = abs(omnibus.z).to_series().groupby(_sort_of).max().sort_values(ascending=False)
-    scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
-    near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
-    meaning = MEANINGS.get(near, "forces of several types would explain it")
-    return [f"By the omnibus test (largest |z|: {scores}), {meaning}."]
+    if len(tree[group].attrs["parts"]) and omnibus.significant:
+        best = abs(omnibus.z).to_series().groupby(_sort_of).max().sort_values(ascending=False)
+        scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
+        near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
+        meaning = MEANINGS.get(near, "forces of several types would explain it")
+        yield f"By the omnibus test (largest |z|: {scores}), {meaning}."
 
 
 def _sort_of(name: str) -> str:

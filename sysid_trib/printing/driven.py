@@ -1,4 +1,4 @@
-"""Driven records in words, tables and plain data: the answer, both methods, predictions, forced responses."""
+"""Driven records, forced responses and runs that may be made next, in words, tables and plain data."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,19 +8,8 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
-from sysid_trib.printing import ALWAYS, Block, Layer
+from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
-from sysid_trib.printing.layout import (
-    FREQUENCY_ROWS,
-    KEYS,
-    by_label,
-    coefficient_table,
-    csv_of,
-    mapped,
-    per_label,
-    text_table,
-    value_with_error,
-)
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
@@ -76,8 +65,8 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
         rate = "" if not q else f"/({unit}/s)" if q == 1 else f"/({unit}/s)^{q:g}"
         of_each[force.symbol] = f"{units}{rate}"
     parts = [
-        f"{what} {value_with_error(row.value.item(), row.standard_error.item())} {of_each[what]}"
-        for what, row in by_label(scaled, "quantity").items()
+        f"{what} {layout.value_with_error(row.value.item(), row.standard_error.item())} {of_each[what]}"
+        for what, row in layout.by_label(scaled, "quantity").items()
     ]
     return [f"In the unit of the input {name}: {', '.join(parts)}."]
 
@@ -88,11 +77,11 @@ def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> T
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
     tested = dict(compared.z.to_series()) if "z" in compared else {}
     z = {label: value if value else np.nan for label, value in tested.items()}
-    for name in FREQUENCY_ROWS:
+    for name in layout.FREQUENCY_ROWS:
         z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
     sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
     what = {"force": f"left ({unit})", "formula": "RMS of record minus motion"}
-    return coefficient_table(results, z, [what | sizes])
+    return layout.coefficient_table(results, z, [what | sizes])
 
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -100,12 +89,12 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     compared = tree["comparison"].to_dataset()
     scaled = per_input(tree[compared.attrs["answer"]].to_dataset())
     return {
-        **mapped(compared, {"answer": "@answer", "verdict_on_record": "@verdict_on_record"}),
+        **layout.mapped(compared, {"answer": "@answer", "verdict_on_record": "@verdict_on_record"}),
         "methods": {
-            name: mapped(tree[name].to_dataset(), KEYS["driven"]) | mapped(row, KEYS["driven_motion"])
-            for name, row in by_label(compared, "model").items()
+            name: layout.mapped(tree[name].to_dataset(), "driven") | layout.mapped(row, "driven_motion")
+            for name, row in layout.by_label(compared, "model").items()
         },
-        "per_input": {} if scaled is None else per_label(scaled, "quantity", KEYS["per_input"]),
+        "per_input": {} if scaled is None else layout.per_label(scaled, "quantity", layout.KEYS["per_input"]),
     }
 
 
@@ -125,14 +114,15 @@ def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     """A prediction as plain data, under `test`; nothing where nothing was predicted."""
-    table = KEYS["prediction"] | {"source": lambda record: record.attrs.get("source", "")}
-    return {"test": [mapped(record, table) for record in predicted]} if predicted else {}
+    sources = [{"source": record.attrs.get("source", "")} for record in predicted]
+    pairs = zip(predicted, sources, strict=True)
+    return {"test": [layout.mapped(record, "prediction", of) for record, of in pairs]} if predicted else {}
 
 
 def response_blocks(response: xr.Dataset) -> list[Block]:
     """What the command `response` prints of a result of `forced_response`."""
     rows = []
-    for sweep, curve in by_label(response, "sweep").items():
+    for sweep, curve in layout.by_label(response, "sweep").items():
         motions = curve.dropna("frequency", subset=["amplitude"])
         if count := motions.sizes["frequency"]:
             apart = np.linspace(0, count - 1, PRINTED + 1).round().astype(int)
@@ -149,7 +139,7 @@ def response_blocks(response: xr.Dataset) -> list[Block]:
             f"{100.0 * limit:.2g} %, which the bands hold in addition to errors of the coefficients.",
             "Beyond the amplitudes of the record the forces may have another form.",
         ]
-    return [*([Block(table=text_table(rows, ("sweep",)))] if rows else []), Block(said)]
+    return [*([Block(table=layout.text_table(rows, ("sweep",)))] if rows else []), Block(said)]
 
 
 def _row(motion: xr.Dataset, sweep: str) -> dict[str, str]:
@@ -167,14 +157,82 @@ def response_csv(response: xr.Dataset) -> str:
     """A row for each sweep and frequency."""
     columns = ("frequency_rad_s", *CURVE_VALUES[1:])
     rows = []
-    for sweep, curve in by_label(response, "sweep").items():
+    for sweep, curve in layout.by_label(response, "sweep").items():
         motions = curve.dropna("frequency", subset=["amplitude"])
         words = {"sweep": sweep, "unit": response.amplitude.attrs["units"]}
         table = zip(*(motions[name].values.tolist() for name in CURVE_VALUES), strict=True)
         rows += [words | dict(zip(columns, values, strict=True)) for values in table]
-    return csv_of(["sweep", *columns[:2], "unit", *columns[2:]], rows)
+    return layout.csv_of(["sweep", *columns[:2], "unit", *columns[2:]], rows)
 
 
-def response_json(response: xr.Dataset) -> dict[str, Any]:
-    """The curves as plain data, null where a sweep has no such motion."""
-    return mapped(response, KEYS["response"])
+# Runs that the table has.
+MOST_RUNS = 8
+
+
+def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
+    """What is said of runs that may be made next; `stated` is the identification that is known."""
+    return [
+        Block(_sentences(data, stated), ALWAYS),
+        Block(table=layout.text_table(_rows(data, stated)[:MOST_RUNS]), layers=ALWAYS),
+    ]
+
+
+def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
+    """The best run, and what it is expected to tell."""
+    best, unit, repeats = data.isel(run=0), _unit(data), int(data.attrs["repeats"])
+    run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
+    run += f", {repeats} times" if repeats > 1 else ""
+    models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
+    said = []
+    if len(models) > 1:
+        said.append(
+            f"{run}: of {', '.join(models[:-1])} and {models[-1]} the right one will have odds of "
+            f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
+        )
+    if wanted or len(models) == 1:
+        symbols = [*wanted] or data.force.values.tolist()
+        parts = [
+            f"{symbol} ± {best.standard_error.sel(force=symbol).item():.2g} "
+            f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
+            for symbol in symbols
+        ]
+        said.append(f"{run}: {', '.join(parts)}, by all records together.")
+    if wanted and not best.meets.item():
+        asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
+        said.append(f"No run within the limits reaches {asked}; widen them, or repeat the run.")
+    if equal := data.sizes["run"] - len(_rows(data, stated)):
+        runs = f"{equal} run{'s' if equal > 1 else ''}"
+        said.append(f"Left out: {runs} longer than another that tells as much, by the digits shown.")
+    return said
+
+
+def _unit(data: xr.Dataset) -> str:
+    return str(data.amplitude.attrs["units"])
+
+
+def _size(run: xr.Dataset) -> str:
+    """The release of a run to three digits, micrometres too without a power of ten."""
+    return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
+
+
+def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
+    """What is printed of each run: release, duration, and what it tells."""
+    several, rows = len(data.attrs["models"]) > 1, []
+    units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
+    heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
+    for run in layout.by_label(data, "run").values():
+        row = {f"release ({_unit(data)})": _size(run), "duration (s)": f"{run.duration.item():.3g}"}
+        if several:
+            row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
+        errors = (f"{error:.2g}" for error in run.standard_error.values)
+        rows.append(row | dict(zip(heads, errors, strict=True)))
+    # Of runs that are said to tell as much the shorter one comes first.
+    seen = {tuple(row.values())[2:]: row for row in reversed(rows)}
+    return [row for row in rows if seen[tuple(row.values())[2:]] is row]
+
+
+def plan_json(data: xr.Dataset) -> dict[str, Any]:
+    """A plan as plain data, all runs."""
+    runs = layout.per_label(data, "run", layout.KEYS["plan"])
+    models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
+    return {"models": models, "odds": data.attrs["odds"], "runs": list(runs.values())}

@@ -1,6 +1,6 @@
 """A cross-checked identification: is the record explained, do the methods agree, what follows."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,7 @@ from sysid_trib.physics.si_units import MU, SI, si_of
 from sysid_trib.printing import ALWAYS, Block, Layer, layout, verdict
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.physics import physics_json, physics_sentences, si_block, weight_sentences
-from sysid_trib.printing.random_force import random_force_json, random_force_sentences
-from sysid_trib.printing.sureness import sureness_blocks
+from sysid_trib.printing.sureness import random_force_json, random_force_sentences, sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation import findings
@@ -31,29 +30,24 @@ NO_CONSEQUENCES = "Weights, crossovers and arrest are not given: the model {} th
 
 
 def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `cross_check`.
+    """What is shown of a result of `cross_check`, with the group `runs` if there are several.
 
     Parameters
     ----------
     tree : DataTree
-        The result, with the group `runs` if there are several.
+        The result.
     sources : sequence of str
         What each record is.
-
-    Returns
-    -------
-    list of Block
     """
-    agree, remarks, stochastic = _agreement_sentences(tree), _remarks(tree), _random_force(tree)
-    effective = [*verdict.failure_sentences(tree), *verdict.effective_sentences(tree)]
-    details = Layer.EXPLAIN
+    agree, remarks = [*_agreement(tree)], [*_remarks(tree)]
+    stochastic, main, details = [*random_force_sentences(tree)], findings.main_result(tree), Layer.EXPLAIN
     blocks = [
         Block([verdict.verdict_sentence(tree)], ALWAYS),
         Block([*sources, *_own_quantity(tree)]),
-        Block([*verdict.line_sentences(tree), *effective], ALWAYS),
+        Block([*verdict.line_sentences(tree), *verdict.effective_sentences(tree)], ALWAYS),
         Block(title="At a glance"),
     ]
-    if (main := findings.main_result(tree)) is not None:
+    if main is not None:
         blocks += [
             Block([verdict.reference_sentence(findings.second_of(tree))], details, COEFFICIENTS),
             Block((), ALWAYS, COEFFICIENTS, identification_table(tree)),
@@ -61,7 +55,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
             Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS),
         ]
     blocks += [
-        Block([*verdict.separation_sentences(tree), *verdict.calibration_sentences(tree)], ALWAYS),
+        Block([*verdict.error_sentences(tree)], ALWAYS),
         Block([*agree[:1], *stochastic, *remarks, *_weight(tree)], Layer.DEFAULT),
         *sureness_blocks(tree),
         Block([*verdict.test_sentences(tree), *agree, *remarks, *_stiffness(tree)], details),
@@ -69,7 +63,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
     if "runs" in tree:
         data = tree["runs"].to_dataset()
         blocks.append(Block((), details, BETWEEN_RUNS, verdict.runs_table(data), "Each run alone"))
-        blocks.append(Block(verdict.runs_sentences(data), title=BETWEEN_RUNS))
+        blocks.append(Block([*verdict.runs_sentences(data)], title=BETWEEN_RUNS))
     return [
         *blocks,
         Block(stochastic, details, "Random force"),
@@ -130,9 +124,8 @@ def consequences(tree: xr.DataTree) -> list[str]:
 def _weight(tree: xr.DataTree) -> list[str]:
     """Which forces the decay comes from by the answer, where its model holds."""
     result = verdict.answer_result(tree) if findings.holds(tree) else None
-    if result is None:
-        return []
-    return weight_sentences(result, findings.amplitudes(tree), time=findings.times_of_amplitudes(tree))
+    at = findings.times_of_amplitudes(tree)
+    return [] if result is None else weight_sentences(result, findings.amplitudes(tree), time=at)
 
 
 def _answer(tree: xr.DataTree) -> str:
@@ -142,26 +135,20 @@ def _answer(tree: xr.DataTree) -> str:
     return answer if decided else ""
 
 
-def _agreement_sentences(tree: xr.DataTree) -> list[str]:
-    """Sentences on how methods agree, and the test behind it; nothing where one failed."""
-    if findings.failures(tree):
-        return []
+def _agreement(tree: xr.DataTree) -> Iterator[str]:
+    """How methods agree, and the test behind it; nothing where one failed."""
     checked = tree["comparison"].to_dataset()
     attrs, p_value = checked.attrs, checked.p_value.item()
     stretch, records, draws = (attrs.get(k) for k in ("compared_stretch", "simulated_records", "draws"))
     part = "" if stretch is None else f", compared on stretches of {stretch:.3g} s,"
     pair = f"{attrs['first'].capitalize()} and {attrs['second']}{part}"
+    if findings.failures(tree):
+        return
     if attrs["verdict"] == "unknown":
         few = f" (both methods identified {records} of {draws} simulated records)"
         why = f"the error of their difference could not be computed{few if records is not None else ''}"
-        return [f"{pair} cannot be compared: {why}."]
-    # The records that count are fewer than were drawn where the motion is pushed and one was not identified.
-    simulated = f"Hotelling, {draws if records is None else records} simulated records"
-    errors = "stated errors" if attrs.get("errors") == "stated" else simulated
-    test = (
-        f"Their differences: chi-square {checked.chi_square.item():.3g} for "
-        f"{checked.degrees_of_freedom.item()} of them, p = {p_value:.2g} ({errors})."
-    )
+        yield f"{pair} cannot be compared: {why}."
+        return
     explained, z = attrs.get("verdict_on_record", "").startswith("explained"), abs(checked.z.to_series())
     if attrs["verdict"] == "disagree":
         how = "disagree"
@@ -172,14 +159,14 @@ def _agreement_sentences(tree: xr.DataTree) -> list[str]:
         how = f"{agree} as a whole; {z.idxmax()} differs by {z.max():.2g} errors"
     else:
         how = f"{'agree within' if explained else 'differ by no more than'} their errors"
-    return [f"{pair} {how}.", test]
-
-
-def _random_force(tree: xr.DataTree) -> list[str]:
-    """The random force of the second method; nothing where that failed."""
-    if tree["comparison"].attrs["second"] in findings.failures(tree):
-        return []
-    return random_force_sentences(tree, float(findings.amplitudes(tree).max()))
+    yield f"{pair} {how}."
+    # The records that count are fewer than were drawn where the motion is pushed and one was not identified.
+    simulated = f"Hotelling, {draws if records is None else records} simulated records"
+    yield (
+        f"Their differences: chi-square {checked.chi_square.item():.3g} for "
+        f"{checked.degrees_of_freedom.item()} of them, p = {p_value:.2g} "
+        f"({'stated errors' if attrs.get('errors') == 'stated' else simulated})."
+    )
 
 
 # Remarks of a method on itself, by its attribute: what it says unless the remark applies, and the sentence.
@@ -197,72 +184,65 @@ REMARKS = {
 }
 
 
-def _remarks(tree: xr.DataTree) -> list[str]:
+def _remarks(tree: xr.DataTree) -> Iterator[str]:
     """What to mind of the methods: biases, correlation, constraints, and what they cannot identify."""
     results = findings.kept_results(tree)
-    sentences = []
     for method, result in results.items():
         for name, (usual, text) in REMARKS.items():
             said = str(result.attrs.get(name, usual))
             if said != usual:
-                sentences.append(text.format(method, said[2:].strip(": .") or "as asked"))
-    warnings = verdict.identifiability_warnings(tree["comparison"].to_dataset().attrs)
-    return [*sentences, *verdict.constraint_sentences(results.values()), *warnings]
+                yield text.format(method, said[2:].strip(": .") or "as asked")
+    yield from verdict.constraint_sentences(results.values())
+    yield from verdict.identifiability_warnings(tree["comparison"].to_dataset().attrs)
 
 
-def _stiffness(tree: xr.DataTree) -> list[str]:
+def _stiffness(tree: xr.DataTree) -> Iterator[str]:
     """That a linear stiffness cannot be identified, where the library has one."""
     second = findings.second_of(tree)
     stiffness = library_of(second, whole=True).role("x")
-    if stiffness is None or stiffness.symbol in second.force:
-        return []
-    return [NO_STIFFNESS.format(stiffness.symbol)]
+    if stiffness is not None and stiffness.symbol not in second.force:
+        yield NO_STIFFNESS.format(stiffness.symbol)
 
 
-def _own_quantity(tree: xr.DataTree) -> list[str]:
+def _own_quantity(tree: xr.DataTree) -> Iterator[str]:
     """Which method compares what was measured itself, with the bias that it finds; none of an angle."""
     for name, result in findings.kept_results(tree).items():
         if measured := result.attrs.get("compared_in"):
-            units = str(result.bias.attrs["units"])
             biases = ", ".join(layout.values_with_errors(result.bias, result.bias_standard_error))
             times = int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))
-            over = ("", " over w", " over w^2")[times]
-            return [
-                f"{name.capitalize()} compares the {measured} itself, with a bias of {biases} {units} about "
-                f"the mean of its swing; the other method is of the integral, "
-                f"residuals are of the {measured}{over}."
-            ]
-    return []
+            yield (
+                f"{name.capitalize()} compares the {measured} itself, with a bias of {biases} "
+                f"{result.bias.attrs['units']} about the mean of its swing; the other method is of the "
+                f"integral, residuals are of the {measured}{('', ' over w', ' over w^2')[times]}."
+            )
+            return
 
 
 def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `cross_check` as plain data, see `identification_blocks`."""
     checked, failed = tree["comparison"].to_dataset(), findings.failures(tree)
     answer, si, methods, models = findings.answer_of(tree), si_of(tree), {}, {}
-    held_out = {"held_out_rms": lambda result: layout.number(float(result.get("held_out_rms", np.nan)))}
-    table = layout.KEYS["identification"] | held_out
-    withheld: dict[str, Any] = dict.fromkeys(table) | {"coefficients": {}}
+    withheld: dict[str, Any] = dict.fromkeys(layout.KEYS["identification"]) | {"coefficients": {}}
     for name in (checked.attrs["first"], checked.attrs["second"]):
         result = findings.with_error_parts(tree[name].to_dataset())
-        methods[name] = dict(withheld) if name in failed else layout.mapped(result, table)
-        methods[name] |= {"failed": failed.get(name, "")}
-        models[name] = layout.mapped(checked.sel(model=name), layout.KEYS["motion"]) | {
+        held_out = {"held_out_rms": layout.number(float(result.get("held_out_rms", np.nan)))}
+        methods[name] = withheld if name in failed else layout.mapped(result, "identification", held_out)
+        methods[name] = methods[name] | {"failed": failed.get(name, "")}
+        models[name] = layout.mapped(checked.sel(model=name), "motion") | {
             "residual_rms": layout.number(findings.residual_of(tree, name)),
             "residual_over_noise": layout.number(findings.residual_over_noise(tree, name)),
         }
+    follows: dict[str, Any] = {"refused": consequences(tree)[0]}
     if findings.holds(tree):
         result, at = tree[answer].to_dataset(), findings.times_of_amplitudes(tree)
         follows = physics_json(result, findings.amplitudes(tree), si, time=at)
-    else:
-        follows = {"refused": consequences(tree)[0]}
+    compared = layout.mapped(checked, "cross_check")
     data = {
         **layout.records_json(tree),
         **random_force_json(tree),
         "answer": None if answer in failed else answer,
         "methods": methods,
-        "cross_check": layout.mapped(checked, layout.KEYS["cross_check"])
-        | {"models": models, "noise": findings.record_noise(tree)}
-        | checked.attrs,
+        "cross_check": compared | {"models": models, "noise": findings.record_noise(tree)} | checked.attrs,
         "consequences": follows,
         "sufficient_forces": [
             {s: {"value": value, "standard_error": error} for s, (value, error) in forces.items()}

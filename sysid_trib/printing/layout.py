@@ -3,7 +3,7 @@
 import csv
 import io
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import floor, log10
 from pathlib import Path
 from types import MappingProxyType
@@ -209,7 +209,7 @@ def name_and_unit(name: str, unit: str) -> str:
 # Signs by which a spreadsheet knows a formula.
 FORMULA_SIGNS = ("=", "+", "-", "@")
 # See `mapped`.
-Source = str | tuple[str, Any] | Mapping[str, Any] | Callable[[Any], Any]
+Source = str | tuple[str, Any] | Mapping[str, Any]
 # Attributes of a record that JSON holds as they are.
 PLAIN = (str, int, float)
 
@@ -228,17 +228,23 @@ _TABLES = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding
 KEYS: dict[str, Any] = {name: _source(rows, _TABLES) for name, rows in _TABLES.items()}
 
 
-def mapped(data: Any, table: Mapping[str, Source]) -> dict[str, Any]:
+def mapped(
+    data: Any, table: str | Mapping[str, Source], computed: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
     """What a table says of a dataset, as JSON can hold it.
 
     Parameters
     ----------
     data : Dataset or DataTree
         Its variables and attributes are named by the table.
-    table : mapping of str to str, tuple, mapping or callable
-        By key what `keys.toml` says; a dimension or group with what stands there; or what takes `data`.
+    table : str, or mapping of str to str, tuple or mapping
+        One of `keys.toml` by its name; or by key what is said there.
+    computed : mapping of str to plain data
+        What stands at other keys of the table.
     """
-    return {key: _value(data, source) for key, source in table.items() if not _is_missing(data, source)}
+    rows = KEYS[table] if isinstance(table, str) else table
+    there = {key: source for key, source in rows.items() if key in computed or not _is_missing(data, source)}
+    return {key: computed[key] if key in computed else _value(data, there[key]) for key in there}
 
 
 def _is_missing(data: Any, source: Source) -> bool:
@@ -246,8 +252,6 @@ def _is_missing(data: Any, source: Source) -> bool:
 
 
 def _value(data: Any, source: Source) -> Any:
-    if callable(source):
-        return source(data)
     if isinstance(source, Mapping):
         return mapped(data, source)
     if isinstance(source, tuple):

@@ -140,8 +140,8 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     """The facts about a record as plain data, in the unit of the record."""
     records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
-        "records": [layout.mapped(record, layout.KEYS["record"]) for record in records],
-        "decays": [layout.mapped(decay, layout.KEYS["decay"]) for decay in _decays(tree)],
+        "records": [layout.mapped(record, "record") for record in records],
+        "decays": [layout.mapped(decay, "decay") for decay in _decays(tree)],
         "next": next_command,
     }
 
@@ -235,7 +235,7 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
 
 def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
     """The curves of each run as plain data, in the unit of the record."""
-    return {"runs": [layout.mapped(data, layout.KEYS["backbone"]) for data in backbones.values()]}
+    return {"runs": [layout.mapped(data, "backbone") for data in backbones.values()]}
 
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:

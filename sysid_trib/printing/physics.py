@@ -12,7 +12,7 @@ from sysid_trib.physics.force_weights import crossovers, dissipated_energy, weig
 from sysid_trib.physics.model_estimate import amplitude_row, arrest_time
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import ALWAYS, Block
-from sysid_trib.printing.layout import KEYS, by_label, mapped, per_label, quantity, text_table
+from sysid_trib.printing.layout import by_label, mapped, per_label, quantity, text_table
 from sysid_trib.results import effects, schema, variables
 
 # A share below this is not worth a word.
@@ -80,22 +80,22 @@ def physics_json(
     data: dict[str, Any] = {"weights": [], "energy": []}
     try:
         for a, t in ends:
-            data["weights"].append({"amplitude": a} | mapped(weights(result, a, time=t), KEYS["weights"]))
+            data["weights"].append({"amplitude": a} | mapped(weights(result, a, time=t), "weights"))
             energy = dissipated_energy(result, a, time=t, **_inertia(si))
-            data["energy"].append({"amplitude": a} | mapped(energy, KEYS["energy"]))
+            data["energy"].append({"amplitude": a} | mapped(energy, "energy"))
         data["crossovers"] = [
-            mapped(pair, KEYS["crossover"]) | per_label(pair, "rule", "amplitude±")
+            mapped(pair, "crossover") | per_label(pair, "rule", "amplitude±")
             for pair in by_label(crossovers(result), "pair").values()
         ]
         largest = ends[0][0]
-        data["arrest"] = {"amplitude": largest} | mapped(arrest_time(result, largest), KEYS["arrest"])
+        data["arrest"] = {"amplitude": largest} | mapped(arrest_time(result, largest), "arrest")
     except LibraryError as error:
         data = {"refused": str(error)}
     if speaks_of_slip(result):
         slip = slip_fingerprint(result)
-        data["slip_fingerprint"] = mapped(slip, KEYS["slip"]) | slip.attrs
+        data["slip_fingerprint"] = mapped(slip, "slip") | slip.attrs
     if si is not None and "inertia" in si:
-        data["physical_units"] = mapped(si, KEYS["physical_units"])
+        data["physical_units"] = mapped(si, "physical_units")
     return data
 
 

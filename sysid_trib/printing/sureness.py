@@ -1,45 +1,61 @@
-"""How sure coefficients are: profiles, sensitivity, and two samples, in sentences, tables and plain data."""
+"""How sure an answer is: profiles, sensitivity and the random force, in sentences, tables and plain data."""
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.table import Table
-from scipy.stats import norm
 
-from sysid_trib.printing import ALWAYS, Block, Layer, layout, verdict
-from sysid_trib.results.effects import SIGNIFICANT_ERRORS, sufficient_forces
-from sysid_trib.results.files import identifications_of
-from sysid_trib.validation.findings import verdict_of
-from sysid_trib.validation.samples import SIDES
+from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
+from sysid_trib.printing import ALWAYS, Block, layout
+from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results.effects import SIGNIFICANT_ERRORS
+from sysid_trib.results.variables import group_names, record_groups, signal_units
+from sysid_trib.validation import findings
+from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
 
 NOISE_ALONE = (
     "The model does not explain the record: quote the standard errors, which allow for that. These intervals "
     "hold the noise alone."
 )
 PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
-# Probability with which a difference is found that the table names.
-POWER_STATED = 0.9
+# Part of its amplitude by which a motion that is predicted may be wrong.
+USEFUL = 0.05
+NOT_FOUND = "No random force is found; the errors allow for {}."
+TOO_SHORT = (
+    "The record is too short, or too coarsely sampled, to tell a random force from the sensor's noise, for "
+    "which all is taken: one that moves the motion by {:.2g} times that noise may hide in it."
+)
+SIGN_OF_MISSING = (
+    "This random force is the sign of something missing: {}. The coefficients are off by more than their "
+    "errors."
+)
+OF_EXPERIMENT = (
+    "The random force goes with neither angle nor speed, and its size is the same at all amplitudes, "
+    "speeds and times: it is a property of the experiment."
+)
+NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 
 def sureness_blocks(tree: xr.DataTree) -> list[Block]:
     """What profiles and a sensitivity say, where the result has them."""
     blocks = []
     if PROFILE in tree.children:
-        lacking = "comparison" in tree.children and verdict_of(tree) in ("approximate", "not explained")
-        blocks += _profile_blocks(tree[PROFILE].to_dataset(), lacking)
+        lacking = "comparison" in tree.children and findings.verdict_of(tree) in (
+            "approximate",
+            "not explained",
+        )
+        blocks.append(_profiles(tree[PROFILE].to_dataset(), lacking))
     if CONTOUR in tree.children:
         data = tree[CONTOUR].to_dataset()
         said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
         blocks.append(Block([said], ALWAYS, "Profiles"))
     if SENSITIVITY in tree.children:
-        blocks += _sensitivity_blocks(tree[SENSITIVITY].to_dataset())
+        blocks.append(_sensitivity(tree[SENSITIVITY].to_dataset()))
     return blocks
 
 
-def _profile_blocks(data: xr.Dataset, lacking: bool) -> list[Block]:
+def _profiles(data: xr.Dataset, lacking: bool) -> Block:
     """Intervals by the profile likelihood, beside those by the standard error; `lacking` : of the model."""
     rows, misled = [], []
     for name, row in layout.by_label(data, "parameter").items():
@@ -56,10 +72,10 @@ def _profile_blocks(data: xr.Dataset, lacking: bool) -> list[Block]:
     said = [f"The standard error misleads for {', '.join(misled)}: quote the interval."] * bool(misled)
     caption = f"Intervals of {100.0 * data.attrs['confidence']:g} % by the profile likelihood"
     table = layout.text_table(rows, ("parameter",))
-    return [Block([NOISE_ALONE] if lacking else said, ALWAYS, "Profiles", table, caption)]
+    return Block([NOISE_ALONE] if lacking else said, ALWAYS, "Profiles", table, caption)
 
 
-def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
+def _sensitivity(data: xr.Dataset) -> Block:
     """The range of each coefficient over all fits, and those that differ most."""
     rows, changed = [], []
     for symbol, row in layout.by_label(data, "force").items():
@@ -78,12 +94,12 @@ def _sensitivity_blocks(data: xr.Dataset) -> list[Block]:
         )
         changed += [symbol] * bool(round(change[at], 1) > SIGNIFICANT_ERRORS)
     failed = [label for label, row in layout.by_label(data, "fit").items() if row.reason.item()]
-    sentences = []
-    if changed:
-        sentences.append(f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {', '.join(changed)}.")
-    sentences += [f"Without a result: {', '.join(failed)}."] if failed else []
+    sentences = [f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {', '.join(changed)}."] * bool(
+        changed
+    )
+    sentences += [f"Without a result: {', '.join(failed)}."] * bool(failed)
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
-    return [Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)]
+    return Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -92,155 +108,138 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     return layout.mapped(tree, {name: (name, tables[name]) for name in tables if name in tree.children})
 
 
-def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """What is said of two samples, in its order; `record` says what was read."""
-    data = tree.to_dataset()
-    said = (
-        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
-        f"found with a probability of {POWER_STATED:g}, at the level {data.attrs['level']:g}."
-    )
-    return [
-        Block([_first_sentence(tree)], ALWAYS),
-        Block([_stiffness_sentence(data), *_warnings(tree)]),
-        Block(record),
-        Block([said], title="Coefficients", table=_table(tree, True)),
-        Block(_details(tree), Layer.EXPLAIN, "Samples"),
-        Block(layers=Layer.QUIET, table=_table(tree, False)),
-    ]
+def random_force_test(tree: xr.DataTree) -> list[str]:
+    """The test of a random force, where one is found."""
+    if "random_force" not in tree.children or not_followed(tree):
+        return []
+    p_value = p_value_of_dependence(tree["random_force"].to_dataset())
+    return [f"A random force that depends on nothing: p {layout.p_value_text(p_value)}."]
 
 
-def _names(data: xr.Dataset) -> list[str]:
-    """What the samples are called: their files, or first and second where these are called alike."""
-    names = [_name(data.attrs[f"{side}_record"], side) for side in SIDES]
-    return list(SIDES) if names[0] == names[1] else names
+def not_followed(tree: xr.DataTree) -> list[str]:
+    """Why the record could not be followed with a random force, by run; none where it could."""
+    return [reason for reason in tree["random_force"].reason.values.tolist() if reason]
 
 
-def _name(sources: Sequence[str], otherwise: str) -> str:
-    """A short name of records that are files."""
-    names = [Path(source).name for source in sources if source]
-    return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else "".join(names) or otherwise
+def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """The size of a random force, how far ahead it lets be predicted, and whether it is the experiment's.
 
-
-def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
-    """The identifications of all runs, with the names of their files."""
-    results = identifications_of(tree).items()
-    return [(_name(run.attrs["record_source"], label.replace("_", " ")), run) for label, run in results]
-
-
-def _details(tree: xr.DataTree) -> list[str]:
-    """The test of all forces, of what the errors of each run are made, and how far its model is off."""
-    sentences = [f"All differences together: {_test_of_all(tree.to_dataset())}."]
-    for name, run in _runs(tree):
-        sentences.append(verdict.error_parts_sentence(name, run))
-        if "held_out_rms" in run:
-            ratio = f"{(run.held_out_rms / run.noise).item():.3g} times the noise"
-            sentences.append(f"Of held-out parts of {name} its model leaves {ratio}.")
-    return sentences
-
-
-def _test_of_all(data: xr.Dataset) -> str:
-    """The test of all forces together."""
-    test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
-    return test + layout.p_value_text(data.p_value_of_all.item())
-
-
-def _first_sentence(tree: xr.DataTree) -> str:
-    """Which coefficients differ, and which do not."""
-    data = tree.to_dataset()
-    rows = layout.by_label(data, "force")
-    held = [name for name, row in rows.items() if not np.isfinite(row.z)]
-    others = [name for name, row in rows.items() if not row.differs.item() and name not in held]
-    parts = []
-    for name, row in rows.items():
-        if row.differs.item():
-            pair = " and ".join(
-                layout.with_unit(layout.quantity(row, side), _unit(tree, name)) for side in SIDES
-            )
-            parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
-    if parts:
-        rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
-        rest += f"; not tested, since held in both: {', '.join(held)}" if held else ""
-        return f"{'; '.join(parts)}{rest}."
-    test = _test_of_all(data)
-    if data.attrs["verdict"] == "together they differ":
-        return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
-    return f"No difference was found in {', '.join(others) or 'the samples'} ({test})."
-
-
-def _sufficient(tree: xr.DataTree) -> str:
-    """The fewest coefficients whose difference suffices where all others are equal."""
-    data = tree.to_dataset()
-    contrast = data[["standard_error", "covariance"]].assign(
-        coefficient=data.difference, active=("force", np.ones(data.sizes["force"], dtype=bool))
-    )
-    parts = []
-    for choice in sufficient_forces(contrast):
-        of_each = (
-            f"{name} by {layout.with_unit(layout.value_with_error(*pair), _unit(tree, name))}"
-            for name, pair in choice.items()
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `cross_check`.
+    """
+    result, amplitude = findings.second_of(tree), float(findings.amplitudes(tree).max())
+    force, frequency, noise = random_force_of(result), float(result.reference_frequency), float(result.noise)
+    units = signal_units(result)
+    of_density = DENSITY_UNITS.replace("rad", units)
+    longest = max(float(np.ptp(tree[name].time.values)) for name in record_groups(tree))
+    lasts = longest * frequency / (2.0 * np.pi)
+    if tree["comparison"].attrs["second"] in findings.failures(tree):
+        return
+    if "random_force" not in tree.children:
+        if "random_force_density" in result:
+            allowed = RandomForce(force.density + float(np.nan_to_num(force.standard_error)))
+            # The random walk grows with the root of the time.
+            walk = float(np.sqrt(lasts / allowed.periods_to(noise, frequency)))
+            yield NOT_FOUND.format(_allowed_for(force, of_density))
+            if walk > 1.0:
+                yield TOO_SHORT.format(walk)
+    # Nothing is known of what is left where not even with such a force the model follows the record.
+    elif not not_followed(tree):
+        given, explained = not force.standard_error > 0.0, findings.verdict_of(tree).startswith("explained")
+        size = (
+            f"{force.density:.3g}" if given else layout.value_with_error(force.density, force.standard_error)
         )
-        parts.append(" and ".join(of_each))
-    return f"; where all others are equal it is {', or '.join(parts)}" if parts else ""
-
-
-def _stiffness_sentence(data: xr.Dataset) -> str:
-    """The ratio of the frequencies, as stiffness."""
-    value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
-    z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
-    first, second = _names(data)
-    return f"Stiffness of {first} over that of {second}, less 1: {layout.value_with_error(value, error)}{z}."
-
-
-def _warnings(tree: xr.DataTree) -> list[str]:
-    """What the errors allow for, and methods that differ."""
-    incomplete = [name for name, run in _runs(tree) if "error_of_model" in run]
-    said = []
-    if incomplete:
-        said.append(
-            f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
-            "(--explain splits them)."
+        periods = [
+            _periods(force.periods_to(limit, frequency), lasts) for limit in (noise, USEFUL * amplitude)
+        ]
+        is_one = " is a random force with" if explained else ", taken for a random force, has"
+        yield (
+            f"What is left{is_one} a density of {size} {of_density}{', as given' if given else ''}; its root "
+            f"is {force.relative(frequency):.1e} w^2 per root hertz."
         )
-    if tree.attrs["first_method"] != tree.attrs["second_method"]:
-        said.append(
-            f"The methods differ, {tree.attrs['first_method']} and {tree.attrs['second_method']}: a part of "
-            "the differences may be theirs."
+        yield (
+            f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} {units}) for "
+            f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) for "
+            f"{periods[1]}."
         )
-    return said
+        yield from _whose(tree["random_force"].to_dataset(), explained, of_density if given else "")
 
 
-def _unit(tree: xr.DataTree, symbol: str) -> str:
-    """The unit of a force's coefficient."""
-    return str(_force(tree, symbol).unit.item())
+def _allowed_for(force: RandomForce, units: str) -> str:
+    """What the errors allow for where no random force is found."""
+    if not np.isfinite(force.standard_error):
+        return "none"
+    if not force:
+        return f"a density of up to {force.standard_error:.1e} {units} (one standard error)"
+    return f"a density of {layout.value_with_error(force.density, force.standard_error)} {units}"
 
 
-def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
-    """A force as the first identification that has it says it."""
-    return next(r for r in identifications_of(tree).values() if symbol in r.force).sel(force=symbol)
+def _periods(count: float, lasts: float) -> str:
+    """A number of periods; of no more than the record has anything is known."""
+    if count < 0.1:
+        return "less than a tenth of a period"
+    if count >= lasts:
+        return f"longer than the record lasts ({lasts:.0f} periods)"
+    return f"{count:.2g} periods" if count < 10.0 else f"{count:.0f} periods"
 
 
-def _table(tree: xr.DataTree, between: bool) -> Table:
-    """A row each force: both samples, difference, how sure, and what would be found."""
-    data, rows = tree.to_dataset(), []
-    names = dict(zip(SIDES, _names(data), strict=True))
-    factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER_STATED)
-    several = [side for side in SIDES if between and np.isfinite(data[f"{side}_between_runs"]).any()]
-    for symbol, row in layout.by_label(data, "force").items():
-        error = row.standard_error.item()
-        rows.append(
-            {
-                "force": symbol,
-                "": layout.name_and_unit(_force(tree, symbol)["name"].item(), _unit(tree, symbol)),
-                **{name: layout.quantity(row, side) for side, name in names.items()},
-                "difference": layout.value_with_error(row.difference.item(), error),
-                "z": f"{row.z.item():+.1f}" if np.isfinite(row.z) else "-",
-                "p": layout.p_value_text(row.p_value.item(), ""),
-                "detectable": f"{factor * error:.2g}" if error > 0.0 else "-",
-                **{f"{names[s]} between its runs": f"{row[f'{s}_between_runs'].item():.2g}" for s in several},
-            }
+def _whose(tested: xr.Dataset, explained: bool, units: str) -> Iterator[str]:
+    """Whether the random force is the experiment's, or stands for something that is missing.
+
+    And that the record contradicts a density that was given in these units.
+    """
+    against, run = tested.density_p_value.min().item(), int(np.argmin(tested.density_p_value.values))
+    contradicted = bool(units and against < DEPENDENCE_LEVEL)
+    if p_value_of_dependence(tested) < DEPENDENCE_LEVEL:
+        yield SIGN_OF_MISSING.format(_dependences(tested))
+    elif explained and not contradicted:
+        yield OF_EXPERIMENT
+    if contradicted:
+        yield (
+            "The record contradicts the density that was given: its most likely one is "
+            f"{tested.likely_density.values[run]:.2g} {units}. Take --random-force auto."
         )
-    return layout.text_table(rows, ("force", ""))
 
 
-def difference_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A difference as plain data."""
-    return layout.mapped(tree.to_dataset(), layout.KEYS["difference"])
+def _dependences(tested: xr.Dataset) -> str:
+    """What the random force depends on: `it depends on the speed, and its size on the time`."""
+    least, on = tested.dependence_p_value.min("run"), {}
+    for aspect in ("force", "size"):
+        p_values = least.sel(aspect=aspect).to_series()
+        below = p_values.index[p_values < DEPENDENCE_LEVEL / tested.sizes["run"]].tolist()
+        if "any" in below:
+            names = [f"the {name}" for name in below if name != "any"] or ["the motion"]
+            on[aspect] = " and ".join(", ".join(names).rsplit(", ", 1))
+    if "force" not in on:
+        return f"its size depends on {on['size']}"
+    return f"it depends on {on['force']}" + (f", and its size on {on['size']}" if "size" in on else "")
+
+
+def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
+    """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
+    result = findings.second_of(tree)
+    data: dict[str, Any] = {"verdict": findings.verdict_of(tree), "random_force": None, "innovations": None}
+    force = random_force_of(result)
+    if not force:
+        return data
+    tested = tree["random_force"].to_dataset() if "random_force" in tree.children else None
+    data["random_force"] = {
+        "density": force.density,
+        "standard_error": layout.number(force.standard_error),
+        "relative": force.relative(float(result.reference_frequency)),
+        "p_value": layout.number(force.p_value),
+        "dependence_p_value": None if tested is None else layout.number(p_value_of_dependence(tested)),
+        "density_p_value": None if tested is None else layout.number(float(tested.density_p_value.min())),
+    }
+    groups = group_names("innovations", len(record_groups(tree)))
+    if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
+        # Of runs whose lengths differ, records too short for all lags have fewer.
+        lags = min(run.sizes["lag"] for run in followed)
+        correlations = [run.autocorrelation.values[:lags] for run in followed]
+        data["innovations"] = {
+            "rms": root_mean_square([run.innovation_rms.item() for run in followed]),
+            "autocorrelation": np.mean(correlations, axis=0).tolist(),
+        }
+    return data

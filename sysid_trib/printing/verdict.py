@@ -1,6 +1,6 @@
 """The verdict in words: is the record explained, do its runs differ, and what that means."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing import layout
-from sysid_trib.printing.random_force import NOT_FOLLOWED, not_followed, random_force_test
+from sysid_trib.printing.sureness import NOT_FOLLOWED, not_followed, random_force_test
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation import findings, lack_of_fit
@@ -36,40 +36,37 @@ def runs_table(runs: xr.Dataset) -> Table:
     return layout.text_table(rows, ("quantity",))
 
 
-def runs_sentences(runs: xr.Dataset) -> list[str]:
-    """The test in sentences: as a whole, which force differs, and which run alone decides nothing."""
-    reasons = runs.reason.values.tolist()
-    said = [f"Run {run} alone decides nothing: {why}" for run, why in enumerate(reasons, 1) if why]
+def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
+    """Which run alone decides nothing, the test as a whole, and which force differs."""
+    for run, why in enumerate(runs.reason.values.tolist(), 1):
+        if why:
+            yield f"Run {run} alone decides nothing: {why}"
     if runs.attrs["verdict"] == "unknown":
-        said.append("Whether the runs differ cannot be tested.")
+        yield "Whether the runs differ cannot be tested."
     else:
         p_values = runs.p_value.fillna(1.0).to_series()
         worst = f"{p_values.idxmin()} (p {layout.p_value_text(p_values.min())})"
-        said.append(_test_of_runs(runs, worst if runs.attrs["verdict"] == "disagree" else "", "total_"))
+        yield _test_of_runs(runs, worst if runs.attrs["verdict"] == "disagree" else "", "total_")
     if density := runs.attrs.get("density_verdict"):
-        p_value = "" if density == "unknown" else layout.p_value_text(runs.density_p_value.item())
-        said.append(DENSITY_VERDICTS[density].format(p_value))
-    return said
+        yield DENSITY_VERDICTS[density].format(layout.p_value_text(runs.density_p_value.item()))
 
 
-def heterogeneity_sentences(tree: xr.DataTree) -> list[str]:
-    """Sentences on whether the final model of a discovery holds for all runs; nothing of a single run."""
-    if GROUP not in tree.children:
-        return []
-    last = tree[GROUP].to_dataset().isel(model=-1)
-    return [_test_of_runs(last, last.most.item() if last.differ else "")]
+def heterogeneity_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Whether the final model of a discovery holds for all runs; nothing of a single run."""
+    if GROUP in tree.children:
+        last = tree[GROUP].to_dataset().isel(model=-1)
+        yield _test_of_runs(last, last.most.item() if last.differ else "")
 
 
-def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> list[str]:
+def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
     """That runs which differ would explain as much as the effect of a step."""
     before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
-    if before is None or before.chi_square < before.gain:
-        return []
-    return [
-        f"Runs that differ (most in {before.most.item()}) would explain as much or more: chi-square "
-        f"{before.chi_square.item():.3g} of {before.degrees_of_freedom.item()} differences, the effect "
-        f"{before.gain.item():.3g}."
-    ]
+    if before is not None and before.chi_square >= before.gain:
+        yield (
+            f"Runs that differ (most in {before.most.item()}) would explain as much or more: chi-square "
+            f"{before.chi_square.item():.3g} of {before.degrees_of_freedom.item()} differences, the effect "
+            f"{before.gain.item():.3g}."
+        )
 
 
 def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
@@ -111,23 +108,37 @@ def answer_result(tree: xr.DataTree) -> xr.Dataset | None:
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """The verdict on the record, in words that no test is needed to read."""
-    verdict = findings.verdict_of(tree)
+    verdict, answer = findings.verdict_of(tree), findings.answer_of(tree)
     if verdict not in UNEXPLAINED:
-        return EXPLAINED_BUT_LINE if verdict == "explained" and line_sentences(tree) else EXPLAINED[verdict]
+        with_line = verdict == "explained" and [*line_sentences(tree)]
+        return EXPLAINED_BUT_LINE if with_line else EXPLAINED[verdict]
     if "random_force" in tree.children and (reasons := not_followed(tree)):
         return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
+    part, near = float(tree["comparison"].residual_over_motion.sel(model=answer)), "its motion diverges"
+    if np.isfinite(part):
+        lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
+        near = (
+            f"over {lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi):.0f} periods its motion "
+            f"leaves {100.0 * part:.2g} % of the record (RMS), "
+            f"{findings.residual_over_noise(tree, answer):.3g} times the noise"
+        )
+    # Where the model misses the backbone most.
+    groups = [name for name in tree.children if name.startswith("lack_of_fit")]
+    of_runs = [lack_of_fit.departures(tree[group].to_dataset(), answer) for group in groups]
+    farthest = max(of_runs, key=lambda ranges: abs(ranges[0][1]) if ranges else 0.0, default=[])
+    missed = lack_of_fit.departure_sentence(farthest, signal_units(tree))
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
-    return UNEXPLAINED[verdict].format(f"{_how_near(tree)}{_where(tree)}") + OF_A_RATE * rate
+    said = UNEXPLAINED[verdict].format(f"{near}; it misses the record {missed}" if missed else near)
+    return said + OF_A_RATE * rate
 
 
-def test_sentences(tree: xr.DataTree) -> list[str]:
+def test_sentences(tree: xr.DataTree) -> Iterator[str]:
     """The tests behind the verdict, and the two parts of each error of the answer."""
     p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
-    tests = " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
+    yield " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
     result = answer_result(tree)
-    if result is None or "error_of_model" not in result:
-        return [tests]
-    return [tests, error_parts_sentence(findings.answer_of(tree), result)]
+    if result is not None and "error_of_model" in result:
+        yield error_parts_sentence(findings.answer_of(tree), result)
 
 
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
@@ -138,90 +149,56 @@ def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     return f"Errors of {name} by the noise and by the model: {texts}."
 
 
-def calibration_sentences(tree: xr.DataTree) -> list[str]:
-    """What of the answer's errors is the calibration's, where it is known."""
-    result = answer_result(tree)
-    if result is None or "error_of_calibration" not in result:
-        return []
-    others = np.hypot(*findings.error_parts(result))
-    parts = zip(result.force.values, others, result.error_of_calibration.values, strict=True)
-    texts = [f"{name} {part:.2g} (by all else {other:.2g})" for name, other, part in parts if part > 0.0]
-    return [f"Errors hold that of the scale: {', '.join(texts) or 'it moves none'}."]
-
-
-def _where(tree: xr.DataTree) -> str:
-    """Where the answer's model misses the backbone most, in words; empty where it nowhere does."""
-    groups = [name for name in tree.children if name.startswith("lack_of_fit")]
-    of_runs = [lack_of_fit.departures(tree[group].to_dataset(), findings.answer_of(tree)) for group in groups]
-    farthest = max(of_runs, key=lambda ranges: abs(ranges[0][1]) if ranges else 0.0, default=[])
-    sentence = lack_of_fit.departure_sentence(farthest, signal_units(tree))
-    return f"; it misses the record {sentence}" if sentence else ""
-
-
-def _how_near(tree: xr.DataTree) -> str:
-    """How near the motion of the answer's model comes to the record."""
-    answer = findings.answer_of(tree)
-    part = float(tree["comparison"].residual_over_motion.sel(model=answer))
-    if not np.isfinite(part):
-        return "its motion diverges"
-    lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
-    periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
-    times = findings.residual_over_noise(tree, answer)
-    return (
-        f"over {periods:.0f} periods its motion leaves {100.0 * part:.2g} % of the record (RMS), "
-        f"{times:.3g} times the noise"
-    )
-
-
-def failure_sentences(tree: xr.DataTree) -> list[str]:
-    """A sentence on each method that failed: its coefficients are not given."""
-    return [
-        f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
-        for name, reason in findings.failures(tree).items()
-    ]
-
-
-def effective_sentences(tree: xr.DataTree) -> list[str]:
-    """What coefficients of a model that is not complete are, and what their errors hold."""
-    results = findings.kept_results(tree)
-    if findings.verdict_of(tree) not in UNEXPLAINED or not results:
-        return []
-    result = results.get(findings.answer_of(tree), next(reversed(results.values())))
-    noise, model = findings.error_parts(result)
-    if not np.any(model > 0.0):
-        if "error_of_model" in result:
-            return [f"{EFFECTIVE}; parts of the record move them by no more than their errors."]
-        return [f"{EFFECTIVE}, which may be off by far more than their errors."]
-    factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
-    return [
-        f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they are "
-        f"up to {factor:.3g} times those by the noise (--explain)."
-    ]
-
-
-def separation_sentences(tree: xr.DataTree) -> list[str]:
-    """Coefficients of the fewest forces that suffice, and which others would do as well."""
-    if not (choices := findings.fewer_forces(tree)):
-        return []
-    unit = tree[findings.answer_of(tree)].to_dataset().unit
-    likeliest = ", ".join(
-        layout.with_unit(f"{symbol} = {layout.value_with_error(*quantity)}", unit.sel(force=symbol).item())
-        for symbol, quantity in choices[0].items()
-    )
-    return [NOT_SEPARATED.format("; or ".join([likeliest, *map(" and ".join, choices[1:])]))]
-
-
-def line_sentences(tree: xr.DataTree) -> list[str]:
+def line_sentences(tree: xr.DataTree) -> Iterator[str]:
     """That the residual of the answer's model holds a line, and what that may be."""
     of_answer = tree["comparison"].to_dataset().sel(model=findings.answer_of(tree))
     frequency = float(of_answer.get("line_frequency", np.nan))
-    if not np.isfinite(frequency):
-        return []
-    size = layout.in_small_units(float(of_answer.line_amplitude), signal_units(tree))
-    return [
-        f"The residual holds a line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, perhaps from above "
-        "half the sampling rate, or another mode. Record without it, or filter it out."
-    ]
+    if np.isfinite(frequency):
+        size = layout.in_small_units(float(of_answer.line_amplitude), signal_units(tree))
+        yield (
+            f"The residual holds a line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, perhaps from "
+            "above half the sampling rate, or another mode. Record without it, or filter it out."
+        )
+
+
+def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Which method failed; what coefficients of a model that is not complete are, and their errors hold."""
+    for name, reason in findings.failures(tree).items():
+        yield f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
+    results = findings.kept_results(tree)
+    if findings.verdict_of(tree) not in UNEXPLAINED or not results:
+        return
+    result = results.get(findings.answer_of(tree), next(reversed(results.values())))
+    noise, model = findings.error_parts(result)
+    if np.any(model > 0.0):
+        factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
+        yield (
+            f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they "
+            f"are up to {factor:.3g} times those by the noise (--explain)."
+        )
+    elif "error_of_model" in result:
+        yield f"{EFFECTIVE}; parts of the record move them by no more than their errors."
+    else:
+        yield f"{EFFECTIVE}, which may be off by far more than their errors."
+
+
+def error_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """The fewest forces that suffice, which others would do as well, and what the calibration adds."""
+    result = answer_result(tree)
+    if choices := findings.fewer_forces(tree):
+        unit = tree[findings.answer_of(tree)].to_dataset().unit
+        likeliest = ", ".join(
+            layout.with_unit(
+                f"{symbol} = {layout.value_with_error(*quantity)}", unit.sel(force=symbol).item()
+            )
+            for symbol, quantity in choices[0].items()
+        )
+        yield NOT_SEPARATED.format("; or ".join([likeliest, *map(" and ".join, choices[1:])]))
+    if result is not None and "error_of_calibration" in result:
+        others = np.hypot(*findings.error_parts(result))
+        parts = zip(result.force.values, others, result.error_of_calibration.values, strict=True)
+        texts = [f"{name} {part:.2g} (by all else {other:.2g})" for name, other, part in parts if part > 0.0]
+        yield f"Errors hold that of the scale: {', '.join(texts) or 'it moves none'}."
 
 
 # Attributes of a comparison that warn, and their sentences.
@@ -234,18 +211,15 @@ UNIDENTIFIABLE = {
 }
 
 
-def constraint_sentences(results: Iterable[xr.Dataset]) -> list[str]:
+def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
     """Which coefficients of results are fixed, tied or at a bound, in a sentence; none if none is."""
     parts = []
     for result in results:
-        kinds = result.constraint.values.tolist() if "constraint" in result.coords else []
-        for symbol, kind in zip(result.force.values.tolist(), kinds, strict=False):
-            if kind:
-                value = f"{result.coefficient.sel(force=symbol).item():.6g}"
-                parts.append(kind if "=" in kind else f"{symbol} is {kind} ({value})")
-    if not parts:
-        return []
-    return [f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these."]
+        for symbol, row in layout.by_label(result, "force").items():
+            if kind := row.coords.get("constraint", xr.DataArray("")).item():
+                parts.append(kind if "=" in kind else f"{symbol} is {kind} ({row.coefficient.item():.6g})")
+    if parts:
+        yield f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these."
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
@@ -258,12 +232,11 @@ def reference_sentence(result: xr.Dataset) -> str:
     w = result.reference_frequency.item()
     refers = ["Coefficients refer to w of their method"]
     units = ["They are dimensionless"]
-    forces = [result[name].values.tolist() for name in ("force", "refers_to", "unit")]
-    for symbol, frequency, unit in zip(*forces, strict=True):
-        if not np.isclose(frequency, w, rtol=1e-12):
-            refers.append(f"{symbol} to {frequency:.6g} rad/s")
-        if unit != "1":
-            units.append(f"{symbol} in {unit}")
+    for symbol, row in layout.by_label(result, "force").items():
+        if not np.isclose(row.refers_to.item(), w, rtol=1e-12):
+            refers.append(f"{symbol} to {row.refers_to.item():.6g} rad/s")
+        if row.unit.item() != "1":
+            units.append(f"{symbol} in {row.unit.item()}")
     return f"{'; '.join(refers)}. {'; '.join(units)}."
 
 

@@ -17,8 +17,8 @@ from sysid_trib.campaigns.store import counts_of
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.declared import figures_of
 from sysid_trib.plots.motion_panels import MOST_POINTS
-from sysid_trib.printing import Block, Layer, comparison, discovery, driven, identification, sureness
-from sysid_trib.printing.campaign import AGAINST, campaign_blocks, named_text
+from sysid_trib.printing import Block, Layer, comparison, discovery, driven, identification
+from sysid_trib.printing.campaign import AGAINST, campaign_blocks, difference_blocks, named_text
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups
@@ -41,7 +41,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
     "driven": ("Forces of a driven record", driven.driven_blocks),
     "compare": (f"{TITLE}, method by method", comparison.comparison_blocks),
-    "difference": ("Two samples held against each other", sureness.difference_blocks),
+    "difference": ("Two samples held against each other", difference_blocks),
     "discover": ("What a model lacks to explain a free decay", discovery.discovery_blocks),
 }
 

@@ -1,12 +1,13 @@
-"""What to do after a result: the next command, and why; the next run, in words and as plain data."""
+"""What to do after a result: the next command, and why."""
 
+import shlex
 from collections.abc import Mapping
-from typing import Any
 
-import numpy as np
 import xarray as xr
 
-from sysid_trib.printing import ALWAYS, Block, comparison, layout
+from sysid_trib.commands.app import COMMANDS, Asked, options_of
+from sysid_trib.errors import readable
+from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results.effects import candidates_of, credible_set, determines
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
@@ -22,8 +23,6 @@ from sysid_trib.validation.findings import (
 
 # A file that the user is to measure first.
 SECOND_RECORD = "SECOND_RECORD.csv"
-# Runs that the table has.
-MOST_RUNS = 8
 # More effects than were asked for, where candidates still stand out.
 MORE_EFFECTS = 2
 
@@ -61,7 +60,7 @@ def _after_nothing(result: xr.Dataset) -> NextStep:
 
 def _after_comparison(tree: xr.DataTree) -> NextStep:
     table = tree["comparison"].to_dataset()
-    reason = "tests further effects" if comparison.ratio_of_best(table) <= LARGE else "names what is missing"
+    reason = "tests further effects" if ratio_of_best(table) <= LARGE else "names what is missing"
     return _search(tree, reason)
 
 
@@ -111,70 +110,42 @@ def _tied(tree: xr.DataTree) -> list[str]:
     return []
 
 
-def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
-    """What is said of runs that may be made next; `stated` is the identification that is known."""
-    return [
-        Block(_sentences(data, stated), ALWAYS),
-        Block(table=layout.text_table(_rows(data, stated)[:MOST_RUNS]), layers=ALWAYS),
-    ]
+RECORDS = "records"
+# What the next command asks of the same records and forces.
+TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
 
 
-def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
-    """The best run, and what it is expected to tell."""
-    best, unit, repeats = data.isel(run=0), _unit(data), int(data.attrs["repeats"])
-    run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
-    run += f", {repeats} times" if repeats > 1 else ""
-    models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
-    said = []
-    if len(models) > 1:
-        said.append(
-            f"{run}: of {', '.join(models[:-1])} and {models[-1]} the right one will have odds of "
-            f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
-        )
-    if wanted or len(models) == 1:
-        symbols = [*wanted] or data.force.values.tolist()
-        parts = [
-            f"{symbol} ± {best.standard_error.sel(force=symbol).item():.2g} "
-            f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
-            for symbol in symbols
-        ]
-        said.append(f"{run}: {', '.join(parts)}, by all records together.")
-    if wanted and not best.meets.item():
-        asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
-        said.append(f"No run within the limits reaches {asked}; widen them, or repeat the run.")
-    if equal := data.sizes["run"] - len(_rows(data, stated)):
-        runs = f"{equal} run{'s' if equal > 1 else ''}"
-        said.append(f"Left out: {runs} longer than another that tells as much, by the digits shown.")
-    return said
+def keep_next(tree: xr.DataTree, given: Asked) -> None:
+    """Keep the command that follows from a result as its attribute `next`.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of a command.
+    given : Asked
+        What the command was given; the next command takes over the options that it knows.
+    """
+    command, reason, options = next_step(tree)
+    tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
 
 
-def _unit(data: xr.Dataset) -> str:
-    return str(data.amplitude.attrs["units"])
-
-
-def _size(run: xr.Dataset) -> str:
-    """The release of a run to three digits, micrometres too without a power of ten."""
-    return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
-
-
-def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
-    """What is printed of each run: release, duration, and what it tells."""
-    several, rows = len(data.attrs["models"]) > 1, []
-    units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
-    heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
-    for run in layout.by_label(data, "run").values():
-        row = {f"release ({_unit(data)})": _size(run), "duration (s)": f"{run.duration.item():.3g}"}
-        if several:
-            row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
-        errors = (f"{error:.2g}" for error in run.standard_error.values)
-        rows.append(row | dict(zip(heads, errors, strict=True)))
-    # Of runs that are said to tell as much the shorter one comes first.
-    seen = {tuple(row.values())[2:]: row for row in reversed(rows)}
-    return [row for row in rows if seen[tuple(row.values())[2:]] is row]
-
-
-def plan_json(data: xr.Dataset) -> dict[str, Any]:
-    """A plan as plain data, all runs."""
-    runs = layout.per_label(data, "run", layout.KEYS["plan"])
-    models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
-    return {"models": models, "odds": data.attrs["odds"], "runs": list(runs.values())}
+def command_after(command: str, others: Mapping[str, str | None], given: Asked) -> str:
+    """A command with the options that were given before, and others in their place (see `next_step`)."""
+    known, options = options_of(*COMMANDS[command]["options"]), given.options
+    changed = {name: vars(given)[name] for name in options if name in TAKEN_OVER}
+    if "candidates" not in known and "library" in changed and not given.changed(["library"]):
+        # Forces that the package ships are known to every command, one's own candidates by their file.
+        changed["library"] = changed.get("candidates") or changed["library"]
+    # A dash at the beginning of a word would be an option.
+    files = map(str, changed.pop(RECORDS, []))
+    words = [f"./{file}" if file.startswith("-") else file for file in files]
+    words += [file for name, file in others.items() if name == RECORDS and file]
+    for name, value in changed.items():
+        if name in known and name.strip("_") not in others and value != options[name].default:
+            for item in value if isinstance(value, list | tuple) else [value]:
+                # A switch is its flag alone.
+                words += [options[name].flag] if isinstance(item, bool) else [options[name].flag, str(item)]
+    for name, value in others.items():
+        if value is not None and name != RECORDS:
+            words += [f"--{name.replace('_', '-')}", *filter(None, [value])]
+    return readable(shlex.join(["sysid-trib", command, *words]))
