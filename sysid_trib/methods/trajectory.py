@@ -16,10 +16,8 @@ from sysid_trib.forces.selection import forces_to_identify, is_free_to_move
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force, is_fitted
 from sysid_trib.likelihood.sensor_noise import (
     WHITE_LEVEL,
-    autoregression,
     sensor_noise_of,
     white_p_value,
-    whitened,
 )
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
@@ -28,12 +26,11 @@ from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
-from sysid_trib.records.inputs import inputs_for
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.simulation.initial_conditions import MEASURED, first_guess, measured_part
+from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FREQUENCY
 
@@ -164,49 +161,21 @@ class Trajectory(Constrained):
 
     def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
-        records = tuple(_record(run, offered, self.warm_up) for run in runs)
-        return FitProblem(_parameters(self, offered, len(runs)), records, runs, library)
+        records = tuple(WhitenedRecord.of_decay(run, offered, self.warm_up) for run in runs)
+        constraints = Constraints(self.constraints).of_each_run(self.own, len(runs))
+        parameters = Parameters(
+            offered, self.reference_frequency, self.fit_shapes, self.shapes, len(runs), constraints
+        )
+        return FitProblem(parameters.completed(), records, runs, library)
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> tuple[FitProblem, Fit]:
         """The fit of the free motion, and its problem with the noise of each run."""
         fit = fitted(problem, grown(problem, first))
         # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
         for _ in range(3 if self.noise == "coloured" or len(problem.records) > 1 else 0):
-            problem = _weighted(problem, fit.values, coloured=self.noise == "coloured")
+            problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
         return problem, fit
-
-
-def _record(decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> WhitenedRecord:
-    """What was measured of a run, in its own quantity: a rate is not integrated."""
-    sensor, time, values = measured_part(decay)
-    swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
-    inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
-    # Samples that a warm-up leaves at least.
-    if len(time) - uncounted < 20:
-        raise UsageError(
-            f"A warm-up of {warm_up:g} s leaves {len(time) - uncounted} samples; give a shorter one."
-        )
-    return WhitenedRecord(time, values, sensor=sensor, swing=swing, inputs=inputs, uncounted=uncounted)
-
-
-def _parameters(method: Trajectory, library: ForceLibrary, runs: int) -> Parameters:
-    constraints = Constraints(method.constraints).of_each_run(method.own, runs)
-    constraints.check(library)
-    shapes = library.shape_values()
-    fit_shapes = tuple(dict.fromkeys((*method.fit_shapes, *(k for k in constraints.ties if k in shapes))))
-    for name in fit_shapes:
-        if name not in shapes:
-            raise UsageError(f"There is no shape parameter '{name}' among the forces to identify.")
-    for name in constraints.bounds:
-        if name in shapes and name not in fit_shapes:
-            raise UsageError(f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes.")
-    held = {**method.shapes, **{name: value for name, value in constraints.fixed.items() if name in shapes}}
-    parameters = Parameters(library, method.reference_frequency, fit_shapes, held, runs, constraints)
-    if not is_free_to_move(library, constraints.fixed):
-        return parameters
-    # Nothing tells the sensor's zero from where the motion begins.
-    return parameters.fix({name: 0.0 for name in parameters.names if name.startswith(PER_RUN[-1])})
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
@@ -285,18 +254,6 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
     except DecayError:
         return fit
     return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
-
-
-def _weighted(problem: FitProblem, values: Array, *, coloured: bool) -> FitProblem:
-    """Each run with the weight of its residual, and with the colour of it where asked for."""
-    records = []
-    for record, residual in zip(problem.records, problem.residuals(values), strict=True):
-        filter_ = autoregression(residual) if coloured else np.ones(1)
-        white = whitened(residual, filter_)[record.uncounted :]
-        records.append(replace(record, filter_=filter_, weight=1.0 / root_mean_square(white)))
-    # Relative to their RMS noise, so that a whitened residual is an angle.
-    common = root_mean_square([1.0 / record.weight for record in records])
-    return replace(problem, records=tuple(replace(r, weight=common * r.weight) for r in records))
 
 
 def _residuals(problem: FitProblem, fit: Fit) -> list[Array]:

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid_trib.arrays import Array
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints, tied_slopes, tied_value
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FREQUENCY
 
@@ -44,6 +46,32 @@ class Parameters:
     shapes: Mapping[str, float] = field(default_factory=dict)
     runs: int = 1
     constraints: Constraints = field(default_factory=Constraints)
+
+    def completed(self) -> "Parameters":
+        """The parameters with tied shapes fitted, fixed ones held, and a zero of the sensor that is decided.
+
+        Raises
+        ------
+        UsageError
+            A shape or constraint is not one of these forces.
+        """
+        library, constraints, shapes = self.library, self.constraints, self.library.shape_values()
+        constraints.check(library)
+        fitted = tuple(dict.fromkeys((*self.fit_shapes, *(k for k in constraints.ties if k in shapes))))
+        for name in fitted:
+            if name not in shapes:
+                raise UsageError(f"There is no shape parameter '{name}' among the forces to identify.")
+        for name in constraints.bounds:
+            if name in shapes and name not in fitted:
+                raise UsageError(
+                    f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes."
+                )
+        held = {**self.shapes, **{name: value for name, value in constraints.fixed.items() if name in shapes}}
+        whole = replace(self, fit_shapes=fitted, shapes=held)
+        if not is_free_to_move(library, constraints.fixed):
+            return whole
+        # Nothing tells the sensor's zero from where the motion begins.
+        return whole.fix({name: 0.0 for name in whole.names if name.startswith(PER_RUN[-1])})
 
     @cached_property
     def common(self) -> tuple[str, ...]:

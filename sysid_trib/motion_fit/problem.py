@@ -9,14 +9,15 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SimulationError
+from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.sensor_noise import whitened
+from sysid_trib.likelihood.sensor_noise import autoregression, whitened
 from sysid_trib.motion_fit.parameters import Parameters
-from sysid_trib.records.decay import one_or_all
-from sysid_trib.records.inputs import KnownInput
+from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
+from sysid_trib.simulation.initial_conditions import measured_part
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY, SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
@@ -59,6 +60,19 @@ class WhitenedRecord:
     swing: float | None = None
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
     uncounted: int = 0
+
+    @classmethod
+    def of_decay(cls, decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> "WhitenedRecord":
+        """What was measured of a run, in its own quantity: a rate is not integrated."""
+        sensor, time, values = measured_part(decay)
+        swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
+        inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
+        # Samples that a warm-up leaves at least.
+        if len(time) - uncounted < 20:
+            raise UsageError(
+                f"A warm-up of {warm_up:g} s leaves {len(time) - uncounted} samples; give a shorter one."
+            )
+        return cls(time, values, sensor=sensor, swing=swing, inputs=inputs, uncounted=uncounted)
 
     @property
     def size(self) -> float:
@@ -174,6 +188,17 @@ class FitProblem:
         """The problem with a filter for each run that whitens its noise."""
         pairs = zip(self.records, filters, strict=True)
         return replace(self, records=tuple(replace(record, filter_=filter_) for record, filter_ in pairs))
+
+    def weighted(self, values: Array, *, coloured: bool) -> "FitProblem":
+        """Each run with the weight of its residual, and with the colour of it where asked for."""
+        records = []
+        for record, residual in zip(self.records, self.residuals(values), strict=True):
+            filter_ = autoregression(residual) if coloured else np.ones(1)
+            white = whitened(residual, filter_)[record.uncounted :]
+            records.append(replace(record, filter_=filter_, weight=1.0 / root_mean_square(white)))
+        # Relative to their RMS noise, so that a whitened residual is an angle.
+        common = root_mean_square([1.0 / record.weight for record in records])
+        return replace(self, records=tuple(replace(r, weight=common * r.weight) for r in records))
 
     def residuals(self, values: Array) -> list[Array]:
         """Motion minus record of each run, (sample,) array of float each, rad."""
