@@ -13,7 +13,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.validation.agreement import run_agreement
+from sysid_trib.validation.identify import run_agreement
 
 FORCES = load_library()
 EFFECTS = load_library("candidate_effects")

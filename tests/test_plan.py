@@ -14,7 +14,7 @@ from sysid_trib import Model, free_decay, identify, plots, save, simulate
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
 from sysid_trib.validation import plan
-from sysid_trib.validation.rivals import ODDS, Rival, RunPrediction, informed, log_odds, parting_of
+from sysid_trib.validation.rivals import ODDS, Rival, informed, log_odds, parting_of
 
 RUN = paper_run(FIVE, duration=15.0)
 SAME = {"amplitude": (0.3, 0.3), "duration": (15.0, 15.0), "sampling_rate": 100.0}
@@ -90,8 +90,7 @@ def rival(name, probability, parameters=0):
 
 def prediction(angle):
     """A motion over the noise that nothing but its start and zero moves."""
-    free = np.column_stack([np.cos(9.9 * TIME), np.sin(9.9 * TIME), np.ones(len(TIME))])
-    return RunPrediction(angle, np.zeros((len(TIME), 0)), free)
+    return np.column_stack([angle, np.cos(9.9 * TIME), np.sin(9.9 * TIME), np.ones(len(TIME))])
 
 
 def told(distance, *probabilities):
@@ -125,7 +124,7 @@ def test_motions_that_a_rival_can_make_tell_nothing():
     own = prediction(3.0 * np.cos(9.9 * TIME) + 2.0)
     # What it may be by its own parameter is no difference, however far.
     ripple = np.cos(35.0 * TIME)
-    moved = RunPrediction(50.0 * ripple, 1e4 * ripple[:, None], still.free)
+    moved = np.column_stack([50.0 * ripple, 1e4 * ripple, still[:, 1:]])
     for other, parameters in ((own, 0), (moved, 1)):
         logs = log_odds([(rival("a", 0.5), still), (rival("b", 0.5, parameters), other)])
         # A parameter makes half of the square of a normal number of noise too.

@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 from zlib import crc32
@@ -17,6 +16,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
+from sysid_trib.results.variables import RESULT_TABLES
 
 # What a killed process leaves of a chunk ends so, as with zarr.
 UNFINISHED = ".partial"
@@ -25,7 +25,6 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Of a record's time: enough to see how it decays, whether it stops, and what does not belong to it.
 OUTLINE_PARTS = 60
-FORCE_UNIT = "see the coordinate unit"
 TRUTH, TIED, EFFECT_P_VALUE = "true_coefficient", "tied", "effect_p_value"
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
 # What may become of a record, by the number that the store has of it.
@@ -35,58 +34,6 @@ WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
 CHECKSUM = "checksum"
 
 
-@dataclass(frozen=True)
-class StoredVariable:
-    """A variable of a store.
-
-    Attributes
-    ----------
-    long_name, units : str
-        As in the store.
-    dims : tuple of str
-        Beside the record.
-    kind : str
-        As numpy has it, of texts with their length: a million records of 400 letters are 1.6 GB.
-    """
-
-    long_name: str
-    units: str = ""
-    dims: tuple[str, ...] = ()
-    kind: str = "f8"
-
-    def empty(self, sizes: dict[str, int]) -> Array:
-        """What it is of a record of which nothing is known."""
-        return np.full([sizes[dim] for dim in self.dims], FILL[self.kind[0]], dtype=self.kind)
-
-
-# What is not known.
-FILL = {"f": np.nan, "U": "", "i": 0}
-OF_METHOD, OF_FORCE = ("method",), ("method", "force")
-VARIABLES = {
-    "coefficient": StoredVariable("coefficient", FORCE_UNIT, OF_FORCE),
-    "shape": StoredVariable("shape parameter", "see the library", ("method", "shape_parameter")),
-    "reference_frequency": StoredVariable("reference frequency", "rad/s", OF_METHOD),
-    "asymptotic_frequency": StoredVariable("asymptotic frequency", "rad/s", OF_METHOD),
-    "random_force_density": StoredVariable("density of the random force", "(rad/s^2)^2/Hz", OF_METHOD),
-    "noise": StoredVariable("noise of a sample", "", OF_METHOD),
-    TRUTH: StoredVariable("coefficient that the record was simulated with", FORCE_UNIT, ("force",)),
-    EFFECT_P_VALUE: StoredVariable("corrected p-value of an effect that a discovery named", "1", ("force",)),
-    TIED: StoredVariable("effects that those named cannot be separated from", kind="U400"),
-    "outline": StoredVariable(
-        "lowest and highest value of the record in each part of its time",
-        "see signal_units",
-        ("edge", "part"),
-    ),
-    "p_value": StoredVariable("p-value of the agreement of both methods", "1"),
-    "seconds": StoredVariable("time that the record took", "s"),
-    "verdict": StoredVariable("verdict on the record", kind="U100"),
-    "named": StoredVariable("effects that a discovery named", kind="U200"),
-    "message": StoredVariable("why a record has no numbers", kind="U400"),
-    "signal_units": StoredVariable("unit of the record's signal", kind="U40"),
-    "record_checksum": StoredVariable("SHA-256 of the record's file", kind="U64"),
-    "status": StoredVariable("what became of the record", kind="i1"),
-    CHECKSUM: StoredVariable("CRC-32 of the record's row", kind="i8"),
-}
 # By their names, those that are standard errors of others.
 STATED_ERRORS = {
     "standard_error": "coefficient",
@@ -95,10 +42,25 @@ STATED_ERRORS = {
     "asymptotic_frequency_standard_error": "asymptotic_frequency",
     "random_force_standard_error": "random_force_density",
 }
+# Dimensions beside the record, unit and meaning of each variable.
+VARIABLES = {name: (tuple(dims.split()), *of) for name, (dims, *of) in RESULT_TABLES["campaign"].items()}
 VARIABLES |= {
-    name: replace(VARIABLES[of], long_name=f"standard error of the {VARIABLES[of].long_name}")
+    name: (*VARIABLES[of][:2], f"standard error of the {VARIABLES[of][2]}")
     for name, of in STATED_ERRORS.items()
 }
+# As numpy has what is no number, texts with their length: a million records of 400 letters are 1.6 GB.
+STORED_KINDS = {
+    **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
+    **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},
+}
+# What is not known.
+FILL = {"f": np.nan, "U": "", "i": 0}
+
+
+def empty(name: str, sizes: Mapping[str, int]) -> Array:
+    """What a variable is of a record of which nothing is known."""
+    kind = STORED_KINDS.get(name, "f8")
+    return np.full([sizes[dim] for dim in VARIABLES[name][0]], FILL[kind[0]], dtype=kind)
 
 
 def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:

@@ -22,7 +22,7 @@ from sysid_trib.arrays import Index
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
 from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
-from sysid_trib.campaigns.task import Task, checksum_of, empty_row, shape_names
+from sysid_trib.campaigns.task import Task, checksum_of, empty_row
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.results.schema import force_labels
 
@@ -282,16 +282,11 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
 
 def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
     """Make the arrays of a store."""
-    forces = {force.symbol: force for lib in (task.library, task.candidates or ()) for force in lib}
-    labels = force_labels([forces[symbol] for symbol in task.symbols])
+    labels, forces = task.axes, force_labels(list(task.forces))
     coordinates: dict[str, tuple[str, Sequence[Any]]] = {
         "record": ("record", names_of(records)),
-        "method": ("method", task.labels),
-        "force": ("force", task.symbols),
-        "unit": ("force", labels["unit"][1]),
-        "speed_degree": ("force", labels["speed_degree"][1]),
-        "shape_parameter": ("shape_parameter", shape_names(task)),
-        "edge": ("edge", stored.EDGES),
+        **{dim: (dim, names) for dim, names in labels.items()},
+        **{name: ("force", forces[name][1]) for name in ("unit", "speed_degree")},
     }
     for name, (dim, texts) in coordinates.items():
         values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
@@ -299,14 +294,14 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
             _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
     if isinstance(records, Study):
-        row[stored.TRUTH] = np.full(len(task.symbols), np.nan)
+        row[stored.TRUTH] = np.full(len(task.forces), np.nan)
     for name, empty in row.items():
         if not empty.size:
             continue
-        known, shape = stored.VARIABLES[name], (len(records), *empty.shape)
-        array = _array(group, name, ("record", *known.dims), shape, empty.dtype, block)
+        (dims, units, meaning), shape = stored.VARIABLES[name], (len(records), *empty.shape)
+        array = _array(group, name, ("record", *dims), shape, empty.dtype, block)
         flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
-        attrs = {"long_name": known.long_name} | ({"units": known.units} if known.units else {})
+        attrs = {"long_name": meaning} | ({"units": units} if units else {})
         array.attrs.update(attrs | (flags if name == "status" else {}))
     begun_with = {FINGERPRINT: fingerprint(records, task), "task": task.name}
     group.attrs.update(begun_with | {"coordinates": "unit speed_degree"})

@@ -17,33 +17,20 @@ from sysid_trib.records.tables import check_is_file
 from sysid_trib.simulation.model import Model, check_shapes
 from sysid_trib.simulation.simulate import simulate
 
-# Parts of a study, and what each may hold; that of the first two is in the library.
-PART_NAMES: dict[str, tuple[str, ...]] = {
-    "coefficients": (),
-    "shapes": (),
-    "start": ("angle", "rate"),
-    "sampling": ("duration", "rate"),
-    "noise": ("deviation", "correlation"),
-    "random_force": ("density",),
-}
-LEFT_OUT: dict[str, dict[str, float]] = {
+ANY = -np.inf, np.inf
+# Parts of a study and what each may hold: its value where it is left out, and the lowest and highest that may
+# be drawn. Names of the first two are in the library.
+STUDY_PARTS: dict[str, dict[str, tuple[float | None, tuple[float, float]]]] = {
+    "coefficients": {},
     "shapes": {},
-    "start": {"angle": 0.3, "rate": 0.0},
-    "noise": {"deviation": 0.0, "correlation": 0.0},
-    "random_force": {"density": 0.0},
+    "start": {"angle": (0.3, ANY), "rate": (0.0, ANY)},
+    "sampling": {"duration": (None, (1e-9, 1e12)), "rate": (None, (1e-9, 1e12))},
+    "noise": {"deviation": (0.0, (0.0, 1e9)), "correlation": (0.0, (-0.999999, 0.999999))},
+    "random_force": {"density": (0.0, (0.0, 1e9))},
 }
-NEEDED_PARTS = ("reference_frequency", "coefficients", "sampling")
-TOP = ("title", "records", "seed", "library", "reference_frequency", *PART_NAMES)
+STUDY_MOTION = {"reference_frequency": (None, (1e-9, 1e9))}
+TOP = ("title", "records", "seed", "library", *STUDY_MOTION, *STUDY_PARTS)
 DRAWN = {"low", "high"}, {"mean", "deviation"}
-# What may be drawn of a value, where not any number is one: (lowest, highest).
-RANGES = {
-    ("motion", "reference_frequency"): (1e-9, 1e9),
-    ("sampling", "duration"): (1e-9, 1e12),
-    ("sampling", "rate"): (1e-9, 1e12),
-    ("noise", "deviation"): (0.0, 1e9),
-    ("noise", "correlation"): (-0.999999, 0.999999),
-    ("random_force", "density"): (0.0, 1e9),
-}
 LONGEST_RECORD = 10_000_000
 SAMPLES_ALLOWED = f"duration times rate must be 2 to {LONGEST_RECORD:,} samples"
 
@@ -85,7 +72,10 @@ class Study:
     def drawn(self, at: int) -> dict[str, dict[str, float]]:
         """All values of a record, by part and name."""
         random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(at,)))
-        drawn = {part: dict(values) for part, values in LEFT_OUT.items()}
+        drawn: dict[str, dict[str, float]] = {
+            part: {name: value for name, (value, _) in of.items() if value is not None}
+            for part, of in STUDY_PARTS.items()
+        }
         for part, names in self.values.items():
             drawn.setdefault(part, {}).update({k: _draw(value, random) for k, value in names.items()})
         return drawn
@@ -192,21 +182,21 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     except (OSError, ValueError, RecursionError) as error:
         raise RecordError(f"{name}: not a study in TOML ({error}).") from None
     _refuse_unknown(data, TOP, f"{name}: a study")
-    if lacking := [key for key in NEEDED_PARTS if key not in data]:
+    if lacking := [key for key in (*STUDY_MOTION, "coefficients", "sampling") if key not in data]:
         raise RecordError(f"{name}: a study needs '{lacking[0]}'.")
-    parts = {part: data[part] for part in PART_NAMES if part in data}
-    for part, table in parts.items():
+    values = {"motion": {key: data[key] for key in STUDY_MOTION}}
+    values |= {part: data[part] for part in STUDY_PARTS if part in data}
+    for part, table in values.items():
         if not isinstance(table, Mapping) or not table:
             raise RecordError(f"{name}: '{part}' must be a table of values.")
-        _refuse_unknown(table, PART_NAMES[part] or table, f"{name}: '{part}'")
-    values = {"motion": {"reference_frequency": data["reference_frequency"]}, **parts}
-    for part, table in values.items():
+        known = STUDY_PARTS.get(part, STUDY_MOTION)
+        _refuse_unknown(table, known or table, f"{name}: '{part}'")
         for key, value in table.items():
-            _check(value, RANGES.get((part, key)), f"{name}: '{key}' of '{part}'")
+            _check(value, known[key][1] if key in known else ANY, f"{name}: '{key}' of '{part}'")
     counts = [data.get("records", 100), data.get("seed", 0)]
     if not all(isinstance(count, int) and 0 <= count < 2**63 for count in counts) or not counts[0]:
         raise RecordError(f"{name}: 'records' and 'seed' must be whole numbers, the first above zero.")
-    if lacking := [key for key in PART_NAMES["sampling"] if key not in values["sampling"]]:
+    if lacking := [key for key in STUDY_PARTS["sampling"] if key not in values["sampling"]]:
         raise RecordError(f"{name}: 'sampling' needs '{lacking[0]}'.")
     library = str(data.get("library", "contact_forces"))
     study = Study(str(data.get("title", Path(path).stem)), counts[0], counts[1], library, values)
@@ -224,7 +214,7 @@ def _refuse_unknown(given: Iterable[str], known: Iterable[str], what: str) -> No
             raise RecordError(f"{what} has no '{key}'; it has {', '.join(known)}.{did_you_mean(key, known)}")
 
 
-def _check(value: Any, allowed: tuple[float, float] | None, what: str) -> None:
+def _check(value: Any, allowed: tuple[float, float], what: str) -> None:
     """Refuse what cannot be drawn, or what no record can have."""
     law = isinstance(value, Mapping) and set(value) in DRAWN
     numbers = list(value.values()) if law else value if isinstance(value, list) and value else [value]
@@ -238,6 +228,6 @@ def _check(value: Any, allowed: tuple[float, float] | None, what: str) -> None:
     if normal and value["deviation"] < 0.0:
         raise RecordError(f"{what}: the deviation of what is drawn must not be below zero.")
     # A normal law has no bounds: what it draws is refused record by record.
-    low, high = allowed or (-np.inf, np.inf)
+    low, high = allowed
     if not all(low <= n <= high for n in ([value["mean"]] if normal else numbers)):
         raise RecordError(f"{what} must be from {low:g} to {high:g}.")

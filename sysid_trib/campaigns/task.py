@@ -24,7 +24,6 @@ from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
 from sysid_trib.results.effects import alternatives_of, tied_name
 from sysid_trib.results.references import with_contactless_frequency
-from sysid_trib.results.schema import map_identifications
 from sysid_trib.results.variables import signal_units
 from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.compare import compare, every_method
@@ -108,10 +107,16 @@ class Task:
         return list(MODELS) if self.name == "discover" else list(self.methods)
 
     @property
-    def symbols(self) -> list[str]:
-        """The symbols of all forces that may come of a record."""
-        candidates = self.candidates.symbols if self.candidates is not None else ()
-        return list(dict.fromkeys([*self.library.symbols, *candidates]))
+    def forces(self) -> ForceLibrary:
+        """All forces that may come of a record."""
+        of = {force.symbol: force for library in (self.library, self.candidates or ()) for force in library}
+        return ForceLibrary("all", tuple(of.values()))
+
+    @property
+    def axes(self) -> dict[str, list[str]]:
+        """What the dimensions of a row count."""
+        names = {"method": self.labels, "force": list(self.forces.symbols), "edge": list(stored.EDGES)}
+        return names | {"shape_parameter": list(self.forces.shape_values())}
 
     def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
         """What the task's own function gives of a record."""
@@ -136,24 +141,14 @@ class Task:
             tree = identified_and_checked(*asked, **self.options)
         else:
             tree = xr.DataTree.from_dict(dict(zip(methods, identifications(*asked), strict=True)))
-        if self.contactless is None:
-            return tree
-        contactless = self.contactless
-        return map_identifications(tree, lambda result: with_contactless_frequency(result, *contactless))
+        return tree if self.contactless is None else with_contactless_frequency(tree, *self.contactless)
 
 
 def empty_row(task: Task) -> stored.Row:
     """A row of which nothing is known: nan, and empty texts."""
-    sizes = {"method": len(task.labels), "edge": len(stored.EDGES), "part": stored.OUTLINE_PARTS}
-    sizes |= {"force": len(task.symbols), "shape_parameter": len(shape_names(task))}
+    sizes = {dim: len(names) for dim, names in task.axes.items()} | {"part": stored.OUTLINE_PARTS}
     without = {stored.TRUTH} | (set() if task.name == "discover" else stored.OF_SEARCH)
-    return {name: known.empty(sizes) for name, known in stored.VARIABLES.items() if name not in without}
-
-
-def shape_names(task: Task) -> list[str]:
-    """Shape parameters of all forces of a task."""
-    libraries = (task.library, task.candidates)
-    return list(dict.fromkeys(name for lib in libraries if lib is not None for name in lib.shape_values()))
+    return {name: stored.empty(name, sizes) for name in stored.VARIABLES if name not in without}
 
 
 def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
@@ -176,7 +171,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
             study, at = record
             # What a simulated record was drawn with.
             truth = study.coefficients_of(at)
-            row[stored.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.symbols])
+            row[stored.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.forces.symbols])
             decays: Sequence[xr.Dataset] = [study.decay(at)]
         else:
             decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
@@ -218,9 +213,8 @@ def checksum_of(record: Any) -> str:
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     """The numbers of a result in the places of the store."""
-    empty = empty_row(task)
-    row = {name: empty[name] for name, known in stored.VARIABLES.items() if "method" in known.dims}
-    labels = {"force": task.symbols, "shape_parameter": shape_names(task)}
+    row = {name: of for name, of in empty_row(task).items() if "method" in stored.VARIABLES[name][0]}
+    axes = task.axes
     for at, label in enumerate(task.labels):
         # What a record's text withholds is not kept either.
         given = label in tree.children and "covariance" in tree[label]
@@ -228,7 +222,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
             result = tree[label].to_dataset()
             for name in (name for name, empty in row.items() if name in result and empty.size):
                 # Forces and shape parameters that the result lacks stay nan.
-                of_store = {dim: labels[dim] for dim in stored.VARIABLES[name].dims[1:]}
+                of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
                 row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
     if "comparison" in tree.children and "p_value" in tree["comparison"]:
         compared = tree["comparison"]
@@ -238,7 +232,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     if task.name == "discover":
         # Of a discovery, behind its verdict.
         early = "" if tree.attrs["converged"] == "True" else " (its search ended before it had converged)"
-        row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.symbols)
+        row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
 
 

@@ -192,10 +192,8 @@ def _is_alive(process: int) -> bool:
         return True
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
     return True
 
 
@@ -236,9 +234,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         check_binary(place, "read_tree")
         with xr.open_datatree(place, engine="h5netcdf") as tree:
             return current_format(tree.load(), place)
-    except RecordError:
-        raise
-    except MemoryError:
+    except (RecordError, MemoryError):
         raise
     # A damaged file meets readers with any exception at all.
     except Exception as error:

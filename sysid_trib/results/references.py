@@ -1,6 +1,6 @@
 """The reference of coefficients: a common one for comparison, and the frequency without contact."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -21,6 +21,11 @@ def in_model(result: xr.Dataset, symbol: str) -> bool:
     return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
 
 
+def forces_in_model(result: xr.Dataset) -> list[str]:
+    """Forces whose coefficient refers to the identification's own reference frequency."""
+    return [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
+
+
 def comparable(*results: xr.Dataset) -> list[str]:
     """Symbols of the forces in which identifications are compared, in the first's order.
 
@@ -30,7 +35,7 @@ def comparable(*results: xr.Dataset) -> list[str]:
     return [
         symbol
         for symbol in results[0].force.values.tolist()
-        if all(symbol in r.force and in_model(r, symbol) for r in results)
+        if all(symbol in forces_in_model(r) for r in results)
         and not all("constraint" in r.coords and r.constraint.sel(force=symbol).item() for r in results)
     ]
 
@@ -85,13 +90,19 @@ def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: fl
     return np.asarray(jacobian @ stated_covariance(result, kept) @ jacobian.T)
 
 
-def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error: float = 0.0) -> xr.Dataset:
+def _of_each(result: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:
+    """The tree with each of its identifications changed."""
+    named = files.identifications_of(result)
+    return result.assign({name: xr.DataTree(change(own)) for name, own in named.items()})
+
+
+def with_contactless_frequency(result: Result, omega0: float, standard_error: float = 0.0) -> Result:
     """Add alpha = (w_inf/w0)^2 - 1 to an identification whose frequency was fitted.
 
     Parameters
     ----------
-    result : Dataset
-        An identification.
+    result : Dataset or DataTree
+        An identification, or a result that holds some.
     omega0 : float, rad/s
         Frequency of the oscillator without contact.
     standard_error : float, rad/s
@@ -99,10 +110,9 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
 
     Returns
     -------
-    Dataset
-        The identification with one force more (the library's force of formula `x`), which refers to
-        `omega0`; the others stay referred to the fitted frequency. One that has it already is returned as it
-        is.
+    Dataset or DataTree
+        The same with one force more (the library's force of formula `x`), which refers to `omega0`; the
+        others stay referred to the fitted frequency. One that has it already is returned as it is.
 
     Raises
     ------
@@ -113,6 +123,8 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
     -----
     Le Bot et al. 2019, Sec. 2.3; errors of both frequencies propagated to first order.
     """
+    if isinstance(result, xr.DataTree):
+        return _of_each(result, lambda own: with_contactless_frequency(own, omega0, standard_error))
     library = schema.library_of(result, whole=True)
     force = library.role("x")
     if force is None:
@@ -121,7 +133,8 @@ def with_contactless_frequency(result: xr.Dataset, omega0: float, standard_error
         )
     if force.symbol in result.force:
         return result
-    limit, symbols = result.asymptotic_frequency.item(), result.force.values.tolist()
+    symbols: list[str] = result.force.values.tolist()
+    limit = result.asymptotic_frequency.item()
     slope = 2.0 * limit / omega0**2
     jacobian = np.diag([*np.ones(len(symbols)), slope])
     covariance = jacobian @ stated_covariance(result, symbols) @ jacobian
@@ -171,9 +184,7 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
     if not 0.0 <= relative_error < 1.0:
         raise UsageError(f"The relative error of a scale is a number from 0 to 1, not {relative_error}.")
     if isinstance(result, xr.DataTree):
-        named = files.identifications_of(result)
-        changed = {k: xr.DataTree(with_scale_error(own, relative_error)) for k, own in named.items()}
-        return result.assign(changed)
+        return _of_each(result, lambda own: with_scale_error(own, relative_error))
     degrees = [signal_powers(force) for force in schema.library_of(result)]
     powers = np.array([0.0 if degree is None else degree[""] for degree in degrees])
     known = result.standard_error.values > 0.0

@@ -1,7 +1,7 @@
 """The one schema of an identification: plain xarray, with provenance."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
@@ -222,17 +222,3 @@ def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> 
         return {}
     values = dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
     return values if library is None else {k: v for k, v in values.items() if k in library.shape_values()}
-
-
-def map_identifications(tree: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:
-    """The tree with each group that is an identification changed.
-
-    Parameters
-    ----------
-    tree : DataTree
-        Groups, some of them identifications.
-    change : callable
-        Takes an identification and gives another.
-    """
-    groups = {k: node.to_dataset() for k, node in tree.children.items()}
-    return xr.DataTree.from_dict({k: change(d) if "coefficient" in d else d for k, d in groups.items()})

@@ -250,17 +250,11 @@ def _changed(given: Any, change: Callable[[Any], Any]) -> Any:
     return change(given)
 
 
-def _parts(given: Any) -> Iterator[Any]:
+def _parts(given: Any) -> list[Any]:
     """The parts of trees, lists and dicts."""
-    if isinstance(given, xr.DataTree):
-        given = [node.to_dataset(inherit=False) for node in given.subtree]
-    if isinstance(given, dict):
-        given = list(given.values())
-    if isinstance(given, (list, tuple)):
-        for item in given:
-            yield from _parts(item)
-    else:
-        yield given
+    parts: list[Any] = []
+    _changed(given, parts.append)
+    return parts
 
 
 def _forces(given: Any) -> Iterator[Force]:

@@ -17,7 +17,7 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation import agreement, findings, simulated_pairs
+from sysid_trib.validation import findings, simulated_pairs
 from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
@@ -42,6 +42,13 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
 
 # Simulated records by which the difference of two methods is judged.
 SIMULATED_RECORDS = 32
+# Significance level below which runs, or methods, are said to disagree.
+HOMOGENEITY_LEVEL = 0.01
+
+
+def agreement_of(p_value: float) -> str:
+    """`disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
+    return "unknown" if np.isnan(p_value) else "agree" if p_value >= HOMOGENEITY_LEVEL else "disagree"
 
 
 @in_units_of_the_motion
@@ -133,7 +140,7 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     over_motion = {"residual_over_motion": _residual_over_motion(records)}
     compared = compared.merge(residuals(followed, results[1])).assign(described("cross_check", over_motion))
     compared = compared.assign(findings.failure_of_models(records))
-    verdict = agreement.verdict_of(compared.p_value.item())
+    verdict = agreement_of(compared.p_value.item())
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
     explained, answer = _explained(compared), names[better_of(*results)]
     stochastic = random_force_groups(pair[1])

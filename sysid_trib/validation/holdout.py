@@ -165,7 +165,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
         Samples of a period of each run.
     """
     labels, (results, rows, motions) = list(trials), zip(*trials.values(), strict=True)
-    values = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
+    values: dict[str, Any] = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
     values |= _residuals(motions, noises)
     ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))
     # The smallest RMS over the noise on the part held out; if no method has any, on the whole.
@@ -177,11 +177,11 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     values["coefficient"], values["standard_error"] = c = _coefficients(results, forces, reference)
     values["z"] = contrast(*c, best)
     for name in ("reference_frequency", "asymptotic_frequency"):
-        values[name] = w = tuple(
+        values[name] = limit, error = tuple(
             np.array([np.nan if result is None else result[column].item() for result in results])
             for column in (name, f"{name}_standard_error")
         )
-    values["asymptotic_frequency_z"] = contrast(*(column[:, None] for column in w), best)[:, 0]
+    values["asymptotic_frequency_z"] = contrast(limit[:, None], error[:, None], best)[:, 0]
     residuals = [[of_run.residual.values for of_run in of.get("holdout", [])] for of in motions]
     values["holdout_p_value"] = [
         diebold_mariano(some, residuals[best], blocks) if some else np.nan for some in residuals
@@ -211,8 +211,9 @@ def _common_frequency(results: Results, labels: Sequence[str], whole: Array, bes
 def _forces(results: Results) -> xr.Dataset:
     """The forces that any method found, in the order of the result with most of them."""
     known = sorted((result for result in results if result is not None), key=lambda r: -r.sizes["force"])
-    labels = xr.concat([r.coords.to_dataset()[["name", "formula", "unit"]] for r in known], "force")
-    return labels.drop_duplicates("force")
+    labels = ["name", "formula", "unit"]
+    of_forces = xr.concat([result.reset_coords()[labels] for result in known], "force")
+    return of_forces.drop_duplicates("force").set_coords(labels)
 
 
 def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tuple[Array, Array]:

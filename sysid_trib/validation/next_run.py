@@ -3,12 +3,12 @@
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.results.files import is_of_driven
@@ -126,7 +126,7 @@ def _planned(
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
     in_part = str(result.attrs.get("held_out", "")).startswith("the last third")
-    runs = list[PlannedRun]()
+    rows, motions_of = list[dict[str, Any]](), list[tuple[dict[str, RunPrediction], Array]]()
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
         given = (release, 0.0), noise, (known.model, push)
@@ -137,17 +137,30 @@ def _planned(
         motions = {rival.name: _longest(rival, times, given)[0] for rival in rivals if rival is not known}
         motions[known.name] = stated
         for length, time in zip(lengths, times, strict=True):
-            of_run = {
-                name: run.up_to(len(time))
-                for name, run in motions.items()
-                if run is not None and len(run.angle) >= len(time)
-            }
-            runs.append((release, length, *_worth(rivals, known, main, of_run), of_run, time))
-    if not any(np.isfinite(run[2]) for run in runs):
+            moving = {name: run for name, run in motions.items() if run is not None and len(run) >= len(time)}
+            of_run = {name: run[: len(time)] for name, run in moving.items()}
+            worth = _worth(rivals, known, main, of_run)
+            rows.append({"amplitude": release, "duration": length, **worth})
+            motions_of.append((of_run, time))
+    values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    if not np.isfinite(values["entropy"]).any():
         raise DecayError("No run within these limits has a motion; take others.")
-    data = _dataset(rivals, known, runs, wanted, signal_units(main))
-    samples = described("plan", {"samples": (data.duration.values * rate).astype(int) + 1})
-    return data.assign(samples).assign_attrs(sampling_rate=rate, repeats=repeats)
+    limits = np.array([wanted.get(symbol, np.inf) for symbol in known.fitted])
+    values |= {"meets": np.all(values["standard_error"] <= limits, axis=1)}
+    values |= {"samples": (values["duration"] * rate).astype(int) + 1}
+    best = _best_first(values, limits, len(rivals))
+    data = xr.Dataset(
+        described("plan", {name: column[best] for name, column in values.items()}), {"force": known.fitted}
+    )
+    data.amplitude.attrs["units"] = signal_units(main)
+    data.attrs = {
+        "models": [rival.name for rival in rivals],
+        "probabilities": [rival.probability for rival in rivals],
+        "odds": ODDS,
+        "sampling_rate": rate,
+        "repeats": repeats,
+    }
+    return data if len(rivals) == 1 else _with_parting(data, rivals, *motions_of[best[0]])
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
@@ -212,13 +225,14 @@ def _longest(
 
 def _worth(
     rivals: Sequence[Rival], known: Rival, main: xr.Dataset, runs: Mapping[str, RunPrediction]
-) -> tuple[float, float, Array]:
+) -> dict[str, Any]:
     """Entropy that is left, probability of odds for the right model, and standard errors by all records.
 
     `runs` : what each model predicts, by its name.
     """
     if known.name not in runs:
-        return np.nan, np.nan, np.full(len(known.fitted), np.nan)
+        nothing = np.full(len(known.fitted), np.nan)
+        return {"entropy": np.nan, "probability": np.nan, "standard_error": nothing}
     pairs = [(rival, runs[rival.name]) for rival in rivals if rival.name in runs]
     # A model that has no such motion is distinguished by any.
     moving = np.array([rival.probability for rival, _ in pairs])
@@ -230,45 +244,27 @@ def _worth(
     stated = dict(zip(known.model.coefficients, of_noise.tolist(), strict=False))
     of_model = dict(zip(main.force.values.tolist(), findings.error_parts(main)[1].tolist(), strict=True))
     errors = np.hypot([stated[s] for s in known.fitted], [of_model[s] for s in known.fitted])
-    return entropy, float(right + 1.0 - moving.sum()), errors
+    return {"entropy": entropy, "probability": right + 1.0 - moving.sum(), "standard_error": errors}
 
 
-# Release and duration, the three of `_worth`, what models predict of it by their name, and its times.
-PlannedRun: TypeAlias = tuple[float, float, float, float, Array, dict[str, RunPrediction], Array]
-
-
-def _dataset(
-    rivals: Sequence[Rival], known: Rival, runs: Sequence[PlannedRun], wanted: Mapping[str, float], unit: str
-) -> xr.Dataset:
-    """The Dataset of `plan`, the best run first."""
-    release, length, entropy, probability, errors = (
-        np.array(part) for part in list(zip(*runs, strict=True))[:5]
-    )
-    limits = np.array([wanted.get(symbol, np.inf) for symbol in known.fitted])
-    meets = np.all(errors <= limits, axis=1)
+def _best_first(values: Mapping[str, Array], limits: Array, rivals: int) -> Index:
+    """Places of the runs that have a motion, the best first; `limits` : wanted errors, or infinite."""
+    length, entropy, errors = (values[name] for name in ("duration", "entropy", "standard_error"))
     # Runs that tell as much to a hundredth, or a thousandth of a nat, are as good: the shorter is the better.
     learnt = np.round(np.log(np.prod(errors / np.nanmin(errors, axis=0), axis=1)), 2)
-    order = [length, np.round(entropy, 3) if len(rivals) > 1 else learnt]
-    if wanted:
+    order = [length, np.round(entropy, 3) if rivals > 1 else learnt]
+    if np.isfinite(limits).any():
         # First how far a run is from what is wanted.
         lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
-        order += [np.where(meets, length, 0.0), np.where(meets, 0.0, lacking)]
-    best = np.array([at for at in np.lexsort(order) if np.isfinite(entropy[at])])
-    values = {
-        "amplitude": release[best],
-        "duration": length[best],
-        "entropy": entropy[best],
-        "probability": probability[best],
-        "standard_error": errors[best],
-        "meets": meets[best],
-    }
-    data = xr.Dataset(described("plan", values), {"force": known.fitted})
-    data.amplitude.attrs["units"] = unit
-    names = [rival.name for rival in rivals]
-    data.attrs = {"models": names, "probabilities": [rival.probability for rival in rivals], "odds": ODDS}
-    if len(rivals) == 1:
-        return data
-    *_, predictions, time = runs[best[0]]
+        order += [np.where(values["meets"], length, 0.0), np.where(values["meets"], 0.0, lacking)]
+    ranked = np.lexsort(order)
+    return ranked[np.isfinite(entropy[ranked])]
+
+
+def _with_parting(
+    data: xr.Dataset, rivals: Sequence[Rival], predictions: Mapping[str, RunPrediction], time: Array
+) -> xr.Dataset:
+    """With `parting(time)` of the best run, of which this is predicted by name."""
     ranked = sorted(rivals, key=lambda rival: -rival.probability)
     likeliest = [rival.name for rival in ranked if rival.name in predictions][:2]
     log_ratio = np.full(len(time), np.nan)

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -31,74 +30,6 @@ END_TOLERANCE, MOST_LOOKS = 0.02, 4
 OFF = 0.1
 # A deviance this far below zero is of another fit, which is the best; so often it is looked for anew.
 BETTER, MOST_FITS = -0.02, 3
-
-
-@dataclass
-class Profile:
-    """Fits with a parameter held, at places that are counted in errors from the best fit.
-
-    Attributes
-    ----------
-    likelihood : FreeLikelihood
-    name : str
-    error : float
-        Standard error of the parameter, the unit of places.
-    fits : dict of float to Fit
-        By their place; the best is at zero.
-    """
-
-    likelihood: FreeLikelihood
-    name: str
-    error: float
-    fits: dict[float, Fit]
-
-    @property
-    def roots(self) -> Array:
-        """Places in their order, and the signed root of the deviance there, (2, place)."""
-        deviances = [(at, self.likelihood.deviance_of(fit)) for at, fit in sorted(self.fits.items())]
-        places, deviance = np.array(deviances).T
-        return np.stack([places, np.copysign(np.sqrt(np.maximum(0.0, deviance)), places)])
-
-    @property
-    def estimate(self) -> float:
-        """The best fit's value."""
-        return float(self.likelihood.best.values[self.likelihood.parameters.index(self.name)])
-
-    def end(self, sign: float) -> float:
-        """Where the deviance refuses the parameter on one side; infinite, or its limit, where it does not."""
-        parameters = self.likelihood.parameters
-        farthest = float(parameters.limits[int(sign > 0.0)][parameters.index(self.name)])
-        limit = sign * max(0.0, sign * (farthest - self.estimate) / self.error)
-        at, step = 0.0, STEP_OUT
-        for _ in range(MOST_STEPS_OUT):
-            at = sign * min(abs(at) + step, abs(limit))
-            if self._look(at) >= END_ROOT:
-                break
-            if at == limit:
-                return limit
-            step *= STEP_GROWTH
-        else:
-            return sign * np.inf
-        for _ in range(MOST_LOOKS):
-            # The root is nearly a straight line: the end by interpolation, looked at once more.
-            at = self._by_root(sign * END_ROOT)
-            if abs(self._look(at) - END_ROOT) < END_TOLERANCE:
-                break
-        return self._by_root(sign * END_ROOT)
-
-    def _look(self, at: float) -> float:
-        """The root of the deviance at a place, by a fit from the nearest one towards the best."""
-        if at not in self.fits:
-            near = max((other for other in self.fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
-            held = {self.name: self.estimate + at * self.error}
-            self.fits[at] = self.likelihood.holding(held, self.fits[near].values)
-        return float(np.sqrt(max(0.0, self.likelihood.deviance_of(self.fits[at]))))
-
-    def _by_root(self, root: float) -> float:
-        places, roots = self.roots
-        roots = np.maximum.accumulate(roots)
-        rising = np.concatenate([[True], np.diff(roots) > 0.0])
-        return float(PchipInterpolator(roots[rising], places[rising])(root))
 
 
 @in_units_of_the_motion
@@ -139,20 +70,23 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     """
     likelihood = free_likelihood(decay, result, names)
     for _ in range(MOST_FITS):
+        error = np.array([_error(likelihood, name) for name in names])
         profiles, ends = [], np.empty((len(names), 2))
         for at, name in enumerate(names):
             tell(f"profile of {name}", at / len(names))
-            profiles.append(Profile(likelihood, name, _error(likelihood, name), {0.0: likelihood.best}))
-            ends[at] = [profiles[-1].end(sign) for sign in (-1.0, 1.0)]
-        best = min((fit for of in profiles for fit in of.fits.values()), key=likelihood.deviance_of)
+            fits = {0.0: likelihood.best}
+            ends[at] = [_end(likelihood, name, error[at], fits, sign) for sign in (-1.0, 1.0)]
+            profiles.append(fits)
+        best = min((fit for fits in profiles for fit in fits.values()), key=likelihood.deviance_of)
         # A fit that is better than the best is the best.
         if likelihood.deviance_of(best) >= BETTER:
             break
         likelihood = FreeLikelihood.of_fit(likelihood.problem, best)
-    estimate, error = np.array([(of.estimate, of.error) for of in profiles]).T
-    points: Array = np.full((2, len(profiles), max(len(of.fits) for of in profiles)), np.nan)
-    for at, of in enumerate(profiles):
-        points[:, at, : len(of.fits)] = of.roots[0], of.roots[1] ** 2
+    estimate = likelihood.best.values[[likelihood.parameters.index(name) for name in names]]
+    points: Array = np.full((2, len(profiles), max(map(len, profiles))), np.nan)
+    for at, fits in enumerate(profiles):
+        points[0, at, : len(fits)], roots = _roots(likelihood, fits)
+        points[1, at, : len(fits)] = roots**2
     low, high = (estimate + error * end for end in ends.T)
     values = {
         "estimate": estimate,
@@ -165,6 +99,52 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     }
     attrs = {"confidence": CONFIDENCE, "threshold": float(chi2.ppf(CONFIDENCE, 1))}
     return xr.Dataset(described("profile", values), {"parameter": list(names)}, attrs)
+
+
+def _end(likelihood: FreeLikelihood, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
+    """Where the deviance refuses a parameter on one side; infinite, or its limit, where it does not.
+
+    Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
+    """
+    parameters, place = likelihood.parameters, likelihood.parameters.index(name)
+    estimate = float(likelihood.best.values[place])
+    limit = sign * max(0.0, sign * (float(parameters.limits[int(sign > 0.0)][place]) - estimate) / error)
+
+    def root_at(at: float) -> float:
+        """The root of the deviance at a place, by a fit from the nearest one towards the best."""
+        if at not in fits:
+            near = max((other for other in fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
+            fits[at] = likelihood.holding({name: estimate + at * error}, fits[near].values)
+        return float(np.sqrt(max(0.0, likelihood.deviance_of(fits[at]))))
+
+    def interpolated() -> float:
+        """The end by the roots there are: they are nearly a straight line."""
+        places, roots = _roots(likelihood, fits)
+        roots = np.maximum.accumulate(roots)
+        rising = np.concatenate([[True], np.diff(roots) > 0.0])
+        return float(PchipInterpolator(roots[rising], places[rising])(sign * END_ROOT))
+
+    at, step = 0.0, STEP_OUT
+    for _ in range(MOST_STEPS_OUT):
+        at = sign * min(abs(at) + step, abs(limit))
+        if root_at(at) >= END_ROOT:
+            break
+        if at == limit:
+            return limit
+        step *= STEP_GROWTH
+    else:
+        return sign * np.inf
+    for _ in range(MOST_LOOKS):
+        if abs(root_at(interpolated()) - END_ROOT) < END_TOLERANCE:
+            break
+    return interpolated()
+
+
+def _roots(likelihood: FreeLikelihood, fits: dict[float, Fit]) -> tuple[Array, Array]:
+    """Places in their order, and the signed root of the deviance there, (place,) each."""
+    places = np.array(sorted(fits))
+    deviance = np.array([likelihood.deviance_of(fits[at]) for at in places.tolist()])
+    return places, np.copysign(np.sqrt(np.maximum(0.0, deviance)), places)
 
 
 # Probabilities of contours, whose deviance is that of chi-square with two degrees; the step between points at

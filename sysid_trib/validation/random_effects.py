@@ -178,6 +178,50 @@ class RandomEffects:
         return mean, np.sqrt(mass @ (np.array(variances) + (np.array(means) - mean) ** 2))
 
 
+def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, float]:
+    """Mean of runs with correlated errors, its covariance, and chi-square about it.
+
+    Parameters
+    ----------
+    values : (run, quantity) array of float
+    covariances : (run, quantity, quantity) array of float
+    """
+    # Coefficients differ by orders of magnitude: in units of their errors the matrices are well conditioned.
+    unit = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
+    unit[unit == 0.0] = 1.0
+    values, scale = values / unit, np.outer(unit, unit)
+    weights = np.linalg.pinv(covariances / scale, hermitian=True)
+    inverse = np.linalg.pinv(weights.sum(axis=0), hermitian=True)
+    mean = inverse @ np.einsum("rij,rj->i", weights, values)
+    deviation = values - mean
+    statistic = float(np.einsum("ri,rij,rj->", deviation, weights, deviation))
+    return unit * mean, scale * inverse, statistic
+
+
+def mean_of_runs(values: Array, covariances: Array) -> tuple[Array, Array, Array, Array]:
+    """Mean of runs whose quantities may scatter beyond their errors; arrays as of `weighted_mean`.
+
+    Its covariance by the errors and that scatter; the standard deviation of the scatter (nan of a single
+    run); degrees of freedom by which the errors are known (Satterthwaite 1946), infinite without a scatter. A
+    quantity without errors is that of the first run.
+    """
+    if len(values) == 1:
+        nothing = np.full(values.shape[1], np.nan)
+        return values[0], covariances[0], nothing, np.full_like(nothing, np.inf)
+    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    design, between = np.ones((len(values), 1)), np.zeros(values.shape[1])
+    for at in np.flatnonzero(np.all(errors > 0.0, axis=0)):
+        between[at] = RandomEffects(values[:, at], errors[:, at], design).tau
+    scattered = covariances + np.diag(between**2)
+    mean, covariance, _ = weighted_mean(values, scattered)
+    fixed = np.all(errors == 0.0, axis=0)
+    mean[fixed] = values[0][fixed]
+    # The part of the variance that the scatter makes is known by the runs alone.
+    part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~fixed)
+    freedoms = np.divide(len(values) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
+    return mean, covariance, between, freedoms
+
+
 # Two results of one kind differ by less than so many standard deviations in 95 of 100 cases (ISO 5725-6).
 LIMIT = 2.8
 DEVIATIONS = ("repeatability", "between_laboratory", "reproducibility")

@@ -16,7 +16,7 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
 from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs, one_or_all
 from sysid_trib.records.equilibrium import with_half_periods
-from sysid_trib.results.references import comparison_covariance, comparison_values, in_model
+from sysid_trib.results.references import comparison_covariance, comparison_values, forces_in_model
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, described
@@ -62,7 +62,7 @@ def at_reference(
     covariances = np.full((len(results), count, count), missing)
     for row, result in enumerate(results):
         if result is not None:
-            kept = [symbol for symbol in symbols if symbol in result.force and in_model(result, symbol)]
+            kept = [symbol for symbol in symbols if symbol in forces_in_model(result)]
             at = [*map(symbols.index, kept), len(symbols)]
             values[row, at] = comparison_values(result, kept, reference)
             covariances[row][np.ix_(at, at)] = comparison_covariance(result, kept, reference)
@@ -98,7 +98,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     sensor's alone and a random force with it.
     """
     runs, library = as_runs(decay, driven=True), library_of(result)
-    symbols = [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
+    symbols = forces_in_model(result)
     reference, fits, made = result.reference_frequency.item(), list[Refit](), []
     for fit in _fits(method_of(result), runs, reference):
         tell(fit[0])

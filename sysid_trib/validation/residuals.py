@@ -18,16 +18,8 @@ from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation import simulate
-from sysid_trib.simulation.initial_conditions import (
-    MEASURED,
-    MEASURED_TIME,
-    FittedMotion,
-    first_guess,
-    first_zero,
-    fit_start,
-    measured_part,
-)
+from sysid_trib.simulation import initial_conditions, simulate
+from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
 from sysid_trib.validation.findings import with_noise_and_models
 from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
@@ -101,13 +93,13 @@ def fitted_motion(
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     model = replace(model_of(result, run), inputs=inputs_of(decay))
-    zero = first_zero(model)
+    zero = initial_conditions.first_zero(model)
     if "start_angle" in result and zero is not None:
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
-        start = first_guess(time, angle, model.reference_frequency)
+        start = initial_conditions.first_guess(time, angle, model.reference_frequency)
     try:
-        return fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
+        return initial_conditions.fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
     except SimulationError:
         return None
 
@@ -205,7 +197,8 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     """
     time, model = decay.time.values.astype(float), model_of(result)
     simulated = simulate.trajectory(model, time, motion.angle, motion.rate)
-    residual = decay[MEASURED].sel({MEASURED_TIME: time}).values - simulated.shown(*measured_part(decay)[0])
+    measured = decay[MEASURED].sel({initial_conditions.MEASURED_TIME: time}).values
+    residual = measured - simulated.shown(*initial_conditions.measured_part(decay)[0])
     # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])

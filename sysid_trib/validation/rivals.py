@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -32,24 +32,9 @@ ODDS = 10.0
 DRAWINGS = 400
 
 
-class RunPrediction(NamedTuple):
-    """A motion and what may move it, over the noise.
-
-    `angle` : (sample,). `known` : (sample, direction), by one standard error each. `free` : (sample, 3), by
-    the start and the sensor's zero, of which nothing is known.
-    """
-
-    angle: Array
-    known: Array
-    free: Array
-
-    def up_to(self, count: int) -> "RunPrediction":
-        """The first samples."""
-        return RunPrediction(*(part[:count] for part in self))
-
-    def own(self) -> Array:
-        """What is known of the motion that neither start nor zero can make, (sample, direction)."""
-        return np.asarray(self.known - self.free @ np.linalg.lstsq(self.free, self.known, rcond=None)[0])
+# A motion and what may move it, over the noise, (sample, 1 + direction + 3): the angle; by one standard error
+# of each direction of the model; and by the start and the sensor's zero, of which nothing is known.
+RunPrediction: TypeAlias = Array
 
 
 @dataclass(frozen=True)
@@ -102,8 +87,14 @@ def predicted(
     by = motion.derivatives["angle"]
     columns = np.column_stack([motion.angle, by, np.ones(len(time))]) / noise
     columns = whitened(of_model, time, start, ratio, columns)
-    run = RunPrediction(columns[:, 0], columns[:, 1:-3] @ rival.directions, columns[:, -3:])
+    run = np.column_stack([columns[:, 0], columns[:, 1:-3] @ rival.directions, columns[:, -3:]])
     return run, float(np.nan_to_num(motion.stop_time, nan=np.inf))
+
+
+def _own(run: RunPrediction) -> Array:
+    """What is known of a motion that neither start nor zero can make, (sample, direction)."""
+    known, free = run[:, 1:-3], run[:, -3:]
+    return np.asarray(known - free @ np.linalg.lstsq(free, known, rcond=None)[0])
 
 
 def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival], Rival]:
@@ -143,27 +134,21 @@ def _stated(result: xr.Dataset) -> Rival:
 def _of_discovery(tree: xr.DataTree) -> list[Rival]:
     """The models with each candidate of the last credible set in the place of the last effect."""
     step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
-    offered, misnamed, options = (
-        candidates_of(tree),
-        misnamed_effects(tree),
-        json.loads(tree.attrs["options"]),
-    )
+    offered, options = candidates_of(tree), json.loads(tree.attrs["options"])
     rest = [force for force in library_of(after) if force.symbol != step.symbol.item()]
+    # The evidence of an effect falls where its coefficient is not the one that physics knows.
+    misnamed = misnamed_effects(tree)
+    known = {f.symbol: f.coefficient for f in offered if f.coefficient and f.symbol not in misnamed}
     records = [tree[group].to_dataset() for group in record_groups(tree)]
     likely, rivals = credible_set(step), list[Rival]()
     for symbol in [symbol for symbol in likely if symbol in offered.symbols]:
         library = ForceLibrary("rival", (*rest, offered[symbol]))
-        # The evidence of an effect falls where its coefficient is not the one that physics knows.
-        known = {
-            force.symbol: force.coefficient
-            for force in library
-            if force.symbol in offered.symbols and force.coefficient and force.symbol not in misnamed
-        }
+        held = {symbol: c for symbol, c in known.items() if symbol in library.symbols}
         method = Direct(
             options["reference_frequency"],
             shapes=_shapes(step, after, library),
             random_force=random_force_of(after).density or "off",
-            constraints={**options["constraints"], **known},
+            constraints=options["constraints"] | held,
         )
         with suppress(SysidTribError):
             rivals.append(_by_records(symbol, method.identify(records, library), records, likely[symbol]))
@@ -201,7 +186,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
         noise = noise_of_run(result, run)
         ratio = random_force_of(result, run).per_tau(model.reference_frequency) / noise**2
-        own = predicted(rival, record.time.values, start, noise, (model, ratio))[0].own()
+        own = _own(predicted(rival, record.time.values, start, noise, (model, ratio))[0])
         information += own.T @ own
     size = np.sqrt(np.diag(information))
     covariance = np.linalg.pinv(information / np.outer(size, size), rcond=1e-12, hermitian=True)
@@ -210,16 +195,14 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
 
 def covariance_after(run: RunPrediction) -> Array:
     """Covariance of the directions after a run, its start and zero unknown; before it that is one."""
-    own = run.own()
+    own = _own(run)
     return np.asarray(np.linalg.inv(np.eye(own.shape[1]) + own.T @ own))
 
 
 def _explained_space(run: RunPrediction) -> Array:
-    """Basis of what a rival can make of a difference to its motion, and behind it of what that costs."""
-    count = run.known.shape[1]
-    return random_force_test.orthonormal(
-        np.vstack([np.hstack([run.known, run.free]), np.eye(count, count + run.free.shape[1])])
-    )
+    """Basis of what a rival can make of a difference to its motion, without what that costs."""
+    costs = np.eye(run.shape[1] - 4, run.shape[1] - 1)
+    return random_force_test.orthonormal(np.vstack([run[:, 1:], costs]))[: len(run)]
 
 
 def _sharpened(rival: Rival, run: RunPrediction) -> float:
@@ -232,19 +215,19 @@ def _sharpened(rival: Rival, run: RunPrediction) -> float:
 def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
     """Logarithms of the weights of rivals after a run, (truth, drawing, rival), each the truth in turn."""
     rng, (rivals, runs) = np.random.default_rng(0), zip(*pairs, strict=True)
-    apart = [RunPrediction(run.angle - runs[0].angle, run.known, run.free) for run in runs]
+    apart = [np.column_stack([run[:, 0] - runs[0][:, 0], run[:, 1:]]) for run in runs]
     # What is outside of these columns is noise that all rivals share.
-    axes = random_force_test.orthonormal(np.column_stack([column for run in apart for column in run]))
-    inside = [RunPrediction(*(axes.T @ part for part in run)) for run in apart]
-    spaces = [_explained_space(run)[: axes.shape[1]] for run in inside]
+    axes = random_force_test.orthonormal(np.column_stack(apart))
+    inside = [axes.T @ run for run in apart]
+    spaces = [_explained_space(run) for run in inside]
     own = zip(rivals, inside, strict=True)
     weights = [np.log(rival.probability) + _sharpened(rival, run) for rival, run in own]
     normal = rng.standard_normal((DRAWINGS, axes.shape[1]))
     logs = np.empty((len(rivals), DRAWINGS, len(rivals)))
     for at, truth in enumerate(inside):
-        by_parameters = rng.standard_normal((DRAWINGS, truth.known.shape[1])) @ truth.known.T
+        by_parameters = rng.standard_normal((DRAWINGS, truth.shape[1] - 4)) @ truth[:, 1:-3].T
         for other, (run, space) in enumerate(zip(inside, spaces, strict=True)):
-            residual = truth.angle - run.angle + by_parameters + normal
+            residual = truth[:, 0] - run[:, 0] + by_parameters + normal
             deviance = np.sum(residual**2, axis=1) - np.sum((residual @ space) ** 2, axis=1)
             logs[at, :, other] = weights[other] - 0.5 * deviance
     return logs
@@ -264,6 +247,6 @@ def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
 
 def parting_of(truth: RunPrediction, run: RunPrediction) -> Array:
     """D of a run up to each time, (sample,): one motion is the truth, a rival is to explain it."""
-    residual, space = truth.angle - run.angle, _explained_space(run)[: len(run.angle)]
+    residual, space = truth[:, 0] - run[:, 0], _explained_space(run)
     # r' V^-1 r by the identity of Woodbury.
     return np.maximum(0.0, np.cumsum(residual * (residual - space @ (space.T @ residual))))

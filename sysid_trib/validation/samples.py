@@ -18,11 +18,12 @@ from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, chi_square_test, described, group_names, signal_units
-from sysid_trib.validation import random_effects, refits
-from sysid_trib.validation.agreement import HOMOGENEITY_LEVEL, weighted_mean
+from sysid_trib.validation import refits
+from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
 from sysid_trib.validation.findings import error_parts, main_result
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
+from sysid_trib.validation.random_effects import mean_of_runs
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
@@ -80,11 +81,15 @@ def _difference(
         raise UsageError("The samples are in different units; read all records in one (--units).")
     reference = sides[0][0].reference_frequency.item()
     members = [member for side in sides for member in side]
-    symbols = list(dict.fromkeys(symbol for member in members for symbol in _forces_of(member)))
-    known = [dict(zip(m.force.values.tolist(), m.standard_error.values == 0.0, strict=True)) for m in members]
-    held = [symbol for symbol in symbols if all(of_member.get(symbol, False) for of_member in known)]
-    samples = [_sample(side, symbols, reference, held) for side in sides]
-    values, by_noise, by_model, between, freedoms = map(np.array, zip(*samples, strict=True))
+    symbols = list(dict.fromkeys(s for member in members for s in references.forces_in_model(member)))
+    free = {s for m in members for s in m.force.values[m.standard_error.values != 0.0].tolist()}
+    held = [s for s in symbols if s not in free and all(s in member.force for member in members)]
+    samples = []
+    for side in sides:
+        runs = [_run(result, symbols, reference, held) for result in side]
+        of_runs, by_noise, by_model = (np.array(part) for part in zip(*runs, strict=True))
+        samples.append((*mean_of_runs(of_runs, by_noise), by_model.mean(axis=0)))
+    values, by_noise, between, freedoms, by_model = map(np.array, zip(*samples, strict=True))
     variables = _contrast(values, by_noise, by_model, freedoms, level=level, of_model=of_model)
     verdict = "together they differ" if variables["p_value_of_all"][1] < level else "no difference"
     attrs: dict[str, object] = {
@@ -132,54 +137,20 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
     return kept
 
 
-def _forces_of(result: xr.Dataset) -> list[str]:
-    """Forces whose coefficient refers to the identification's own frequency."""
-    return [symbol for symbol in result.force.values.tolist() if references.in_model(result, symbol)]
-
-
-def _sample(
-    results: Sequence[xr.Dataset], symbols: Sequence[str], reference: float, held: Sequence[str]
-) -> tuple[Array, ...]:
-    """Mean of the runs of a sample, of the coefficients and last the asymptotic frequency.
-
-    Its covariance by the noise and what scatters between runs; that by the model; the standard deviation
-    between runs beyond their errors (nan of a single run); degrees of freedom by which the errors are known
-    (Satterthwaite 1946), infinite without a scatter. What all hold is theirs at their own frequency.
-    """
-    runs = [_run(result, symbols, reference, held) for result in results]
-    values, covariances, of_model = (np.array(part) for part in zip(*runs, strict=True))
-    if len(runs) == 1:
-        nothing = np.full(len(symbols) + 1, np.nan)
-        return values[0], covariances[0], of_model[0], nothing, np.full_like(nothing, np.inf)
-    errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    design, between = np.ones((len(runs), 1)), np.zeros(len(symbols) + 1)
-    for at in np.flatnonzero(np.all(errors > 0.0, axis=0)):
-        between[at] = random_effects.RandomEffects(values[:, at], errors[:, at], design).tau
-    scattered = covariances + np.diag(between**2)
-    mean, covariance, _ = weighted_mean(values, scattered)
-    fixed = np.all(errors == 0.0, axis=0)
-    mean[fixed] = values[0][fixed]
-    # The part of the variance that the scatter makes is known by the runs alone.
-    part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~fixed)
-    freedoms = np.divide(len(runs) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
-    return mean, covariance, of_model.mean(axis=0), between, freedoms
-
-
 def _run(
     result: xr.Dataset, symbols: Sequence[str], reference: float, held: Sequence[str] = ()
 ) -> tuple[Array, Array, Array]:
     """Values of a run, their covariance by the noise, and that by the model; zero without a force."""
     (values,), (covariance,) = refits.at_reference([result], symbols, reference, 0.0)
-    part = np.ones(len(symbols) + 1)
     for place in map(symbols.index, held):
         values[place] = result.coefficient.sel(force=symbols[place]).item()
         covariance[place], covariance[:, place] = 0.0, 0.0
     # A result has both parts of its errors, but their correlations together alone.
-    kept = _forces_of(result)
+    kept, part = references.forces_in_model(result), np.ones(len(symbols) + 1)
     at = list(map(symbols.index, kept))
     of_noise, of_model = (error[np.isin(result.force.values, kept)] for error in error_parts(result))
     total = np.hypot(of_noise, of_model)
-    part[at] = np.divide(of_noise, total, out=np.ones_like(total), where=total > 0.0)
+    part[at] = np.divide(of_noise, total, out=part[at], where=total > 0.0)
     by_noise = covariance * np.outer(part, part)
     # A force without a degree keeps its size; its shape changes with the frequency, if only a little.
     # A force without a degree in v is compared only where the frequencies differ by less than this part.
@@ -198,31 +169,24 @@ def _contrast(
     level: float,
     of_model: Array | None,
 ) -> Variables:
-    """Differences of the forces with their tests; of both samples what `_sample` gives."""
+    """Differences of the forces with their tests; of both samples what `mean_of_runs` gives."""
     contrast, errors = values[0] - values[1], np.diagonal(by_noise + by_model, axis1=1, axis2=2)
-    tested = np.any(errors > 0.0, axis=0)
     covariance = by_noise.sum(axis=0) + (by_model.sum(axis=0) if of_model is None else of_model)
+    tested = np.any(errors > 0.0, axis=0)
     covariance *= np.outer(tested, tested)
     error = np.sqrt(np.diag(covariance))
     z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
     parts = np.sum(np.diagonal(by_noise, axis1=1, axis2=2) ** 2 / freedoms, axis=0)
     known_by = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
-    p_value = 2.0 * student.sf(np.abs(z), known_by)[:-1]
-    contrast, error, covariance = contrast[:-1], error[:-1], covariance[:-1, :-1]
-    known = np.isfinite(contrast) & (error > 0.0)
-    scaled = contrast[known] / error[known]
-    weights = (covariance[known][:, known]) / np.outer(error[known], error[known])
-    statistic = float(scaled @ np.linalg.pinv(weights, hermitian=True) @ scaled)
+    # The frequency is no force.
+    contrast, error, z, covariance = contrast[:-1], error[:-1], z[:-1], covariance[:-1, :-1]
+    p_value, known = 2.0 * student.sf(np.abs(z), known_by[:-1]), np.isfinite(z)
+    weights = covariance[known][:, known] / np.outer(error[known], error[known])
+    statistic = float(z[known] @ np.linalg.pinv(weights, hermitian=True) @ z[known])
     together = chi_square_test((), statistic, float(known.sum()), "chi-square of all differences")
     together["p_value_of_all"] = together.pop("p_value")
-    values_of = {
-        "difference": contrast,
-        "standard_error": error,
-        "z": z[:-1],
-        "p_value": p_value,
-        "differs": _holm(p_value, level),
-        "covariance": covariance,
-    }
+    values_of = {"difference": contrast, "standard_error": error, "z": z, "p_value": p_value}
+    values_of |= {"differs": _holm(p_value, level), "covariance": covariance}
     return described("difference", values_of) | together
 
 
@@ -254,8 +218,8 @@ def _model_error_of_difference(
     """Covariance by the model of the differences; None where all explain, or parts cannot be fitted."""
     if not any("error_of_model" in result for side in sides for result in side):
         return None
-    reference, symbols = sides[0][0].reference_frequency.item(), _forces_of(sides[0][0])
-    if any(_forces_of(result) != symbols for side in sides for result in side):
+    reference, symbols = sides[0][0].reference_frequency.item(), references.forces_in_model(sides[0][0])
+    if any(references.forces_in_model(result) != symbols for side in sides for result in side):
         return None
 
     def contrast(of: Sequence[Sequence[xr.Dataset]]) -> tuple[Array, Array]:
