@@ -54,11 +54,11 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
         )
     else:
         level, ranking = tree["ranking"].significance_level.item(), _last(tree, "ranking")
-        pushed = float(np.min(after.random_force_p_value)) < level
+        stochastic = float(np.min(after.random_force_p_value)) < level
         headline = f"Explained: with {effects}" if effects else "No missing effect was found:"
         candidates = f"the {'other ' if effects else ''}candidates or by " * (not ranking.significant.any())
         yield (
-            f"{headline} {residual}{', as a random force leaves it' * pushed}.{unpredicted} No further "
+            f"{headline} {residual}{', as a random force leaves it' * stochastic}.{unpredicted} No further "
             f"departure was found by {candidates}the omnibus test (significance level {level:.2g})."
         )
         yield UNSEEN

@@ -39,7 +39,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
     sources : sequence of str
         What each record is.
     """
-    agree, remarks = [*_agreement(tree)], [*_remarks(tree)]
+    agree, remarks = [*_how_methods_agree(tree)], [*_remarks(tree)]
     stochastic, main, details = [*random_force_sentences(tree)], findings.main_result(tree), Layer.EXPLAIN
     blocks = [
         Block([verdict.verdict_sentence(tree)], ALWAYS),
@@ -135,7 +135,7 @@ def _answer(tree: xr.DataTree) -> str:
     return answer if decided else ""
 
 
-def _agreement(tree: xr.DataTree) -> Iterator[str]:
+def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
     """How methods agree, and the test behind it; nothing where one failed."""
     checked = tree["comparison"].to_dataset()
     attrs, p_value = checked.attrs, checked.p_value.item()

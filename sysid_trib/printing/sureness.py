@@ -186,7 +186,7 @@ def _periods(count: float, lasts: float) -> str:
 
 
 def _whose(tested: xr.Dataset, explained: bool, units: str) -> Iterator[str]:
-    """Whether the random force is the experiment's, or stands for something that is missing.
+    """What says that the random force is the experiment's, or stands for something that is missing.
 
     And that the record contradicts a density that was given in these units.
     """

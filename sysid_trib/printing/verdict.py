@@ -52,7 +52,7 @@ def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Whether the final model of a discovery holds for all runs; nothing of a single run."""
+    """The test that the final model of a discovery holds for all runs; nothing of a single run."""
     if GROUP in tree.children:
         last = tree[GROUP].to_dataset().isel(model=-1)
         yield _test_of_runs(last, last.most.item() if last.differ else "")
