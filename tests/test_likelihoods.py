@@ -9,12 +9,12 @@ from hypothesis import given, settings, strategies as st
 from sysid_trib.likelihood.likelihood import likelihood
 from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios
 from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import DEFAULTS
 from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
 
 FORM = build_weak_form(np.arange(90) * 0.25)
 OPERATOR = noise_operator(FORM, np.ones(90), np.full(90, 0.02))
-BAND = covariance_band(OPERATOR @ OPERATOR.T)
+BAND = covariance_band(OPERATOR)
 SENSOR = (OPERATOR @ OPERATOR.T).toarray()
 LEVEL = 0.7
 RATIOS = tried_ratios(FORM.tau, DEFAULTS.ratio_step, None)

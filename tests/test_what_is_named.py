@@ -24,7 +24,7 @@ from sysid_trib import Model, identify, methods
 from sysid_trib.discovery.discover import discover
 from sysid_trib.discovery.fits import credible, errors_off, probabilities
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood.settings import DEFAULTS
+from sysid_trib.likelihood.trials import DEFAULTS
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.simulation.simulate import trajectory

@@ -26,7 +26,7 @@ import sysid_trib as st
 from benchmarks.study.common import columns, over_seeds, shown, timed
 from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.motion_fit.least_squares import FreeLikelihood
+from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.validation.profiles import free_likelihood
 
 W, RATE = 9.9, 50.0
@@ -81,9 +81,7 @@ def profile(asked: Namespace) -> None:
 SAMPLED = {"dahl.s": (0, 1.0), "stribeck.s": (4, 8.0), "lambda": (1, 1.0)}
 
 
-def walk(
-    likelihood: FreeLikelihood, start: np.ndarray, covariance: np.ndarray, steps: int, seed: int
-) -> np.ndarray:
+def walk(likelihood: Fit, start: np.ndarray, covariance: np.ndarray, steps: int, seed: int) -> np.ndarray:
     """Free parameters by random-walk Metropolis, (step, free), a tenth of the steps left out as burn-in.
 
     Gelman, Roberts and Gilks (1996) for the length of the steps.

@@ -106,24 +106,25 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
         for run in runs
     ]
     first, at = min((time, run) for run, time in enumerate(np.nan_to_num(departures, nan=np.inf).tolist()))
-    spans = [_demodulated(at, run) for at, run in enumerate(runs)]
+    spans, of_runs = zip(*(_demodulated(at, run) for at, run in enumerate(runs)), strict=True)
     values: dict[str, Any] = {name: np.concatenate([of_run[name] for of_run in spans]) for name in spans[0]}
-    terms = {name: (values[name], values.pop(f"{name} error")) for name in DEMODULATED}
+    terms = dict(zip(DEMODULATED, np.concatenate(of_runs).transpose(2, 1, 0), strict=True))
     a, run, tau = values["amplitude"], values["run"], runs[0].model.reference_frequency * values["time"]
     # Errors of frequency and decay as trends through those of phase and amplitude, and where they act.
-    slip, loss = terms["phase_error"], [of / a for of in terms["amplitude_error"]]
-    slipping, where_phase = trend(*slip, run, tau, a)
+    loss = terms["amplitude_error"] / a
+    slipping, where_phase = trend(*terms["phase_error"], run, tau, a)
     decaying, where_amplitude = trend(-loss[0], loss[1], run, tau, a)
     parts = _parts(terms, a)
     where = {"phase": where_phase, "amplitude": where_amplitude}
-    values |= terms | {"frequency_error": slipping, "decay_error": decaying} | mean_missing_force(runs)
+    values |= {name: tuple(pair) for name, pair in terms.items()} | mean_missing_force(runs)
+    values |= {"frequency_error": slipping, "decay_error": decaying}
     values |= {"departure_time": first if np.isfinite(first) else np.nan, "departure_run": at}
     place = where.get(parts[0], _place_of_rms(a, values["rms"])) if parts else ""
     return values, {"parts": parts, "where": place}
 
 
-def _demodulated(number: int, run: FreeMotion) -> dict[str, Array]:
-    """The residual of a run span by span: its terms, and the errors of these by `... error`."""
+def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]:
+    """Spans of a run; and the terms of the residual in each, with their errors: (span, 2, term)."""
     # After its stop a motion has no phase.
     moving, residual, noise = run.moving, run.residual, run.noise
     x, v = run.motion.x[:moving], run.motion.v[:moving]
@@ -137,18 +138,17 @@ def _demodulated(number: int, run: FreeMotion) -> dict[str, Array]:
     _, response = freqz([1.0], noise.filter_, harmonics * per_sample)
     coloured = noise.innovation * np.abs(response)
     fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
-    values, errors = np.array(fitted).transpose(1, 2, 0)
-    values[SLIP] = np.unwrap(values[SLIP])
+    terms = np.array(fitted)
+    terms[:, 0, SLIP] = np.unwrap(terms[:, 0, SLIP])
     rms = np.array([np.sqrt(np.mean(residual[span] ** 2)) for span in spans])
-    return {
+    values = {
         "run": np.full(len(spans), number),
         "time": np.array([np.mean(run.time[span]) for span in spans]),
         "amplitude": np.array([np.mean(amplitude[span]) for span in spans]),
         "rms": rms,
         "residual_over_noise": rms / noise.standard_deviation,
-        **dict(zip(DEMODULATED, values, strict=True)),
-        **{f"{name} error": error for name, error in zip(DEMODULATED, errors, strict=True)},
     }
+    return values, terms
 
 
 def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tuple[Array, Array]:
@@ -165,12 +165,12 @@ def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tu
     return values, errors
 
 
-def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[str]:
+def _parts(terms: Mapping[str, Array], amplitude: Array) -> list[str]:
     """Parts of the residual that noise would not make, and that are not small compared with the largest."""
     size = {}
     for part in dict.fromkeys(part for _, part in DEMODULATED.values()):
         of_part = [terms[name] for name, (_, other) in DEMODULATED.items() if other == part]
-        values, errors = (np.stack(pair) for pair in zip(*of_part, strict=True))
+        values, errors = np.stack(of_part, axis=1)
         # A part of the residual counts if it is significant at this level.
         if float(np.sum((values / errors) ** 2)) > chi2.isf(1e-3, values.size):
             scaled = values * amplitude if part == "phase" else values

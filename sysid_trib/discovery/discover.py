@@ -2,8 +2,9 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,22 +14,15 @@ from sysid_trib.discovery.fits import Fits
 from sysid_trib.discovery.parts import closing_effect, not_improving, verdict_of
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.discovery.to_xarray import groups_of
-from sysid_trib.discovery.unseen import Prediction, RecordPart, predicted, search_parts, start_forces
+from sysid_trib.discovery.unseen import RecordPart, predicted, search_parts, start_forces
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import further_forces, is_free_to_move, offered_forces, viscous_model
+from sysid_trib.likelihood import start_model
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.settings import DEFAULTS, Settings
-from sysid_trib.likelihood.start_model import (
-    colour_penalty,
-    fit_start_model,
-    path_like,
-    recoloured,
-    refitted,
-    with_sensor_noises,
-)
+from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.methods.scope import without_old_arguments
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
@@ -164,8 +158,11 @@ def _discovery(
     seen = [part.record for part in learnt]
     tell("fit of the start model")
     pasts = [(part.origin, part.before) for part in learnt]
-    start = fit_start_model(seen, free, reference_frequency, settings, held, pasts)
-    fits = Fits(start, offered.forces, deadline, runs=seen, predict=_foresight(start, learnt, later))
+    start = start_model.fit_start_model(seen, free, reference_frequency, settings, held, pasts)
+    # Each with the noise of what was seen of its run.
+    noises = [max(at for at, part in enumerate(learnt) if part.run == unseen.run) for unseen in later]
+    predict = partial(predicted, parts=later, runs=noises, frequency=start.rows[0].path.frequency)
+    fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
     closing = closing_effect(done)
     if refit and not unseen:
@@ -242,17 +239,17 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
 
     def with_colour(model: FittedModel) -> float:
         """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
-        return fits.evidence(model) + colour_penalty(model)
+        return fits.evidence(model) + start_model.colour_penalty(model)
 
     # Else what is left of the record is no noise yet.
     settled = done.converged or not done.effects
-    with_names = recoloured(last) if done.effects and settled else last
-    without_names = recoloured(start, with_names)
+    with_names = start_model.recoloured(last) if done.effects and settled else last
+    without_names = start_model.recoloured(start, with_names)
     known, named, nameless = map(with_colour, (last, with_names, without_names))
     if without_names is not start and nameless < min(known, named) + outside:
         coloured, begin = without_names, None
     elif named < known - outside:
-        coloured = with_sensor_noises(start, [rows.path.sensor for rows in with_names.rows])
+        coloured = start_model.with_sensor_noises(start, [rows.path.sensor for rows in with_names.rows])
         begin = with_names
     else:
         return done
@@ -262,17 +259,9 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     return again if with_colour(again.models[-1]) < with_colour(last) + fewer else done
 
 
-def _foresight(
-    start: FittedModel, learnt: Sequence[RecordPart], later: Sequence[RecordPart]
-) -> Callable[[FittedModel], Prediction]:
-    """How a model predicts parts that it has not seen, with the noise of what it has seen of their runs."""
-    noises = [max(at for at, part in enumerate(learnt) if part.run == unseen.run) for unseen in later]
-    frequency = start.rows[0].path.frequency
-    return lambda model: predicted(model, later, noises, frequency)
-
-
 def _refitted(model: FittedModel, runs: Sequence[xr.Dataset], learnt: Sequence[RecordPart]) -> FittedModel:
     """A model fitted to the whole runs."""
     nears = {part.run: rows.path for part, rows in zip(learnt, model.rows, strict=True)}
     places = ((run, nears[at]) for at, run in enumerate(runs))
-    return refitted(model, [path_like(near, run, near.frequency, near.origin) for run, near in places])
+    paths = [start_model.path_like(near, run, near.frequency, near.origin) for run, near in places]
+    return start_model.refitted(model, paths)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from time import monotonic
 
 import numpy as np
@@ -147,7 +146,7 @@ class Fits:
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     _refused: int = 0
     _predictions: dict[bytes, Prediction] = field(default_factory=dict)
-    _tested: dict[bytes, float] = field(default_factory=dict)
+    _p_values: dict[bytes, float] = field(default_factory=dict)
 
     def effects_of(self, model: FittedModel) -> tuple[str, ...]:
         """Symbols of what a model has besides the start model's forces."""
@@ -202,7 +201,7 @@ class Fits:
         self, near: FittedModel, stay: Sequence[TrialEffect], added: Sequence[TrialEffect], worst: float
     ) -> FittedModel | None:
         """A fit from these shapes, once; None if it does not settle."""
-        trials = [*stay, *added]
+        trials, paths = [*stay, *added], [rows.path for rows in near.rows]
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
         if self.ended or self.tried.get(place, -np.inf) >= worst:
             return None
@@ -214,11 +213,21 @@ class Fits:
             physical = are_physical(fitted.trials, fitted.coefficients, size, most)
             return bool(np.all(physical[len(self.start.trials) :]))
 
-        fit = partial(_fitted, near, trials, worst, possible)
-        model = fit()
+        known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
+        first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
+
+        def fit(part: float) -> FittedModel | None:
+            """A fit from the coefficients and paths of the near model; None without a finite likelihood."""
+            try:
+                fitted = fit_model(paths, trials, first, worst=worst, possible=possible, part=part)
+            except NOT_FITTED:
+                return None
+            return fitted if fitted.is_finite else None
+
+        model = fit(1.0)
         if self._is_local_optimum(model):
             # Whole steps may lead there, where the first ones are far.
-            model = fit(part=0.5)
+            model = fit(0.5)
             model = None if self._is_local_optimum(model) else model
         # A fit that leaves what is physical has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
@@ -268,31 +277,13 @@ class Fits:
     def noise_p_value(self, model: FittedModel) -> float:
         """`noise_p_value` of a model, once."""
         key = model.coefficients.tobytes()
-        if key not in self._tested:
-            self._tested[key] = noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
-        return self._tested[key]
+        if key not in self._p_values:
+            self._p_values[key] = noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
+        return self._p_values[key]
 
     def is_complete(self, model: FittedModel) -> bool:
         """True if a model leaves nothing of any run but noise."""
         return self.noise_p_value(model) >= model.settings.level
-
-
-def _fitted(
-    near: FittedModel,
-    trials: Sequence[TrialEffect],
-    worst: float,
-    possible: Callable[[FittedModel], bool],
-    part: float = 1.0,
-) -> FittedModel | None:
-    """A fit from the coefficients and paths of another model; None where it has no finite likelihood."""
-    known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
-    first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
-    paths = [rows.path for rows in near.rows]
-    try:
-        model = fit_model(paths, trials, first, worst=worst, possible=possible, part=part)
-    except NOT_FITTED:
-        return None
-    return model if model.is_finite else None
 
 
 def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:

@@ -15,7 +15,8 @@ from sysid_trib.forces.library import counted_from
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.random_force import RandomForce, random_force_variables
-from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
+from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.variance_ratio import p_value_of_gain
 from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
@@ -110,7 +111,7 @@ def random_forces(model: FittedModel) -> list[RandomForce]:
     of_fit, frequency = model.likelihood, model.rows[0].path.frequency
     densities = [RandomForce.density_of(q, frequency) for q in (of_fit.ratios * of_fit.variances).tolist()]
     estimates = zip(densities, of_fit.ratio_errors, of_fit.gains, strict=True)
-    return [RandomForce(q, q * error, RandomForce.p_value_of_gain(gain)) for q, error, gain in estimates]
+    return [RandomForce(q, q * error, p_value_of_gain(gain)) for q, error, gain in estimates]
 
 
 def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:
@@ -154,7 +155,7 @@ def model_identification(
     result = identification(method, one_or_all(list(runs)), library, estimate, offered=library)
     result = Constraints(fixed).marked(result)
     filters = [rows.path.sensor.filter_ for rows in model.rows]
-    result = result.assign(random_force_variables(random_forces(model)) | colour_variables(filters))
+    result = result.assign(random_force_variables(random_forces(model), filters))
     if "shape" in result:
         errors = model.shape_errors()
         fitted = [widening * errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]

@@ -13,9 +13,8 @@ from sysid_trib.discovery.single_columns import each_column, known_directions, k
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts
+from sysid_trib.likelihood.run_products import RunProducts, products_of
 from sysid_trib.likelihood.run_rows import RunRows
-from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
 # Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
@@ -233,15 +232,11 @@ def _of_noise(
     random: np.random.Generator,
 ) -> list[RunProducts]:
     """Products of a run with noise alone as the target, for each draw."""
-    gram = rows.path.form.gram
-    lower = cholesky_factor(rows.band, gram, ratio)
+    lower = rows.factor(ratio)
     factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(len(table), len(table)))
     noise = deviation * (factor @ random.standard_normal((len(table), ROWS_OF_NOISE)))
-    whole = []
-    for tried in products.ratios.tolist():
-        white = whiten(cholesky_factor(rows.band, gram, tried), np.column_stack([noise, table]))
-        whole.append(white.T @ white)
-    of_draws, columns = np.array(whole), np.arange(table.shape[1])
+    every, columns = np.column_stack([noise, table]), np.arange(table.shape[1])
+    of_draws, _ = products_of(rows.band, rows.path.form.gram, every, products.ratios)
     # The level that the spectrum gives scatters as well.
     count = products.level_rows
     scatter = random.chisquare(count, ROWS_OF_NOISE) / count if count else np.ones(ROWS_OF_NOISE)

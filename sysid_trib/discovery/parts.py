@@ -16,7 +16,6 @@ from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.start_model import refitted
-from sysid_trib.likelihood.weak_form import cholesky_factor
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.effects import NAMED
 
@@ -137,10 +136,7 @@ def _deviances(model: FittedModel) -> Array:
     """Deviance of a model on the rows of each part, (part,), in the noises of the whole."""
     tables, of_fit = model.white_tables(), model.likelihood
     runs = zip(model.rows, of_fit.ratios.tolist(), of_fit.variances, strict=True)
-    logarithms = [
-        2.0 * np.log(cholesky_factor(rows.band, rows.path.form.gram, ratio)[0]) + np.log(variance)
-        for rows, ratio, variance in runs
-    ]
+    logarithms = [2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance) for rows, ratio, variance in runs]
     deviances = []
     for part in RECORD_PARTS.values():
         inside = np.concatenate([table[_rows(table, *part)] for table in tables])

@@ -10,19 +10,9 @@ from scipy.signal import find_peaks
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery import single_columns as single
 from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
-from sysid_trib.discovery.single_columns import (
-    are_known_finely,
-    are_physical,
-    correlation_of,
-    each_column,
-    is_physical,
-    products_with,
-    projected,
-    strengths,
-    where_finite,
-)
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
@@ -129,7 +119,7 @@ class Screening:
         """Truth, for each trial, of a motion that is known as finely as it acts."""
         unasked = [at for at in trials if at not in self.fine]
         if unasked:
-            known = are_known_finely(self.model, [self.trials[at] for at in unasked], self.effects)
+            known = single.are_known_finely(self.model, [self.trials[at] for at in unasked], self.effects)
             self.fine.update(zip(unasked, known.tolist(), strict=True))
         return [self.fine[at] for at in trials]
 
@@ -163,7 +153,7 @@ class Screening:
     def allows(self, at: int, coefficient: ArrayLike) -> Mask:
         """True if physics allows a trial this coefficient, or these."""
         strongest = self.model.settings.strongest
-        return is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
+        return single.is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
 
     def p_value_of(self, gain: float, force: Force, effective_rows: float) -> float:
         """Probability of such a gain by chance in any of the tests.
@@ -181,7 +171,7 @@ class Screening:
     def p_value_with(self, others: Sequence[int], column: int, gain: float | None = None) -> float:
         """Probability that chance gains as much as a column of `products` does with others, or so much."""
         bare = likelihood(self.products, others)
-        deviance, _, _, rows = each_column(self.products, others, [column], bare)[:, 0].tolist()
+        deviance, _, _, rows = single.each_column(self.products, others, [column], bare)[:, 0].tolist()
         trials = self.trials if column >= self.first_trial else self.model.trials
         force = trials[column - (self.first_trial if column >= self.first_trial else 1)].force
         return self.p_value_of(bare.deviance - deviance if gain is None else gain, force, rows)
@@ -209,23 +199,23 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         Of the model, that candidates may replace.
     """
     settings, (trials, columns) = model.settings, _tried(model, candidates, effects)
-    good, columns = where_finite(columns)
+    good, columns = single.where_finite(columns)
     along = [trial_columns(rows.path) for rows in model.rows]
-    products = products_with(model, columns, along)
+    products = single.products_with(model, columns, along)
     # The first column follows the target.
     first, last = 1 + model.columns, 1 + model.columns + len(trials)
     base, offered, trial_forces = range(1, first), range(first, last), range(last, last + along[0].shape[1])
     whole = likelihood(products, base)
-    part, rest = projected(products, whole, base, [*offered, *trial_forces])
+    part, rest = single.projected(products, whole, base, [*offered, *trial_forces])
     reasons = ["" if finite else NOT_FINITE for finite in good]
     for at in np.flatnonzero(good & (part[: len(trials)] < settings.testable)):
         reasons[at] = SAME_EFFECT
-    relative_force = strengths(model, columns)
+    relative_force = single.strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
-    deviance, coefficients, errors, effective_rows = each_column(products, base, offered, whole)
-    fitted = able & are_physical(trials, coefficients, relative_force, settings.strongest)
+    deviance, coefficients, errors, effective_rows = single.each_column(products, base, offered, whole)
+    fitted = able & single.are_physical(trials, coefficients, relative_force, settings.strongest)
     gains = np.maximum(0.0, np.where(fitted, whole.deviance - deviance, 0.0))
-    correlation = correlation_of(rest[: len(trials), : len(trials)])
+    correlation = single.correlation_of(rest[: len(trials), : len(trials)])
     tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], settings.seed)
     z, p_value = omnibus(products, along, part[len(trials) :] >= settings.testable, model, whole)
     screening = Screening(

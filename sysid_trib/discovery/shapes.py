@@ -7,15 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.single_columns import (
-    are_physical,
-    base_of,
-    each_column,
-    outside_of,
-    products_with,
-    strengths,
-    where_finite,
-)
+from sysid_trib.discovery import single_columns as single
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import likelihood
@@ -24,8 +16,6 @@ from sysid_trib.likelihood.trials import (
     has_frequency_parameter,
     is_frequency_parameter,
     is_phase,
-    stepped_shape,
-    to_unit,
     trials_of,
 )
 
@@ -53,11 +43,11 @@ def refined(
     every, tables = list(trials), list(columns)
     alike, most = 1.0 - 2.0 * model.settings.tolerance, 2 * model.settings.shape_values
     added: dict[str, int] = {}
-    base = base_of(model)
+    base = single.base_of(model)
 
     def directions(columns: Sequence[Array]) -> tuple[Array, Array]:
         """What of columns is outside of the model's, of unit length or zero, and which part that is."""
-        outside, part = outside_of(model, columns, base)
+        outside, part = single.outside_of(model, columns, base)
         return outside / np.maximum(np.linalg.norm(outside, axis=0), 1e-300), part
 
     outside, part = directions(tables)
@@ -91,22 +81,14 @@ def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialE
         force = trial.force
         if any(is_frequency_parameter(force, name) for name in force.shape):
             continue
-        for name, shape in force.shape.items():
+        for name in (name for name in force.shape if not is_phase(force, name)):
             key = f"{force.symbol}.{name}"
             others = tuple(sorted((k, value) for k, value in trial.shapes.items() if k != key))
-            if not is_phase(force, name):
-                lines.setdefault((key, name, others), []).append((to_unit(shape, trial.shapes[key]), at))
+            lines.setdefault((key, name, others), []).append((trial.part(name), at))
     for (_, name, _), line in lines.items():
         line.sort()
         for (low, at), (high, other) in pairwise(line):
-            yield at, other, _stepped(trials[at], name, 0.5 * (high - low))
-
-
-def _stepped(trial: TrialEffect, name: str, step: float) -> TrialEffect:
-    """The trial with a shape a step higher, in parts of its range."""
-    key = f"{trial.force.symbol}.{name}"
-    value = stepped_shape(trial.force, name, trial.shapes[key], step)
-    return replace(trial, shapes={**trial.shapes, key: value})
+            yield at, other, trials[at].stepped(name, 0.5 * (high - low))
 
 
 # Combinations of the finer grid, over those that are screened: of three shapes two have thrice the values.
@@ -152,8 +134,8 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
 
     Nor where all are far worse than the effects in whose place they are.
     """
-    gains, settings = _gains(model, grid, gone), model.settings
-    if gone and np.max(gains) < (1.0 - settings.family_tolerance) * _gain_of(model, gone):
+    (gains, of_gone), settings = _gains(model, grid, gone), model.settings
+    if np.max(gains) < (1.0 - settings.family_tolerance) * of_gone:
         return []
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
     # Of two that are alike either may lead further: where a shape hardly matters yet.
@@ -167,10 +149,10 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     while climbs:
         # Each of its shapes a step lower and higher.
         aside = [
-            [_stepped(trial, name, side) for name in trial.force.shape for side in (-step, step)]
+            [trial.stepped(name, side) for name in trial.force.shape for side in (-step, step)]
             for _, trial, step in climbs
         ]
-        gains_aside = iter(_gains(model, [trial for near in aside for trial in near], gone).tolist())
+        gains_aside = iter(_gains(model, [trial for near in aside for trial in near], gone)[0].tolist())
         further = []
         for climb, near in zip(climbs, aside, strict=True):
             gain, trial, step = climb
@@ -185,23 +167,17 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     return [trial for _, trial, _ in sorted(ends, key=lambda climb: -climb[0])]
 
 
-def _gain_of(model: FittedModel, effects: Sequence[str]) -> float:
-    """By how much effects of the model lower its deviance, along its path."""
-    products = products_with(model)
-    without, whole = (likelihood(products, model.columns_without(gone)).deviance for gone in (effects, ()))
-    return without - whole
-
-
-def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> Array:
-    """By how much the column of each, in the place of effects, lowers the deviance, (trial,).
+def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> tuple[Array, float]:
+    """By how much the column of each, in the place of effects, lowers the deviance, (trial,); and they do.
 
     0 where physics forbids its sign.
     """
-    good, columns = where_finite([rows.coarse_columns(trials) for rows in model.rows])
-    products = products_with(model, columns)
+    good, columns = single.where_finite([rows.coarse_columns(trials) for rows in model.rows])
+    products = single.products_with(model, columns)
     base, first = model.columns_without(gone), 1 + model.columns
     bare = likelihood(products, base)
-    deviance, coefficients, _, _ = each_column(products, base, range(first, first + len(trials)), bare)
+    deviance, coefficients, _, _ = single.each_column(products, base, range(first, first + len(trials)), bare)
     strongest = model.settings.strongest
-    physical = are_physical(trials, coefficients, strengths(model, columns), strongest)
-    return np.where(good & physical, bare.deviance - deviance, 0.0)
+    physical = single.are_physical(trials, coefficients, single.strengths(model, columns), strongest)
+    of_gone = bare.deviance - likelihood(products, range(1, first)).deviance if gone else 0.0
+    return np.where(good & physical, bare.deviance - deviance, 0.0), of_gone

@@ -11,16 +11,9 @@ import xarray as xr
 from scipy.stats import norm
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery import parts
+from sysid_trib.discovery import free_motion, parts
 from sysid_trib.discovery.demodulation import demodulate
 from sysid_trib.discovery.fits import credible, probabilities
-from sysid_trib.discovery.free_motion import (
-    FreeMotion,
-    free_motions,
-    model_identification,
-    random_forces,
-    total_covariance,
-)
 from sysid_trib.discovery.omnibus_test import trial_names
 from sysid_trib.discovery.search import Search
 from sysid_trib.discovery.unseen import improvements
@@ -33,35 +26,34 @@ from sysid_trib.validation.findings import with_noise_and_models
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
-Motions = Sequence[Sequence[FreeMotion]]
+Motions = Sequence[Sequence[free_motion.FreeMotion]]
 
 
 def groups_of(
     seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary, frequency: float | None
 ) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group; `seen` : what the models are fitted to."""
-    motions = [free_motions(model) for model in search.models]
+    motions = [free_motion.free_motions(model) for model in search.models]
     # Where the final model leaves more than noise, sets and errors allow for how names and coefficients move
     # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
     names, records = group_names("record", len(seen)), _records(seen, motions)
     groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
-    for when, at in (("", 0), ("_after", -1)):
+    for when, name, at in (("", "before", 0), ("_after", "after", -1)):
         spans, attrs = demodulate(motions[at])
         groups[f"discrepancy{when}"] = _group("discrepancy", spans, attrs=attrs)
-    for when, at in (("", 0), ("_after", -1)):
         candidates, forces = parts.detectability(search.screenings[at])
         symbols = [force.symbol for force in forces]
         labels = _labels(forces, ("name", "family", "formula", "unit"))
         coords = {"candidate": symbols, "other": symbols, **labels}
         groups[f"detectability{when}"] = _group("detectability", candidates, coords)
+        errors = search.screenings[at].widening, error if at else None
+        model = search.models[at], motions[at]
+        groups[name] = free_motion.model_identification(*model, seen, frequency, *errors)
     groups["ranking"] = _ranking(search, offered)
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
-    for name, at in (("before", 0), ("after", -1)):
-        of_model, widening = (search.models[at], motions[at]), search.screenings[at].widening
-        groups[name] = model_identification(*of_model, seen, frequency, widening, error if at else None)
     groups["holdout"] = _holdout(search, motions[-1])
     if len(seen) > 1:
         groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
@@ -138,7 +130,7 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
     symbols = [trial.force.symbol for trial in final.trials]
     places = [symbols.index(symbol) for symbol in search.effects]
     coefficients = final.coefficients[places]
-    errors = np.sqrt(np.diag(total_covariance(final, widening, error)))[places]
+    errors = np.sqrt(np.diag(free_motion.total_covariance(final, widening, error)))[places]
     improved = improvements(search.predictions)
     values = texts_of(
         [final.trials[at].force for at in places], ("symbol", "name", "family", "kind", "unit", "formula")
@@ -156,10 +148,11 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
         "worsens_holdout": improved < -final.settings.refuted,
     }
     residuals = [np.concatenate([run.residual for run in of_model]) for of_model in motions]
+    of_each_run = map(free_motion.random_forces, search.models)
     of_models: dict[str, list[Any]] = {
         "residual": [root_mean_square(residual) for residual in residuals],
         "whitened_residual": _whitened(search),
-        "random_force": [np.mean([f.density for f in random_forces(model)]) for model in search.models],
+        "random_force": [np.mean([f.density for f in forces]) for forces in of_each_run],
     }
     for name, of_each in of_models.items():
         values |= {f"{name}_before": of_each[:-1], f"{name}_after": of_each[1:]}
@@ -260,7 +253,7 @@ def _omnibus(search: Search) -> xr.Dataset:
     return _group("omnibus", values, {"trial_force": trial_names()})
 
 
-def _holdout(search: Search, final: Sequence[FreeMotion]) -> xr.Dataset:
+def _holdout(search: Search, final: Sequence[free_motion.FreeMotion]) -> xr.Dataset:
     noise = root_mean_square([run.noise.standard_deviation for run in final])
     of_periods, rms = zip(*search.predictions, strict=True)
     above = np.square(rms) - noise**2

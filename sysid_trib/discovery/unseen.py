@@ -19,7 +19,7 @@ from sysid_trib.likelihood.run_rows import decimated, run_rows
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.start_model import default_shapes, path_like
 from sysid_trib.likelihood.trials import TrialEffect
-from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
+from sysid_trib.likelihood.weak_form import whiten
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_frequency
@@ -169,21 +169,17 @@ def predicted(
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
     """Mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
     ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
-    guess = model.estimate
-    sensors = [at for at, trial in enumerate(model.trials) if trial.force.kind == "sensor"]
     # Rounds of the path of a part that is predicted.
     for _ in range(3):
-        rows = run_rows(path, model.trials, guess)
+        rows = run_rows(path, model.trials, model.estimate)
         unexplained = rows.target - rows.columns(model.trials) @ model.coefficients
         unexplained = unexplained - model.stiffness * path.stiffness_column
         zero = -(rows.operator @ np.ones(len(path.time)))
-        factor = cholesky_factor(rows.band, path.form.gram, ratio)
+        factor = rows.factor(ratio)
         white = whiten(factor, np.column_stack([unexplained, zero]))
         offset = float(white[:, 1] @ white[:, 0] / (white[:, 1] @ white[:, 1]))
-        error = path.sensor_values([model.trials[at] for at in sensors]) @ model.coefficients[sensors]
-        slopes = path.sensor_slopes(model.trials, model.coefficients)
-        motion = rows.smoothed_motion(unexplained - offset * zero, offset + error, slopes, ratio)
-        followed = path.follow(motion, model.trials, model.coefficients)
+        errors = offset + path.sensor_errors(model.terms), path.sensor_slopes(model.terms)
+        followed = path.follow(rows.smoothed_motion(unexplained - offset * zero, *errors, ratio), model.terms)
         if not np.all(np.isfinite(followed.points[1])):
             # A model that runs away is judged with the last motion it follows.
             break

@@ -103,7 +103,7 @@ def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
     its middle, and a record that was interpolated from another clock has a colour that comes and goes.
     """
     line, power, k = _spectrum(deviation, tau, SEGMENTS)
-    above = (k > band) & (not _is_uneven(tau))
+    above = (k > band) & is_uniform(tau)
     return _averaged(line[above], power[above], float(SEGMENTS))
 
 
@@ -183,7 +183,7 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
     kept = (np.abs(k - harmonic) > width) | (harmonic > NOISE_HARMONICS)
     lines = _averaged(line[kept], power[kept])
     white = lines.noise(np.ones(1))
-    if _is_uneven(tau) or len(lines.line) < 10 * (MAX_COLOUR + 2) or white.innovation == 0.0:
+    if not is_uniform(tau) or len(lines.line) < 10 * (MAX_COLOUR + 2) or white.innovation == 0.0:
         return white
     away = (1.0 - (2.0 * np.pi * lines.line / step) ** 2) ** 2
     return _likeliest_colour(lines, random_force / (away + (2.0 * spacing) ** 2))
@@ -231,11 +231,6 @@ def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, A
     line, power = line[: length // 2], power[: length // 2]
     power[1:] *= 0.5
     return line, power, 2.0 * np.pi * line / float(np.median(np.diff(tau)))
-
-
-def _is_uneven(tau: Array) -> bool:
-    """True if steps differ by so much that lines say nothing; 2 % move a thousandth of the power."""
-    return not is_uniform(tau)
 
 
 def _averaged(line: Array, power: Array, count_of_each: float = 1.0) -> Lines:

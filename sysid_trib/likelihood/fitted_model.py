@@ -8,18 +8,10 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.likelihood import Likelihood
-from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.paths import RecordPath, Terms
 from sysid_trib.likelihood.run_rows import RunRows, nuisances
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.settings import Settings
-from sysid_trib.likelihood.trials import (
-    TrialEffect,
-    from_unit,
-    reference_power,
-    slope_of_unit,
-    stepped_shape,
-    to_unit,
-)
+from sysid_trib.likelihood.trials import Settings, TrialEffect, reference_power, slope_of_unit
 from sysid_trib.records.decay import root_mean_square
 
 # Difference of a shape parameter for its column, in parts of its range.
@@ -64,6 +56,11 @@ class FittedModel:
         return self.likelihood.coefficients[: len(self.trials)]
 
     @property
+    def terms(self) -> Terms:
+        """The trials with their coefficients."""
+        return list(zip(self.trials, self.coefficients.tolist(), strict=True))
+
+    @property
     def stiffness(self) -> float:
         """By which the square of the frequency differs from the paths', as a part of it."""
         return float(self.likelihood.coefficients[len(self.trials)]) if self.frequency_free else 0.0
@@ -89,7 +86,7 @@ class FittedModel:
         excess = 0.0
         for rows, ratio in zip(self.rows, self.likelihood.ratios.tolist(), strict=True):
             if ratio > 0.0:
-                tangent = rows.path.tangent(self.trials, self.coefficients, self.stiffness)
+                tangent = rows.path.tangent(self.terms, self.stiffness)
                 excess += rows.unresolved(tangent, ratio)
         return self.likelihood.deviance + excess
 
@@ -155,10 +152,8 @@ class FittedModel:
 
     def sensor_errors(self, run: int) -> Array:
         """Zero and errors of the sensor along a run's path, (sample,), rad."""
-        b, count = self.likelihood.coefficients, len(self.trials)
-        sensors = [at for at, trial in enumerate(self.trials) if trial.force.kind == "sensor"]
-        errors = self.rows[run].path.sensor_values([self.trials[i] for i in sensors]) @ b[sensors]
-        return np.asarray(b[count + self.frequency_free + run] + errors)
+        zero = self.likelihood.coefficients[len(self.trials) + self.frequency_free + run]
+        return np.asarray(zero + self.rows[run].path.sensor_errors(self.terms))
 
     def covariance_with_frequency(self) -> Array:
         """Covariance of the coefficients and the frequency (rad/s), of a fit whose paths have its frequency.
@@ -190,17 +185,14 @@ class FittedModel:
         """Standard errors of the shape parameters, by their names."""
         errors, by_name = np.sqrt(np.diag(self.likelihood.covariance)), dict[str, float]()
         for at, name, column in self.shape_columns:
-            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
-            by_name[key] = float(errors[column] * slope_of_unit(trial.force.shape[name], trial.shapes[key]))
+            trial = self.trials[at]
+            slope = slope_of_unit(trial.force.shape[name], trial.value(name))
+            by_name[f"{trial.force.symbol}.{name}"] = float(errors[column] * slope)
         return by_name
 
     def white_residuals(self) -> list[Array]:
         """Residuals, white and of unit variance."""
-        b = self.likelihood.coefficients
-        return [
-            rows.whitened((rows.target - table @ b)[:, None], self.likelihood, at)[:, 0]
-            for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
-        ]
+        return [table[:, 0] - table[:, 1:] @ self.likelihood.coefficients for table in self.white_tables()]
 
     def white_tables(self) -> list[Array]:
         """Target and columns of each run, (row, 1 + column), its noises white and of unit variance."""
@@ -208,11 +200,6 @@ class FittedModel:
             rows.whitened(np.column_stack([rows.target, table]), self.likelihood, at)
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
-
-    @property
-    def predicted_fall(self) -> float:
-        """By how much a step of the shapes would lower the deviance, if tangents held so far."""
-        return self.likelihood.deviance - self.stepped.deviance
 
     def ahead(self, shapes: Array) -> Array:
         """By how much coefficients and stiffness change with these steps of the shapes, (trial + 1,)."""
@@ -233,9 +220,9 @@ class FittedModel:
         for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True)):
             residual = rows.target - table @ self.stepped.coefficients
             ratio = random_force * float(self.stepped.ratios[at])
-            errors = self.sensor_errors(at), rows.path.sensor_slopes(self.trials, self.coefficients)
+            errors = self.sensor_errors(at), rows.path.sensor_slopes(self.terms)
             motion = rows.smoothed_motion(residual, *errors, ratio, part)
-            follower = rows.path.follow(motion, self.trials, coefficients)
+            follower = rows.path.follow(motion, list(zip(self.trials, coefficients.tolist(), strict=True)))
             paths.append(replace(follower, ratio=float(self.likelihood.ratios[at])))
         return paths
 
@@ -244,9 +231,9 @@ class FittedModel:
         rows_of_runs = []
         for at, rows in enumerate(self.rows):
             deviation, ratio = np.sqrt(self.likelihood.variances[at]), float(self.likelihood.ratios[at])
-            slopes = rows.path.sensor_slopes(self.trials, self.coefficients)
+            slopes = rows.path.sensor_slopes(self.terms)
             aside = rows.possible_deviation(float(deviation), slopes, ratio, random)
-            rows_of_runs.append(replace(rows, path=rows.path.deviated(aside)))
+            rows_of_runs.append(replace(rows, path=rows.path.through(rows.path.at_samples[0] + aside)))
         return rows_of_runs
 
     def next_steps(self, reach: float) -> Array:
@@ -265,32 +252,24 @@ class FittedModel:
 
     def next_trials(self, steps: Array) -> list[TrialEffect]:
         """The trials with their shapes so many steps further, (shape,), within their ranges."""
-        shapes = [dict(trial.shapes) for trial in self.trials]
+        trials = list(self.trials)
         for (at, name, _), step in zip(self.shape_columns, steps.tolist(), strict=True):
-            trial, key = self.trials[at], f"{self.trials[at].force.symbol}.{name}"
-            shapes[at][key] = stepped_shape(trial.force, name, trial.shapes[key], step)
-        return [replace(trial, shapes=table) for trial, table in zip(self.trials, shapes, strict=True)]
+            trials[at] = trials[at].stepped(name, step)
+        return trials
 
 
 def table_of(rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect]) -> Array:
     """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
+    # A little aside, towards the middle of its range.
     deviated = [
-        (at, *_stepped_aside(trial, name)) for at, trial in enumerate(trials) for name in trial.force.shape
+        (at, name, SHAPE_DIFFERENCE if trial.part(name) < 0.5 else -SHAPE_DIFFERENCE)
+        for at, trial in enumerate(trials)
+        for name in trial.force.shape
     ]
     # All at once: forces with a history follow the motion together.
-    whole = rows.columns([*trials, *(trial for _, trial, _ in deviated)])
+    whole = rows.columns([*trials, *(trials[at].stepped(name, step) for at, name, step in deviated)])
     columns, aside = np.split(whole, [len(trials)], axis=1)
     slopes = [
-        (column - columns[:, at]) / difference
-        for column, (at, _, difference) in zip(aside.T, deviated, strict=True)
+        (column - columns[:, at]) / step for column, (at, _, step) in zip(aside.T, deviated, strict=True)
     ]
     return np.column_stack([columns, nuisances(rows, run, runs), *slopes])
-
-
-def _stepped_aside(trial: TrialEffect, name: str) -> tuple[TrialEffect, float]:
-    """The trial with a shape a little aside, and by how much of its range."""
-    shape, key = trial.force.shape[name], f"{trial.force.symbol}.{name}"
-    part = to_unit(shape, trial.shapes[key])
-    step = SHAPE_DIFFERENCE if part < 0.5 else -SHAPE_DIFFERENCE
-    value = float(from_unit(shape, np.asarray(part + step)))
-    return replace(trial, shapes={**trial.shapes, key: value}), step

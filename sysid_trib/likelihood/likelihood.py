@@ -94,16 +94,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     size[0] = 1.0
     parts = [run.of(places) / np.outer(size, size) for run in runs]
     at = [len(run.ratios) // 2 for run in runs]
-    variances = [run.level**2 for run in runs]
-    best = np.inf
-    for _ in range(RATIO_ROUNDS):
-        before = best
-        for r in range(len(runs)):
-            deviances, of_each = _over_ratios(runs, parts, at, variances, r)
-            at[r] = int(np.argmin(deviances))
-            best, variances = float(deviances[at[r]]), list(of_each[:, at[r]])
-        if len(runs) == 1 or before - best < DEVIANCE_SETTLED:
-            break
+    _, at, variances = _settled(runs, parts, at, [run.level**2 for run in runs])
     ratios, errors, gains = np.zeros((3, len(runs)))
     for r, run in enumerate(runs):
         deviances, _ = _over_ratios(runs, parts, at, variances, r)
@@ -112,13 +103,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     there = [run.at(ratio, places) for run, ratio in zip(runs, ratios.tolist(), strict=True)]
     parts = [run.products / np.outer(size, size) for run in there]
     # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.
-    settled = np.inf
-    for _ in range(RATIO_ROUNDS):
-        before = settled
-        deviances, of_each = _over_ratios(there, parts, [0] * len(runs), variances, 0)
-        settled, variances = float(deviances[0]), list(of_each[:, 0])
-        if len(runs) == 1 or before - settled < DEVIANCE_SETTLED:
-            break
+    settled, _, variances = _settled(there, parts, [0] * len(runs), variances)
     coefficients, covariance = _solution([part[0] for part in parts], variances)
     return Likelihood(
         deviance if len(runs) == 1 else settled,
@@ -129,6 +114,23 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         errors,
         gains,
     )
+
+
+def _settled(
+    runs: Sequence[RunProducts], parts: Sequence[Array], at: list[int], variances: list[float]
+) -> tuple[float, list[int], list[float]]:
+    """The least deviance, and the place of the ratio and the variance of each run with it."""
+    best = np.inf
+    for _ in range(RATIO_ROUNDS):
+        before = best
+        for r in range(len(runs)):
+            deviances, of_each = _over_ratios(runs, parts, at, variances, r)
+            least = int(np.argmin(deviances))
+            at = [*at[:r], least, *at[r + 1 :]]
+            best, variances = float(deviances[least]), list(of_each[:, least])
+        if len(runs) == 1 or before - best < DEVIANCE_SETTLED:
+            break
+    return best, at, variances
 
 
 def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near, likelih
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_products import RunProducts
 from sysid_trib.likelihood.run_rows import run_rows
-from sysid_trib.likelihood.trials import TrialEffect, end_of_range, shape_values, to_unit
+from sysid_trib.likelihood.trials import TrialEffect
 
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
@@ -69,7 +69,8 @@ def fit_model(
     # What a shape goes in a round at most, in parts of its range.
     reach = longest = part * settings.shape_step
     rounds, before, unphysical = list[FittedModel](), 0.0, 0
-    if _has_new_sensor(trials, guess):
+    # Has it an error of the sensor of which nothing is known yet?
+    if any(t.force.kind == "sensor" and not c for t, c in zip(trials, guess[:-1], strict=True)):
         model = _continued(model, reach, part, worst)
         if not model.settled:
             return model
@@ -83,7 +84,7 @@ def fit_model(
         # part of the way has a small part of the fall.
         next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
         # Along its tangents a shape may go on where the deviance hardly falls.
-        on_its_way = model.predicted_fall > ROUNDS_AGREE
+        on_its_way = model.likelihood.deviance - model.stepped.deviance > ROUNDS_AGREE
         if next_fall < min(1.0, 2.0 * part) * settings.least_gain and not on_its_way:
             return model
         unphysical = 0 if possible(model) else unphysical + 1
@@ -127,11 +128,6 @@ def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
     return [replace(path, ratio=0.0) for path in paths]
 
 
-def _has_new_sensor(trials: Sequence[TrialEffect], first: Array) -> bool:
-    """True if a model has an error of the sensor of which nothing is known yet."""
-    return any(t.force.kind == "sensor" and not c for t, c in zip(trials, first[:-1], strict=True))
-
-
 def _continued(model: FittedModel, reach: float, part: float, worst: float) -> FittedModel:
     """The model after rounds whose paths are led more and more by what it says; not settled if given up.
 
@@ -168,7 +164,7 @@ def _best(rounds: Sequence[FittedModel]) -> FittedModel:
 
 def _agree(rounds: Sequence[FittedModel]) -> bool:
     """True if no coefficient or shape differs between rounds by more than its standard error."""
-    shapes = [[to_unit(shape, value) for shape, value in shape_values(fitted.trials)] for fitted in rounds]
+    shapes = [[trial.part(name) for trial in of.trials for name in trial.force.shape] for of in rounds]
     ranges = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
     errors = np.sqrt(np.diag(rounds[-1].likelihood.covariance))
     steady = len(errors) - len(shapes[0])
@@ -202,18 +198,14 @@ def _within_ranges(
     products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]
 ) -> tuple[Likelihood, dict[int, tuple[float, float]]]:
     """Maximum likelihood in `count` columns; shapes at an end of their range that would leave it are held."""
-    shapes = shape_values(trials)
-    first = count - len(shapes)
+    ends = [trial.end(name) for trial in trials for name in trial.force.shape]
+    first = count - len(ends)
     held: dict[int, tuple[float, float]] = {}
     while True:
         free = [column for column in range(count) if column not in held]
         likeliest = likelihood(products, [1 + column for column in free])
         steps = dict(zip(free, likeliest.coefficients.tolist(), strict=True))
-        leaving = [
-            first + i
-            for i, (shape, value) in enumerate(shapes)
-            if (side := end_of_range(shape, value)) and side * steps.get(first + i, 0.0) > 0.0
-        ]
+        leaving = [at for at, side in enumerate(ends, first) if side * steps.get(at, 0.0) > 0.0]
         if not leaving:
             return likeliest.among(free, count), held
         errors = dict(zip(free, np.sqrt(np.diag(likeliest.covariance)).tolist(), strict=True))

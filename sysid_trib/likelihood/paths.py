@@ -13,6 +13,7 @@ simulation is needed; what the path differs from the motion counts in second ord
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,19 +21,18 @@ from scipy.interpolate import BSpline, PPoly
 
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces.force import channels_of
-from sysid_trib.likelihood.linearisation import derivatives_along, sensor_slopes
+from sysid_trib.forces.force import Force, channels_of
+from sysid_trib.likelihood.force_columns import derivatives_along
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.settings import Settings
-from sysid_trib.likelihood.trials import TrialEffect
+from sysid_trib.likelihood.trials import Settings, TrialEffect
 from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
 from sysid_trib.records.inputs import INPUT, KnownInput, values_of_inputs
 from sysid_trib.records.smoothing import SplinesAt, least_squares_spline
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.stepped_states import GivenMotion, tangent_along, values_along
 
-# A sensor that falls while the angle rises is none; a fit may pass by there.
-LEAST_SENSOR_GAIN = 0.05
+# Trials with their coefficients.
+Terms: TypeAlias = Sequence[tuple[TrialEffect, float]]
 # Parts of a cell between two points over which a force that switches there is averaged.
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
 # Values of forces along a path that are held at once: of long records they would be most of the memory.
@@ -69,7 +69,7 @@ class RecordPath:
         The motion from rest by the forces that gave the path, each constant in the cell about a point.
     ratio : float
         Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
-    held : tuple of (TrialEffect, float)
+    held : Terms
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     inputs : mapping of str to KnownInput
         What drives it.
@@ -91,7 +91,7 @@ class RecordPath:
     frequency_free: bool = True
     fine: PPoly = NO_FINE_MOTION
     ratio: float = 0.0
-    held: tuple[tuple[TrialEffect, float], ...] = ()
+    held: Terms = ()
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
     sticking: Mask | None = None
     before: "RecordPath | None" = None
@@ -100,10 +100,6 @@ class RecordPath:
     def elapsed(self) -> Array:
         """The `t` of formulas, (sample,), s."""
         return self.time - self.origin
-
-    def motion_at(self, tau: Array, order: int = 0) -> Array:
-        """The path or a derivative by tau, (point,), rad."""
-        return np.asarray(self.spline(tau, order) + self.fine(tau, order))
 
     def elapsed_at(self, tau: Array) -> Array:
         """The `t` of formulas, (point,), s."""
@@ -120,7 +116,7 @@ class RecordPath:
         return self._at(self.form.splines), self._at(self.form.splines, 1)
 
     def _at(self, splines: SplinesAt, order: int = 0) -> Array:
-        """`motion_at` points that many paths have in common."""
+        """The path or a derivative by tau at points that many paths have in common, (point,), rad."""
         return splines.of(self.spline, order) + self.fine(splines.points, order)
 
     @cached_property
@@ -151,8 +147,7 @@ class RecordPath:
     @cached_property
     def _held_force(self) -> Array:
         """Forces that are always there, (point,), rad."""
-        values = self.force_values([trial for trial, _ in self.held])
-        return values @ np.array([coefficient for _, coefficient in self.held])
+        return self._force(self.held)
 
     @cached_property
     def _forcing(self) -> Array | float:
@@ -175,34 +170,29 @@ class RecordPath:
         """Integrals of x and of the forces that are always there, which a frequency scales, (row,)."""
         return np.asarray(self.integrals @ (self.points[1] + self._held_force))
 
-    def tangent(
-        self, trials: Sequence[TrialEffect], coefficients: Array, stiffness: float
-    ) -> tuple[Array, Array]:
-        """Stiffness and damping of small deviations of the motion from a model, (point,) each."""
-        acting = [
-            *((trial, float(c)) for trial, c in zip(trials, coefficients, strict=True)),
-            *((trial, (1.0 + stiffness) * c) for trial, c in self.held),
-        ]
-        shapes = _shapes_of(trial for trial, _ in acting)
+    def tangent(self, terms: Terms, stiffness: float) -> tuple[Array, Array]:
+        """Stiffness and damping of small deviations of the motion from that of a model, (point,) each."""
+        acting = [*terms, *((trial, (1.0 + stiffness) * c) for trial, c in self.held)]
         tau, x, v, time = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
-        of_x, of_v = derivatives_along([(trial.force, c) for trial, c in acting], shapes, time, x, v, given)
+        of_x, of_v = derivatives_along(*_forces_of(acting), (time, x, v), given)
         for trial, c in acting:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
                 past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
                 of_x, of_v = of_x + c * past_x[-len(tau) :], of_v + c * past_v[-len(tau) :]
-        return of_x + stiffness, of_v
+        return 1.0 + stiffness + of_x, of_v
 
     def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
-        """The operator of small deviations of a motion, (row, sample)."""
-        return noise_operator(self.form, *(self._at_samples(values) for values in tangent))
+        """The operator of small deviations of a motion, (row, sample).
 
-    def _at_samples(self, values: Array) -> Array:
-        """Means about the samples of values at points, (sample,): a stiffness may jump between samples."""
-        parts = (len(values) - 1) // (len(self.time) - 1)
+        Of means about the samples of stiffness and damping at the points: they may jump between samples.
+        """
+        points = len(tangent[0])
+        parts = (points - 1) // (len(self.time) - 1)
         weights = 1.0 - np.abs(np.arange(1 - parts, parts)) / parts
-        means = np.convolve(values, weights, "same") / np.convolve(np.ones(len(values)), weights, "same")
-        return np.asarray(means[::parts])
+        whole = np.convolve(np.ones(points), weights, "same")
+        means = (np.convolve(values, weights, "same") / whole for values in tangent)
+        return noise_operator(self.form, *(np.asarray(mean[::parts]) for mean in means))
 
     def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
         """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
@@ -211,23 +201,27 @@ class RecordPath:
         few = max(1, NUMBERS_AT_ONCE // len(self.points[0]))
         for part in (of_force[first : first + few] for first in range(0, len(of_force), few)):
             columns[:, part] = self.integrals @ self.force_values([trials[at] for at in part])
-        sensors = [at for at, trial in enumerate(trials) if trial.force.kind == "sensor"]
-        columns[:, sensors] = -(operator @ self.sensor_values([trials[at] for at in sensors]))
+        for at, trial in enumerate(trials):
+            if trial.force.kind == "sensor":
+                columns[:, at] = -(operator @ self.sensor_errors([(trial, 1.0)]))
         return columns
 
-    def sensor_values(self, trials: Sequence[TrialEffect]) -> Array:
-        """Errors of the sensor of coefficient 1 at the samples, (sample, trial), rad."""
-        values = [t.force.value(*self.at_samples, self.elapsed, shapes=t.shapes) for t in trials]
-        return np.stack(values, axis=1) if values else np.zeros((len(self.time), 0))
+    def sensor_errors(self, terms: Terms) -> Array:
+        """Errors of the sensor at the samples, (sample,), rad."""
+        errors = np.zeros(len(self.time))
+        for trial, c in terms:
+            if trial.force.kind == "sensor":
+                errors += c * trial.force.value(*self.at_samples, self.elapsed, shapes=trial.shapes)
+        return errors
 
-    def sensor_slopes(self, trials: Sequence[TrialEffect], coefficients: Array) -> tuple[Array, Array]:
+    def sensor_slopes(self, terms: Terms) -> tuple[Array, Array]:
         """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
-        pairs = [(trial.force, float(c)) for trial, c in zip(trials, coefficients, strict=True)]
-        return sensor_slopes(pairs, _shapes_of(trials), self.elapsed, *self.at_samples)
+        return derivatives_along(*_forces_of(terms), (self.elapsed, *self.at_samples), kind="sensor")
 
-    def sensor_gain(self, trials: Sequence[TrialEffect], coefficients: Array) -> Array:
-        """By how much the record rises with the angle, (sample,)."""
-        return np.asarray(np.maximum(1.0 + self.sensor_slopes(trials, coefficients)[0], LEAST_SENSOR_GAIN))
+    def _force(self, terms: Terms) -> Array:
+        """Sum of the forces of a model along the path, (point,), rad."""
+        acting = [(trial, c) for trial, c in terms if trial.force.kind == "force"]
+        return self.force_values([trial for trial, _ in acting]) @ np.array([c for _, c in acting])
 
     def force_values(self, trials: Sequence[TrialEffect]) -> Array:
         """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""
@@ -277,8 +271,8 @@ class RecordPath:
         if packed not in self._cells:
             cells = np.flatnonzero(np.append(crossed, False) | np.append(False, crossed))
             fine = (tau[cells, None] + (tau[1] - tau[0]) * CELL_PARTS).ravel()
-            motion = self.motion_at(fine), self.motion_at(fine, 1), self.elapsed_at(fine)
-            self._cells[packed] = cells, fine, motion
+            x, v = (np.asarray(self.spline(fine, order) + self.fine(fine, order)) for order in (0, 1))
+            self._cells[packed] = cells, fine, (x, v, self.elapsed_at(fine))
         return self._cells[packed]
 
     def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
@@ -293,38 +287,30 @@ class RecordPath:
                 columns.append(np.full(len(x), np.nan))
         return np.stack(columns, axis=1)
 
-    def follow(self, motion: Array, trials: Sequence[TrialEffect], coefficients: Array) -> "RecordPath":
+    def follow(self, motion: Array, terms: Terms) -> "RecordPath":
         """The path through a motion at the samples, (sample,), with what forces along this path give it."""
-        dynamic = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
-        force = self.force_values([trials[at] for at in dynamic]) @ coefficients[dynamic]
-        tau = self.points[0]
+        tau, acceleration = self.points[0], self._forcing - self._force(terms) - self._held_force
         cells = np.concatenate([tau[:1], 0.5 * (tau[1:] + tau[:-1]), tau[-1:]])
-        acceleration = self._forcing - force - self._held_force
         fine = PPoly(acceleration[None], cells).antiderivative(2)
-        return replace(self, fine=fine)._through(motion)
-
-    def deviated(self, deviation: Array) -> "RecordPath":
-        """The path with a deviation at the samples, (sample,), rad, added."""
-        return self._through(self.at_samples[0] + deviation)
+        return replace(self, fine=fine).through(motion)
 
     def rescaled(self, frequency: float) -> "RecordPath":
         """The rows with coefficients that refer to another frequency."""
-        part, form = (
-            frequency / self.frequency,
-            build_weak_form(frequency * (self.time - self.time[0]), self.intervals),
-        )
+        form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
+        part = frequency / self.frequency
         fine = PPoly(self.fine.c / part ** np.array([[2], [1], [0]]), part * self.fine.x)
         before = self.before and self.before.rescaled(frequency)
         path = replace(self, frequency=frequency, form=form, fine=fine, before=before)
-        return path._through(self.at_samples[0])
+        return path.through(self.at_samples[0])
 
-    def _through(self, motion: Array) -> "RecordPath":
+    def through(self, motion: Array) -> "RecordPath":
         """The path through a motion at the samples, (sample,), rad."""
         tau = self.form.tau
         spline, _ = least_squares_spline(tau, motion - self.fine(tau), self.intervals)
         return replace(self, spline=spline)
 
 
-def _shapes_of(trials: Iterable[TrialEffect]) -> dict[str, float]:
-    """Shape parameters of all trials by their names."""
-    return {name: value for trial in trials for name, value in trial.shapes.items()}
+def _forces_of(terms: Terms) -> tuple[list[tuple[Force, float]], dict[str, float]]:
+    """Forces of a model with their coefficients, and the shape parameters of all by their names."""
+    shapes = {name: value for trial, _ in terms for name, value in trial.shapes.items()}
+    return [(trial.force, c) for trial, c in terms], shapes

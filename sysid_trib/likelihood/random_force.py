@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.special import expit
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
+from sysid_trib.likelihood.sensor_noise import colour_variables
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
 from sysid_trib.results.variables import Variables, variable
 
@@ -44,11 +44,6 @@ class RandomForce:
 
     def __bool__(self) -> bool:
         return self.density > 0.0
-
-    @staticmethod
-    def p_value_of_gain(gain: float) -> float:
-        """p-value of no random force, where one lowers the deviance by `gain` (Chernoff 1954)."""
-        return 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
 
     def relative(self, frequency: float) -> float:
         """Root of the density over w^2, 1/sqrt(Hz), at a reference frequency w (rad/s)."""
@@ -103,8 +98,11 @@ def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: Random
     return RandomForce(density, error, ratio.p_value)
 
 
-def random_force_variables(forces: Sequence[RandomForce]) -> Variables:
-    """The random force of each run as variables of a result: their mean, and each where there are several."""
+def random_force_variables(forces: Sequence[RandomForce], filters: Sequence[Array] = ()) -> Variables:
+    """The random force of each run as variables of a result: their mean, and each where there are several.
+
+    `filters` : that whiten the sensor's noise beside it in each run (see `colour_variables`).
+    """
     densities = np.array([force.density for force in forces])
     errors = np.array([force.standard_error for force in forces])
     p_values = np.array([force.p_value for force in forces])
@@ -115,7 +113,7 @@ def random_force_variables(forces: Sequence[RandomForce]) -> Variables:
         "random_force_standard_error": (mean_error, errors, "standard error of that density"),
         "random_force_p_value": (least, p_values, "p-value of no random force"),
     }
-    variables = {}
+    variables = colour_variables(filters) if filters else {}
     for name, (mean, of_runs, text) in names.items():
         units = "1" if name.endswith("p_value") else DENSITY_UNITS
         variables[name] = variable((), float(mean), text, units)

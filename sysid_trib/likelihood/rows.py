@@ -10,10 +10,10 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.likelihood.force_columns import derivatives_along
 from sysid_trib.likelihood.least_squares import ConstraintMap, bounds_reached, whitened
-from sysid_trib.likelihood.linearisation import derivatives_along, sensor_slopes
 from sysid_trib.likelihood.regression import RunRegression, Runs, update
-from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
+from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.weak_form import cholesky_factor, noise_operator
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
 
@@ -24,7 +24,7 @@ Operator: TypeAlias = tuple[sp.csr_matrix, Array]
 def linearised(run: RunRegression) -> Operator:
     """The operator about a run's path, with what whitens its rows in white noise alone."""
     matrix = deviation_matrix(run)
-    return matrix, cholesky_factor(covariance_of_local_rows(matrix))
+    return matrix, cholesky_factor(covariance_band(matrix))
 
 
 def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
@@ -34,15 +34,15 @@ def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
     """
     k, pairs = run.stiffness_scale, zip(run.library, run.acting.tolist(), strict=True)
     given = {name: values for force in run.library for name, values in run.given(force, run.elapsed).items()}
-    stiffness, damping = derivatives_along(pairs, run.shapes, run.elapsed, run.x, run.v, given)
-    matrix = noise_operator(run.form, k * stiffness, np.sqrt(k) * damping)
+    stiffness, damping = derivatives_along(pairs, run.shapes, (run.elapsed, run.x, run.v), given)
+    matrix = noise_operator(run.form, k * (1.0 + stiffness), np.sqrt(k) * damping)
     return (matrix @ sp.diags_array(1.0 / gain_of_sensor(run))).tocsr() if run.of_sensor.any() else matrix
 
 
 def gain_of_sensor(run: RunRegression) -> Array:
     """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
     pairs = zip(run.library, run.coefficients.tolist(), strict=True)
-    return 1.0 + sensor_slopes(pairs, run.shapes, run.elapsed, run.x, run.v)[0]
+    return 1.0 + derivatives_along(pairs, run.shapes, (run.elapsed, run.x, run.v), kind="sensor")[0]
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,6 @@ class Solution:
         Lags over which the covariance allows for correlated residuals.
     constraints : ConstraintMap
         With the coefficients that are held at a bound.
-    residual : (row,) array of float
-        Of the rows as they are, not white.
     """
 
     coefficients: Array
@@ -187,7 +185,6 @@ class Solution:
     noise: float
     lags: int
     constraints: ConstraintMap
-    residual: Array
 
     def applied_to(self, runs: Runs) -> Runs:
         """The runs with this solution as their estimate."""
@@ -239,7 +236,7 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ fit.covariance_[0] @ jacobian.T
     noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
-    return Solution(coefficients, steps, covariance, noise, lags, kept, target - design @ solved)
+    return Solution(coefficients, steps, covariance, noise, lags, kept)
 
 
 def _rescaling(run: RunRegression, coefficients: Array) -> Array:

@@ -4,11 +4,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
 from scipy.interpolate import CubicSpline, PPoly
 
 from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import ratio_span
-from sysid_trib.likelihood.weak_form import cholesky_factor, log_determinant, whiten
+from sysid_trib.likelihood.weak_form import WeakForm, cholesky_factor, log_determinant, noise_operator, whiten
 
 # Squares of columns above which the products of products overflow, and below which they vanish.
 LEAST_SQUARES, MOST_SQUARES = 1e-200, 1e200
@@ -151,3 +154,64 @@ def has_products(columns: Array) -> Mask:
     """True if the squares of columns, of which products are made, are far from overflowing, (column,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(np.sum(columns**2, axis=0) < MOST_SQUARES)
+
+
+def unresolved(
+    form: WeakForm, tau: Array, stiffness: Array, damping: Array, operator: sp.csr_matrix
+) -> float:
+    """By how much the logarithm of the determinant of the rows' white noise is too large.
+
+    Parameters
+    ----------
+    form : WeakForm
+    tau : (point,) array of float
+    stiffness, damping : (point,) array of float
+        Of small deviations.
+    operator : (row, sample) sparse array of float
+        Of these.
+
+    Returns
+    -------
+    float
+        0 where the stiffness is constant, or is resolved.
+
+    Notes
+    -----
+    A slow modulation of the swing leaves nearly nothing in the rows, so that a small random force shows.
+    Smooth test functions cannot follow a stiffness that jumps; then something is left, and it takes more of a
+    random force to show. But the determinant of the equation of small deviations is known: it goes as that of
+    the Gram matrix of its free motions with unit starts (Gelfand and Yaglom 1960; Forman 1987). So it is
+    compared with that of the mean stiffness and damping, which are resolved.
+    """
+    even = np.linspace(tau[0], tau[-1], len(tau))
+    k, d = (np.interp(even, tau, values) for values in (stiffness, damping))
+    means = [np.full_like(values, np.mean(values)) for values in (k, d)]
+    samples = operator.shape[1]
+    constant = noise_operator(form, *(np.full(samples, mean[0]) for mean in means))
+    with np.errstate(all="ignore"):
+        # A motion that grows beyond all numbers says nothing.
+        free = _log_determinant_of_free_motions(even, k, d) - _log_determinant_of_free_motions(even, *means)
+    noise, resolved = (
+        log_determinant(cholesky_factor(covariance_band(rows))) for rows in (operator, constant)
+    )
+    excess = noise - resolved - free
+    return max(0.0, excess) if np.isfinite(excess) else 0.0
+
+
+def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Array) -> float:
+    """Log determinant of the Gram matrix of the free motions with unit angle and unit rate."""
+    step, count = tau[1] - tau[0], len(tau)
+    half = 0.5 * step * damping
+    # Central differences, each angle from the two before it: a lower triangular band.
+    band = np.zeros((3, count))
+    band[0, :2], band[0, 2:] = 1.0, 1.0 + half[1:-1]
+    band[1, 1:-1], band[2, :-2] = step**2 * stiffness[1:-1] - 2.0, 1.0 - half[1:-1]
+    start = np.zeros((count, 2))
+    start[0] = 1.0, 0.0
+    start[1] = 1.0 - 0.5 * step**2 * stiffness[0], step * (1.0 - half[0])
+    try:
+        motions = scipy.linalg.solve_banded((2, 0), band, start, check_finite=False)
+    except np.linalg.LinAlgError:
+        # What drives so strongly that steps do not follow it has no free motions to speak of.
+        return float("nan")
+    return float(np.linalg.slogdet(motions.T @ motions)[1])

@@ -12,12 +12,10 @@ from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.likelihood import Likelihood
-from sysid_trib.likelihood.linearisation import unresolved
 from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios
-from sysid_trib.likelihood.sensor_noise import covariance_of_local_rows
-from sysid_trib.likelihood.settings import DEFAULTS
-from sysid_trib.likelihood.trials import TrialEffect
+from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios, unresolved
+from sysid_trib.likelihood.sensor_noise import covariance_band
+from sysid_trib.likelihood.trials import DEFAULTS, TrialEffect
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, log_determinant, whiten
 from sysid_trib.records.equilibrium import with_half_periods
 from sysid_trib.records.sensor import coarse_step
@@ -26,6 +24,8 @@ from sysid_trib.records.smoothing import sensor_noise
 
 # Of a sensor of coarse steps at least so many samples a period are kept.
 FEWEST_PER_PERIOD = 10
+# Least rise of what a sensor shows with the angle.
+LEAST_SENSOR_GAIN = 0.05
 # Variance, over the largest by the sensor's noise, of rows that say nothing.
 SAYS_NOTHING = 1e8
 
@@ -95,7 +95,7 @@ class RunRows:
         return self.band if self.acting is self.operator else self._sensor_band(self.operator)
 
     def _sensor_band(self, operator: sp.csr_matrix) -> Array:
-        band = covariance_of_local_rows(operator)
+        band = covariance_band(operator)
         if self.path.sticking is not None:
             band[0] += SAYS_NOTHING * band[0].max() * self.path.sticking
         return band
@@ -138,13 +138,16 @@ class RunRows:
         white = (
             determinants[0] if band is self.white_band else log_determinant(cholesky_factor(self.white_band))
         )
-        told = len(table) if path.sticking is None else int(np.sum(~path.sticking))
-        return RunProducts(products, determinants - white, ratios, told, path.sensor.innovation, level_rows)
+        said = len(table) if path.sticking is None else int(np.sum(~path.sticking))
+        return RunProducts(products, determinants - white, ratios, said, path.sensor.innovation, level_rows)
+
+    def factor(self, ratio: float) -> Array:
+        """Cholesky factor of the covariance of the rows, in units of the variance of the sensor's noise."""
+        return cholesky_factor(self.band, self.path.form.gram, ratio)
 
     def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
         """Columns (row, column) in which the noises of a run are white and of unit variance."""
-        factor = cholesky_factor(self.band, self.path.form.gram, float(likelihood.ratios[run]))
-        return whiten(factor, table) / np.sqrt(likelihood.variances[run])
+        return whiten(self.factor(float(likelihood.ratios[run])), table) / np.sqrt(likelihood.variances[run])
 
     def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
         """By how much the deviance with a random force is too low, where rows do not resolve a stiffness.
@@ -153,9 +156,7 @@ class RunRows:
         by nothing without one.
         """
         excess = unresolved(self.path.form, self.path.points[0], *tangent, self.path.operator(tangent))
-        noise, both = (
-            log_determinant(cholesky_factor(self.band, self.path.form.gram, q)) for q in (0.0, ratio)
-        )
+        noise, both = (log_determinant(self.factor(q)) for q in (0.0, ratio))
         return excess * (both - noise) / (both - noise + excess) if excess else 0.0
 
     def smoothed_motion(
@@ -244,8 +245,11 @@ def _banded(diagonals: Array, count: int) -> sp.dia_array:
 
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
     """The rows of a run with a model of coefficients and stiffness `guess`, (trial + 1,)."""
-    tangent = path.tangent(trials, guess[:-1], guess[-1])
-    operator, gain = path.operator(tangent), path.sensor_gain(trials, guess[:-1])
+    *coefficients, stiffness = guess.tolist()
+    model = list(zip(trials, coefficients, strict=True))
+    operator = path.operator(path.tangent(model, stiffness))
+    # A sensor that falls while the angle rises is none; a fit may pass by there.
+    gain = np.maximum(1.0 + path.sensor_slopes(model)[0], LEAST_SENSOR_GAIN)
     # A motion deviates by less than the record where errors of the sensor grow with the angle.
     if np.any(gain != 1.0):
         operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()

@@ -10,20 +10,13 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Channel, Force
-from sysid_trib.likelihood.colour import (
-    MAX_COLOUR,
-    colour_above,
-    most_likely_colour,
-    neighbouring_colours,
-    of_order,
-)
+from sysid_trib.likelihood import colour
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
-from sysid_trib.likelihood.paths import RecordPath
+from sysid_trib.likelihood.paths import RecordPath, Terms
 from sysid_trib.likelihood.sensor_noise import NoiseModel, fractional_difference
-from sysid_trib.likelihood.settings import DEFAULTS, Settings
-from sysid_trib.likelihood.trials import TrialEffect, reference_power
+from sysid_trib.likelihood.trials import DEFAULTS, Settings, TrialEffect, reference_power
 from sysid_trib.likelihood.weak_form import build_weak_form
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
 from sysid_trib.records.signal import unit_of_signal
@@ -86,7 +79,7 @@ def fit_start_model(
     forces: Sequence[Force],
     frequency: float | None,
     settings: Settings = DEFAULTS,
-    held: Sequence[tuple[TrialEffect, float]] = (),
+    held: Terms = (),
     pasts: Sequence[tuple[float, xr.Dataset | None]] = (),
 ) -> FittedModel:
     """Fit the start model with both noises of each run.
@@ -99,7 +92,7 @@ def fit_start_model(
     frequency : float or None, rad/s
         The reference frequency, held; None has it fitted.
     settings : Settings
-    held : sequence of (TrialEffect, float)
+    held : Terms
         Forces that are always there, with their coefficients.
     pasts : sequence of (float, Dataset or None)
         Of each run the time (s) from which the `t` of formulas counts, and the record up to its first sample,
@@ -112,7 +105,7 @@ def fit_start_model(
     """
     nominal = frequency or first_frequency(runs)
     paths = [
-        replace(_first_path(run, nominal, settings), held=tuple(held), frequency_free=frequency is None)
+        replace(_first_path(run, nominal, settings), held=held, frequency_free=frequency is None)
         for run in runs
     ]
     for at, (origin, before) in enumerate(pasts):
@@ -164,9 +157,9 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
     # The spectrum mostly shows the colour: a little more of it is tried before a search.
     if gain_of_little_colour(deviance_of, known) > np.log(samples):
         best = np.inf
-        for order in range(MAX_COLOUR + 1):
-            starts = [of_order(start, order) for start in (np.ones(1), filter_, known)]
-            tried, deviance = most_likely_colour(
+        for order in range(colour.MAX_COLOUR + 1):
+            starts = [colour.of_order(start, order) for start in (np.ones(1), filter_, known)]
+            tried, deviance = colour.most_likely_colour(
                 deviance_of, starts, samples=float(path.form.rows), least=least
             )
             score = deviance + order * float(np.log(samples))
@@ -197,7 +190,7 @@ def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], Lik
 def _flicker_filter(path: RecordPath) -> Array:
     """Whitening filter of 1/f noise, (tap,)."""
     per_period = 2.0 * np.pi / float(np.median(np.diff(path.form.tau)))
-    return fractional_difference(FLICKER, max(2 + MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
+    return fractional_difference(FLICKER, max(2 + colour.MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
@@ -206,8 +199,8 @@ def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) ->
     By its slope and its bend there (Rao's score test).
     `deviance` : of a whitening filter, (tap,).
     """
-    here, gains = deviance(of_order(filter_, MAX_COLOUR)), []
-    for less, more in neighbouring_colours(filter_, LITTLE_COLOUR):
+    here, gains = deviance(colour.of_order(filter_, colour.MAX_COLOUR)), []
+    for less, more in colour.neighbouring_colours(filter_, LITTLE_COLOUR):
         below, above = deviance(less), deviance(more)
         slope, bend = above - below, above - 2.0 * here + below
         gains.append(slope**2 / (8.0 * bend) if bend > 0.0 else np.inf)
@@ -222,13 +215,13 @@ def colour_penalty(model: FittedModel) -> float:
 def _parameters_of(sensor: NoiseModel) -> int:
     """Number of parameters of a colour: a filter longer than any autoregression's is 1/f noise, with one."""
     order = len(sensor.filter_) - 1
-    return order if order <= MAX_COLOUR else 1
+    return order if order <= colour.MAX_COLOUR else 1
 
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
     """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
     tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
-    sensor = colour_above(angle - smooth(tau, angle)[0], tau, ABOVE)
+    sensor = colour.colour_above(angle - smooth(tau, angle)[0], tau, ABOVE)
     return _path_of(run, frequency, sensor, float(run.time.values[0]), settings)
 
 

@@ -20,7 +20,7 @@ from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.random_force import RandomForceOption, average_over_ratios
 from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, motion_of_run, step_in_errors
 from sysid_trib.likelihood.regression import RunRegression, Runs, common_values
-from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, run_weights, solve, stack_rows
+from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, solve, stack_rows
 from sysid_trib.likelihood.two_noises import WeighedRun, with_noises
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.records.smoothing import least_squares_spline
@@ -89,7 +89,8 @@ def regress_stochastic(
         settled = step <= (1.0 if turn < ROUNDS_TO_SETTLE else STEP_AMONG_ERRORS / SETTLED_STEP)
         if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
-        runs = _smoothed(after, weighed, solution)
+        pairs = enumerate(zip(after, weighed, strict=True))
+        runs = tuple(_along_smoothed(run, of_run, solution, at) for at, (run, of_run) in pairs)
     shift, covariance = NOTHING_OPEN
     if isinstance(option, str):
         shift, covariance = _average_by_ratios(weighed, active, constraints)
@@ -124,18 +125,17 @@ def _about_free_motion(
     return nearby, free.sensitivity
 
 
-def _smoothed(runs: Runs, weighed: Sequence[WeighedRun], solution: Solution) -> Runs:
-    """The runs along the next smoothed motions: the record, without the most likely noise of the sensor."""
-    lengths = [len(of_run.rows.target) for of_run in weighed]
-    residuals = np.split(solution.residual, np.cumsum(lengths)[:-1])
-    of_runs = zip(runs, weighed, residuals, run_weights(runs), strict=True)
-    return tuple(_along_smoothed(run, of_run, residual / weight) for run, of_run, residual, weight in of_runs)
+def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution, at: int) -> RunRegression:
+    """A run along the next smoothed motion: the record, without the most likely noise of the sensor.
 
-
-def _along_smoothed(run: RunRegression, weighed: WeighedRun, residual: Array) -> RunRegression:
-    innovation = -(weighed.acting.T @ cho_solve_banded((weighed.rows.factor, True), residual))
+    `at` : number of the run, from 0.
+    """
+    rows, tau = weighed.rows, run.form.tau
+    count = len(solution.steps) - run.frequency_free
+    steps = solution.steps[[at, *range(count, len(solution.steps))]]
+    residual = rows.target - rows.columns @ solution.coefficients - rows.nuisances @ steps
+    innovation = -(weighed.acting.T @ cho_solve_banded((rows.factor, True), residual))
     noise = lfilter([1.0], run.sensor.filter_, innovation)
-    tau = run.form.tau
     try:
         change = (run.measured - run.x - noise) / gain_of_sensor(run)
         spline, x = least_squares_spline(tau, change)

@@ -1,17 +1,91 @@
-"""Candidates as trials: each force or sensor effect, at a grid of its shapes; shapes that are frequencies."""
+"""Candidates as trials: each force or sensor effect, at a grid of its shapes, by the settings of a search."""
 
 import itertools
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, Shape
 from sysid_trib.forces.notation import reference_powers
-from sysid_trib.likelihood.settings import DEFAULTS, Settings
 from sysid_trib.simulation.internal_states import is_stepped
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What decides in `discover`; `table` has the meaning and the source of each.
+
+    Numbers that are not here are accuracies of arithmetic (steps of differences, ridges) or the layout of
+    what is shown (spans, cells of the map): no name depends on them.
+
+    Raises
+    ------
+    UsageError
+        A level or a number of effects that is none.
+    """
+
+    level: float = 0.01
+    max_effects: int = 4
+    seed: int = 0
+    credible: float = 0.95
+    least_gain: float = 0.1
+    tolerance: float = 0.1
+    family_tolerance: float = 0.5
+    fitted: int = 6
+    pairs: int = 20
+    most_fits: int = 100
+    rounds: int = 12
+    shape_step: float = 0.1
+    shape_values: int = 13
+    combinations: int = 24
+    lines: int = 3
+    testable: float = 1e-3
+    strongest: float = 1.0
+    independent: float = 0.5
+    determined: float = 30.0
+    refuted: float = 2.0
+    free_residual: float = 2.0
+    level_rows: float = 5.0
+    ratio_step: float = 1.5
+    samples_per_period: int = 60
+    points_per_period: int = 360
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.level < 1.0:
+            raise UsageError(
+                f"A level of {self.level:g} is no probability; give one between 0 and 1, such as 0.01."
+            )
+        if self.max_effects < 0:
+            raise UsageError(f"At most {self.max_effects} effects cannot be added; give 0 or more.")
+
+    @property
+    def outside_of_set(self) -> float:
+        """One of two models is outside of a credible set if its evidence (-2 ln) is worse by this."""
+        return 2.0 * float(np.log(self.credible / (1.0 - self.credible)))
+
+    @property
+    def far(self) -> float:
+        """Threshold of one of as many models as are fitted."""
+        return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
+
+    @property
+    def tie(self) -> float:
+        """Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named."""
+        return 2.0
+
+    @staticmethod
+    def table() -> list[tuple[str, str, str, str]]:
+        """Name, default, what it decides and its source, of each: `settings.toml`."""
+        texts = tomllib.loads(Path(__file__).with_name("settings.toml").read_text(encoding="utf-8"))
+        return [(entry.name, f"{entry.default:g}", *texts[entry.name]) for entry in fields(Settings)]
+
+
+DEFAULTS = Settings()
 
 # How nearly a natural frequency is the shape that gives it.
 SAME = 0.05
@@ -93,6 +167,32 @@ class TrialEffect:
     shapes: Mapping[str, float]
     starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
 
+    def value(self, name: str) -> float:
+        """Value of a shape parameter."""
+        return self.shapes[f"{self.force.symbol}.{name}"]
+
+    def part(self, name: str) -> float:
+        """Part of its range at which a shape parameter is."""
+        shape = self.force.shape[name]
+        low, high = _evened(shape, shape.low), _evened(shape, shape.high)
+        return (_evened(shape, self.value(name)) - low) / (high - low)
+
+    def end(self, name: str) -> int:
+        """-1 or 1 of a shape parameter at the low or the high end of its range, else 0."""
+        part = self.part(name)
+        return -1 if part <= END else 1 if part >= 1.0 - END else 0
+
+    def stepped(self, name: str, step: float) -> "TrialEffect":
+        """A shape parameter a step further, in parts of its range: within it, a phase by less than a turn."""
+        shape, part = self.force.shape[name], self.part(name) + step
+        if is_phase(self.force, name):
+            middle = 0.5 * (shape.low + shape.high)
+            angle = float(from_unit(shape, np.asarray(part))) - middle
+            value = middle + float(np.remainder(angle + 0.5 * TURN, TURN)) - 0.5 * TURN
+        else:
+            value = float(from_unit(shape, np.clip(part, 0.0, 1.0)))
+        return replace(self, shapes={**self.shapes, f"{self.force.symbol}.{name}": value})
+
     def referred(self, factor: float) -> "TrialEffect":
         """The effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
         powers = reference_powers(self.force)
@@ -106,13 +206,6 @@ class TrialEffect:
             for name, shape in self.force.shape.items()
         }
         return replace(self, shapes=shapes)
-
-
-def shape_values(trials: Iterable[TrialEffect]) -> list[tuple[Shape, float]]:
-    """The shape parameters of trials, and the value of each."""
-    return [
-        (t.force.shape[name], t.shapes[f"{t.force.symbol}.{name}"]) for t in trials for name in t.force.shape
-    ]
 
 
 def reference_power(force: Force) -> float:
@@ -154,9 +247,8 @@ def frequencies_of(trial: TrialEffect, w: float) -> list[float]:
     """Frequencies (rad/s) at which a force is periodic or resonates, with `w` rad/s as the reference."""
     force, frequencies = trial.force, list[float]()
     for name in force.shape:
-        value = trial.shapes[f"{force.symbol}.{name}"]
         if is_frequency_parameter(force, name):
-            frequencies.append(value if is_frequency(force, name) else value * w)
+            frequencies.append(trial.value(name) * (1.0 if is_frequency(force, name) else w))
     return frequencies
 
 
@@ -173,7 +265,9 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         return np.sort([*inside, *broad, *(k for k in nearby if shape.low <= k <= shape.high)])
     if is_phase(force, name):
         # Neither end: from there the way is as long as it can be.
-        return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + _middle(shape)
+        return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + 0.5 * (
+            shape.low + shape.high
+        )
     # Fewer of one alone, whose grid is made finer where it matters; where each is followed in time by itself,
     # which is slow; and beside so many frequencies.
     fast = force.memoryless or is_stepped(force)
@@ -181,20 +275,6 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
     if any(is_resonance(force, other) for other in force.shape):
         count = (count + 3) // 4
     return from_unit(shape, np.linspace(0.0, 1.0, count))
-
-
-def stepped_shape(force: Force, name: str, value: float, step: float) -> float:
-    """A shape parameter a step further, in parts of its range: within it, a phase by less than a turn."""
-    shape = force.shape[name]
-    further = to_unit(shape, value) + step
-    if is_phase(force, name):
-        angle = float(from_unit(shape, np.asarray(further))) - _middle(shape)
-        return _middle(shape) + float(np.remainder(angle + 0.5 * TURN, TURN)) - 0.5 * TURN
-    return float(from_unit(shape, np.clip(further, 0.0, 1.0)))
-
-
-def _middle(shape: Shape) -> float:
-    return 0.5 * (shape.low + shape.high)
 
 
 def is_wide(shape: Shape) -> bool:
@@ -214,18 +294,6 @@ def from_unit(shape: Shape, part: Array) -> Array:
     return np.asarray(np.clip(np.exp(values), shape.low, shape.high) if is_wide(shape) else values)
 
 
-def to_unit(shape: Shape, value: float) -> float:
-    """Part of its range at which a shape parameter is."""
-    low, high = _evened(shape, shape.low), _evened(shape, shape.high)
-    return (_evened(shape, value) - low) / (high - low)
-
-
 def slope_of_unit(shape: Shape, value: float) -> float:
     """Change of a shape parameter by a part of its range."""
     return value * float(np.log(shape.high / shape.low)) if is_wide(shape) else shape.high - shape.low
-
-
-def end_of_range(shape: Shape, value: float) -> int:
-    """-1 or 1 of a shape parameter at the low or the high end of its range, else 0."""
-    part = to_unit(shape, value)
-    return -1 if part <= END else 1 if part >= 1.0 - END else 0

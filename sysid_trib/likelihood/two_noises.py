@@ -18,12 +18,11 @@ from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.regression import RunRegression
 from sysid_trib.likelihood.rows import Rows, deviation_matrix, rows_about
-from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_of_local_rows
+from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_band
 from sysid_trib.likelihood.variance_ratio import (
     VarianceRatio,
     WhiteRows,
     held_ratio,
-    ratio_span,
     rows_by_ratio,
     variance_ratio,
 )
@@ -83,7 +82,7 @@ class WeighedRun:
 
     @cached_property
     def _band(self) -> Array:
-        return covariance_of_local_rows(self.acting)
+        return covariance_band(self.acting)
 
     def factor(self, ratio: float) -> Array:
         """Cholesky factor of the rows' covariance in the run's noises, with this ratio of their variances."""
@@ -96,14 +95,15 @@ class WeighedRun:
         if self.shared_level:
             further = self.lines.as_samples(sensor.filter_)
         same = np.array_equal(sensor.filter_, self.run.sensor.filter_)
-        band = self._band if same else covariance_of_local_rows(coloured(self.matrix, sensor.filter_))
+        band = self._band if same else covariance_band(coloured(self.matrix, sensor.filter_))
         return rows_by_ratio(band, self.run.form.gram, self.table, further)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
         """Ratio of most likelihood with a sensor's noise; near `start` if that is given."""
         tau = self.run.form.tau
-        span = ratio_span(float(np.ptp(tau)), float(np.median(np.diff(tau))))
-        return variance_ratio(self.by_ratio(sensor), *span, start)
+        return variance_ratio(
+            self.by_ratio(sensor), float(np.ptp(tau)), float(np.median(np.diff(tau))), start
+        )
 
     def without_force(self, sensor: NoiseModel) -> VarianceRatio:
         """The sensor's noise alone."""

@@ -123,8 +123,13 @@ class VarianceRatio:
 
     @property
     def p_value(self) -> float:
-        """p-value of a ratio of zero: half a chi-square (Chernoff 1954)."""
-        return 0.5 * float(chi2.sf(self.gain, 1)) if self.gain > 0.0 else 1.0
+        """p-value of a ratio of zero."""
+        return p_value_of_gain(self.gain)
+
+
+def p_value_of_gain(gain: float) -> float:
+    """P-value of a ratio of zero, where another lowers the deviance so much (Chernoff 1954)."""
+    return 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
 
 
 def rows_by_ratio(
@@ -164,7 +169,7 @@ def rows_by_ratio(
 
 
 def variance_ratio(
-    rows: Callable[[float], WhiteRows], low: float, high: float, start: float | None = None
+    rows: Callable[[float], WhiteRows], duration: float, step: float, start: float | None = None
 ) -> VarianceRatio:
     """Ratio of most restricted likelihood.
 
@@ -172,8 +177,8 @@ def variance_ratio(
     ----------
     rows : callable
         The white rows of a ratio.
-    low, high : float
-        Between which it is sought, besides zero.
+    duration, step : float
+        See `ratio_span`: between those it is sought, besides zero.
     start : float, optional
         Where it was last: nothing far from there is tried.
 
@@ -190,7 +195,7 @@ def variance_ratio(
 
     sensor_alone = rows(0.0)
     none = sensor_alone.restricted_deviance()
-    first, last = np.log(low), np.log(high)
+    first, last = np.log(ratio_span(duration, step))
     grid = np.linspace(first, last, max(3, round((last - first) / FIRST_GRID)))
     if start == 0.0:
         risen = (number for number, at in enumerate(grid) if deviance(at) > none[0] + RISEN)

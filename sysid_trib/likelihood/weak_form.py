@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood.sensor_noise import covariance_band, covariance_of_local_rows, memory_samples
+from sysid_trib.likelihood.sensor_noise import covariance_band, memory_samples
 from sysid_trib.records.smoothing import (
     MOST_KEPT,
     SPLINE_DEGREE,
@@ -68,7 +68,7 @@ class WeakForm:
     def gram(self) -> Array:
         """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
         weighed = _with_columns_times(self.value, 1.0 / np.gradient(self.tau))
-        return covariance_of_local_rows(weighed, self.value)
+        return covariance_band(weighed, self.value)
 
     @cached_property
     def shares_entries(self) -> bool:
@@ -260,11 +260,6 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
         columns.append((last[block][:, None] - np.arange(backwards.shape[1]))[inside])
     pointers = np.append(0, np.cumsum(length))
     return sp.csr_matrix((np.concatenate(values), np.concatenate(columns), pointers), operator.shape)
-
-
-def whitener(operator: sp.csr_matrix) -> Array:
-    """Banded Cholesky factor (lower, as scipy.linalg stores it) of the covariance of the rows' noise."""
-    return cholesky_factor(covariance_band(operator @ operator.T))
 
 
 def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) -> Array:

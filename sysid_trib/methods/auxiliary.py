@@ -16,7 +16,6 @@ from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import (
     VarianceRatio,
     held_ratio,
-    ratio_span,
     rows_by_ratio,
     variance_ratio,
 )
@@ -203,7 +202,7 @@ def random_force_ratio(
     order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
     sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
     impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
-    noise, gram = (covariance_band(part @ part.T) for part in (sensor, impulses))
+    noise, gram = (covariance_band(part) for part in (sensor, impulses))
     gram = RandomForce.density_of(1.0, w) * gram
     design = sp.block_diag([group.design for group in groups]).toarray()
     table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
@@ -215,4 +214,4 @@ def random_force_ratio(
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
     times = measured.extremum_time.values
     # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
-    return variance_ratio(rows, *ratio_span(w * float(times[-1] - times[0]), 0.1))
+    return variance_ratio(rows, w * float(times[-1] - times[0]), 0.1)

@@ -33,7 +33,7 @@ from sysid_trib.likelihood.rows import (
     weak_regression,
     with_errors_of_dropped,
 )
-from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
+from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.stochastic_columns import NOTHING_OPEN, regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
@@ -239,7 +239,7 @@ def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
     forces = [random_force_of_ratio(run.ratio, nominal, option) for run in runs if run.ratio is not None]
     if not forces:
         return {}
-    return {**random_force_variables(forces), **colour_variables([run.sensor.filter_ for run in runs])}
+    return random_force_variables(forces, [run.sensor.filter_ for run in runs])
 
 
 def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:

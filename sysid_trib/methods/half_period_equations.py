@@ -11,7 +11,8 @@ from scipy.linalg import cho_solve_banded
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood.weak_form import whiten, whitener
+from sysid_trib.likelihood.sensor_noise import covariance_band
+from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.half_sines import half_period_responses
 
 # Of an envelope: errors of extrema and of their times, and the density of a random force.
@@ -172,7 +173,7 @@ def solve(
     for _ in range(2 if rule == "weighted" and not names else 1):
         runs = [HalfPeriodEquations(a, y, slopes(parameters), first) for a, y, first, slopes in linear]
         noises = [run.noise(envelope) for run, envelope in zip(runs, measured, strict=True)]
-        factors = [whitener(noise) for noise in noises]
+        factors = [cholesky_factor(covariance_band(noise)) for noise in noises]
         if rule == "weighted":
             pairs = list(zip(factors, np.split(design / size, ends), strict=True))
             white = np.concatenate([whiten(factor, part) for factor, part in pairs])

@@ -21,7 +21,7 @@ from sysid_trib.likelihood.sensor_noise import (
 )
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.motion_fit.least_squares import Fit, FreeLikelihood, fitted, grown, stopped_by_bounds
+from sysid_trib.motion_fit.least_squares import Fit, fitted, grown, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
@@ -138,14 +138,13 @@ class Trajectory(Constrained):
         quick = _quick(self, problem, runs) if self.start is None or stochastic_too else None
         first = _first_values(self, problem, quick)
         if stochastic_too:
-            return stochastic_identification(self, problem, *_with_random_force(self, problem, first, quick))
-        problem, fit = self._fitted_freely(problem, first)
-        while stopped := stopped_by_bounds(problem.parameters, fit, problem.parameters.constraints.bounds):
-            problem = replace(problem, parameters=problem.parameters.fix(stopped))
-            fit = fitted(problem, fit.values)
-        return _identification(self, problem, fit)
+            return stochastic_identification(self, *_with_random_force(self, problem, first, quick))
+        fit = self._fitted_freely(problem, first)
+        while stopped := stopped_by_bounds(fit):
+            fit = fitted(replace(fit.problem, parameters=fit.parameters.fix(stopped)), fit.values)
+        return _identification(self, fit)
 
-    def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> FreeLikelihood:
+    def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> Fit:
         """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none.
 
         The fit starts from a result: a motion that stops may have a minimum for each number of swings.
@@ -153,11 +152,11 @@ class Trajectory(Constrained):
         runs = as_runs(decay, driven=True)
         problem = self._problem(runs, library.with_own(self.own, len(runs)))
         first = _first_values(self, problem, near)
-        problem, fit = self._fitted_freely(problem, first)
+        fit = self._fitted_freely(problem, first)
         # In strong noise the result may be nearer than what a growing window leads to.
-        fit = min(fit, fitted(problem, first), key=lambda tried: float(tried.residual @ tried.residual))
-        _residuals(problem, fit)
-        return FreeLikelihood.of_fit(problem, fit)
+        fit = min(fit, fitted(fit.problem, first), key=lambda tried: float(tried.residual @ tried.residual))
+        _residuals(fit)
+        return fit.in_its_noise()
 
     def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
@@ -168,14 +167,14 @@ class Trajectory(Constrained):
         )
         return FitProblem(parameters.completed(), records, runs, library)
 
-    def _fitted_freely(self, problem: FitProblem, first: Array) -> tuple[FitProblem, Fit]:
-        """The fit of the free motion, and its problem with the noise of each run."""
+    def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
+        """The fit of the free motion, in the noise of each run."""
         fit = fitted(problem, grown(problem, first))
         # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
         for _ in range(3 if self.noise == "coloured" or len(problem.records) > 1 else 0):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
-        return problem, fit
+        return fit
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
@@ -234,12 +233,11 @@ def _with_random_force(
         filters = [sensor_noise_of(quick, at).filter_ for at in range(len(problem.records))]
         problem = problem.with_filters(filters)
     while True:
-        parameters = problem.parameters
         fit, covariance, at = _likelier_of(problem, values, method)
-        stopped = stopped_by_bounds(parameters, fit, parameters.constraints.bounds)
+        stopped = stopped_by_bounds(fit)
         if not stopped:
             return fit, covariance, at
-        problem = replace(problem, parameters=parameters.fix(stopped))
+        problem = replace(problem, parameters=problem.parameters.fix(stopped))
         values = problem.parameters.expand(fit.values[problem.parameters.free])
 
 
@@ -256,13 +254,14 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
     return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
 
 
-def _residuals(problem: FitProblem, fit: Fit) -> list[Array]:
+def _residuals(fit: Fit) -> list[Array]:
     """What the motion leaves of each run; refused where it does not follow them."""
-    pairs = zip(problem.records, problem.residuals(fit.values), strict=True)
+    records = fit.problem.records
+    pairs = zip(records, fit.problem.residuals(fit.values), strict=True)
     counted = [residual[record.uncounted :] for record, residual in pairs]
     unphysical = any(
         np.max(np.abs(residual)) > np.max(np.abs(record.angle))
-        for residual, record in zip(counted, problem.records, strict=True)
+        for residual, record in zip(counted, records, strict=True)
     )
     if unphysical or not np.all(np.isfinite(fit.sensitivity)):
         raise DecayError(
@@ -271,11 +270,12 @@ def _residuals(problem: FitProblem, fit: Fit) -> list[Array]:
     return counted
 
 
-def _identification(method: Trajectory, problem: FitProblem, fit: Fit) -> xr.Dataset:
-    residuals, runs, parameters = _residuals(problem, fit), problem.runs, problem.parameters
+def _identification(method: Trajectory, fit: Fit) -> xr.Dataset:
+    problem, parameters = fit.problem, fit.parameters
+    residuals, runs = _residuals(fit), problem.runs
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
     reduced = fit.residual @ fit.residual / degrees_of_freedom
-    covariance = reduced * parameters.covariance(fit.sensitivity, fit.values)
+    covariance = reduced * fit.covariance
     noises = [sensor_noise(run) for run in runs]
     if any(record.inputs for record in problem.records):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.

@@ -17,7 +17,7 @@ from sysid_trib.motion_fit.linearised import sensor_on
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.schema import covariance_with_frequency
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import noise_of_run, variable, with_error
+from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation.motions import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
 
@@ -92,19 +92,14 @@ def bands_of(
     ahead_of = partial(_predictions, tracked, result, run=run)
     times, predicted, errors, measured = ahead_of(starts, ahead)
     factor = _recent_ratios(tracked, starts, ahead_of)
-    dims, time, errors = ("origin", "horizon"), tracked.time, factor[:, None] * errors
-    return xr.Dataset(
-        {
-            **with_error("predicted", dims, (predicted, errors), "predicted angle", "rad"),
-            "measured": variable(dims, measured, "measured angle", "rad"),
-            "time_ahead": variable(dims, times, "time of the prediction", "s"),
-            "widening": variable("origin", factor, "Birge ratio of recent predictions", "1"),
-        },
-        {
-            "origin": variable("origin", time[starts], "time of the last sample that is known", "s"),
-            "horizon": variable("horizon", ahead, "periods ahead", "1"),
-        },
-    )
+    values = {
+        "predicted": (predicted, factor[:, None] * errors),
+        "measured": measured,
+        "time_ahead": times,
+        "widening": factor,
+    }
+    coords = described("prediction", {"origin": tracked.time[starts], "horizon": ahead})
+    return xr.Dataset(described("prediction", values), coords)
 
 
 def _recent_ratios(

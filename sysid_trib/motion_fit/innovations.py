@@ -10,7 +10,7 @@ from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import variable, with_error
+from sysid_trib.results.variables import described
 
 # Periods that count as recent: as many as the longest predictions that are asked for go ahead.
 RECENT_PERIODS = 10
@@ -102,20 +102,18 @@ def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
     smoothed, force, force_error = _random_force(tracked, spans)
     frequency, rms = tracked.model.reference_frequency, root_mean_square(innovation)
     width = float(np.median(np.diff(tracked.time[np.flatnonzero(np.diff(spans, prepend=-1))])))
-    variables = {
-        "innovation": variable("time", innovation, "innovation", "rad"),
-        "innovation_standard_deviation": variable(
-            "time", deviation, "standard deviation of the prediction one sample ahead", "rad"
-        ),
-        "smoothed_angle": variable("time", smoothed[0], "angle of the smoothed motion", "rad"),
-        "smoothed_rate": variable("time", frequency * smoothed[1], "rate of the smoothed motion", "rad/s"),
-        **with_error("random_force", ("time",), (force, force_error), "random force", "rad/s^2"),
-        "autocorrelation": variable("lag", correlation, "autocorrelation of the innovations", "1"),
-        "innovation_rms": variable((), rms, "RMS innovation", "rad"),
-        "ljung_box_p_value": variable((), white, "p-value of white innovations", "1"),
-        "averaging_time": variable((), width, "span over which the random force is averaged", "s"),
+    values = {
+        "innovation": innovation,
+        "innovation_standard_deviation": deviation,
+        "smoothed_angle": smoothed[0],
+        "smoothed_rate": frequency * smoothed[1],
+        "random_force": (force, force_error),
+        "autocorrelation": correlation,
+        "innovation_rms": rms,
+        "ljung_box_p_value": white,
+        "averaging_time": width,
     }
-    return xr.Dataset(variables, {"time": decay.time, "lag": lags})
+    return xr.Dataset(described("innovations", values), {"time": decay.time, "lag": lags})
 
 
 def _spans(tracked: TrackedRecord) -> Index:

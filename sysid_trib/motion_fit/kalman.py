@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, ratio_span, variance_ratio
+from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, variance_ratio
 from sysid_trib.simulation.steps import Steps
 
 
@@ -274,8 +274,8 @@ def likely_ratio(
     impulses = impulses[impulses > 0.0]
     if not len(impulses):
         raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
-    low, high = ratio_span(float(np.sum(impulses)), float(np.median(impulses)))
-    return variance_ratio(linear.rows if rows is None else rows, low, high, start)
+    span = float(np.sum(impulses)), float(np.median(impulses))
+    return variance_ratio(linear.rows if rows is None else rows, *span, start)
 
 
 def _block_diagonal(matrices: Array, further: Array) -> Array:

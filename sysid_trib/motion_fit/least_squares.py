@@ -16,7 +16,7 @@ from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
 from sysid_trib.records.decay import root_mean_square
-from sysid_trib.results.variables import variable
+from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
@@ -39,10 +39,11 @@ CONVERGED = 1e-12
 
 @dataclass(frozen=True)
 class Fit:
-    """A minimum of the whitened residual.
+    """A minimum of the whitened residual, about which the likelihood is known where that has unit variance.
 
     Attributes
     ----------
+    problem : FitProblem
     values : (parameter,) array of float
         All parameters.
     residual : (sample,) array of float
@@ -51,9 +52,54 @@ class Fit:
         Its derivative by the free parameters.
     """
 
+    problem: FitProblem
     values: Array
     residual: Array
     sensitivity: Array
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters, in the order of their vector."""
+        return self.problem.parameters
+
+    def in_its_noise(self) -> "Fit":
+        """The fit in white noise, of each run of the variance that this one leaves of it.
+
+        The parameters take their part of the noise from what is left.
+        """
+        problem, records = self.problem, []
+        part = len(self.parameters.free) / len(problem.records)
+        for record, residual in zip(problem.records, problem.residuals(self.values), strict=True):
+            white = replace(record, weight=1.0).white(residual)
+            records.append(replace(record, weight=float(np.sqrt((len(white) - part) / (white @ white)))))
+        return fitted(replace(problem, records=tuple(records)), self.values)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of all parameters by the curvature here, (parameter, parameter)."""
+        return self.parameters.covariance(self.sensitivity, self.values)
+
+    @cached_property
+    def root(self) -> Array:
+        """Root of the covariance, (parameter, parameter): it makes unit draws draws of the parameters."""
+        return covariance_root(self.covariance)
+
+    def deviance(self, values: Array) -> float:
+        """Deviance of values: by how much twice the log likelihood is below that of this fit."""
+        residual = self.problem.white(self.problem.residuals(values))
+        return float(residual @ residual - self.residual @ self.residual)
+
+    def deviance_of(self, fit: "Fit") -> float:
+        """Deviance of another fit."""
+        return float(fit.residual @ fit.residual - self.residual @ self.residual)
+
+    def holding(self, held: Mapping[str, float], near: Array) -> "Fit":
+        """The best fit in which parameters have these values, from one that is near."""
+        places = [self.parameters.index(name) for name in held]
+        across = self.covariance[:, places] @ np.linalg.pinv(self.covariance[np.ix_(places, places)])
+        start = near + across @ (np.array([*held.values()]) - near[places])
+        problem = replace(self.problem, parameters=self.parameters.fix(held))
+        return fitted(problem, start, tolerance=HELD_TOLERANCE)
 
 
 def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -> Array:
@@ -134,83 +180,23 @@ def fitted(
         max_nfev=evaluations,
     )
     values = parameters.expand(np.asarray(minimum.x, dtype=float))
-    return Fit(values, np.asarray(minimum.fun), np.asarray(minimum.jac))
+    return Fit(problem, values, np.asarray(minimum.fun), np.asarray(minimum.jac))
 
 
-def stopped_by_bounds(
-    parameters: Parameters, fit: Fit, bounds: Mapping[str, tuple[float, float]]
-) -> dict[str, float]:
-    """Parameters that would pass one of the given bounds if they could, and that bound."""
-    covariance = parameters.covariance(fit.sensitivity, fit.values)
+def stopped_by_bounds(fit: Fit) -> dict[str, float]:
+    """Parameters that would pass a bound of the constraints if they could, and that bound."""
+    parameters, covariance = fit.parameters, fit.covariance
     free = parameters.free
     step = np.zeros(len(parameters))
     step[free] = -covariance[np.ix_(free, free)] @ (fit.sensitivity.T @ fit.residual)
     stopped = {}
-    for name, (low, high) in bounds.items():
+    for name, (low, high) in parameters.constraints.bounds.items():
         value, i = fit.values[parameters.index(name)], parameters.index(name)
         # A parameter that is nearer to a bound than this part of its standard error is stopped by it.
         near = 1e-3 * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
         if i in free and not low + near < value + step[i] < high - near:
             stopped[name] = low if value - low < high - value else high
     return stopped
-
-
-@dataclass(frozen=True)
-class FreeLikelihood:
-    """Records in white noise, of the variance that the best fit leaves of each.
-
-    Attributes
-    ----------
-    problem : FitProblem
-        Its whitened residual has unit variance at the best fit.
-    best : Fit
-    """
-
-    problem: FitProblem
-    best: Fit
-
-    @classmethod
-    def of_fit(cls, problem: FitProblem, fit: Fit) -> "FreeLikelihood":
-        """The likelihood about a fit; its parameters take their part of the noise from what it leaves."""
-        part, records = len(problem.parameters.free) / len(problem.records), []
-        for record, residual in zip(problem.records, problem.residuals(fit.values), strict=True):
-            white = replace(record, weight=1.0).white(residual)
-            records.append(replace(record, weight=float(np.sqrt((len(white) - part) / (white @ white)))))
-        problem = replace(problem, records=tuple(records))
-        return cls(problem, fitted(problem, fit.values))
-
-    @property
-    def parameters(self) -> Parameters:
-        """The parameters, in the order of their vector."""
-        return self.problem.parameters
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Covariance of all parameters by the curvature at the best fit, (parameter, parameter)."""
-        return self.parameters.covariance(self.best.sensitivity, self.best.values)
-
-    @cached_property
-    def root(self) -> Array:
-        """Root of the covariance, (parameter, parameter): it makes unit draws draws of the parameters."""
-        return covariance_root(self.covariance)
-
-    def deviance(self, values: Array) -> float:
-        """Deviance of values: by how much twice the log likelihood is below that of the best fit."""
-        residual = self.problem.white(self.problem.residuals(values))
-        return float(residual @ residual - self.best.residual @ self.best.residual)
-
-    def deviance_of(self, fit: Fit) -> float:
-        """Deviance of another fit."""
-        return float(fit.residual @ fit.residual - self.best.residual @ self.best.residual)
-
-    def holding(self, held: Mapping[str, float], near: Array) -> Fit:
-        """The best fit in which parameters have these values, from one that is near."""
-        places = [self.parameters.index(name) for name in held]
-        across = self.covariance[:, places] @ np.linalg.pinv(self.covariance[np.ix_(places, places)])
-        start = near + across @ (np.array([*held.values()]) - near[places])
-        return fitted(
-            replace(self.problem, parameters=self.parameters.fix(held)), start, tolerance=HELD_TOLERANCE
-        )
 
 
 def covariance_root(covariance: Array) -> Array:
@@ -281,17 +267,12 @@ def cramer_rao_bound(
         dependent = [name for name, part in zip(names, axes[-1], strict=False) if abs(part) > 1e-3]
         raise UsageError(f"No record can determine {' and '.join(dependent)} together; leave one out.")
     covariance = noise**2 * (axes.T / singular**2) @ axes / np.outer(size, size)
-    count, both, error = len(symbols), ("force", "other_force"), np.sqrt(np.diag(covariance))
-    of_forces = {
-        "standard_error": variable("force", error[:count], "Cramér-Rao bound"),
-        "covariance": variable(both, covariance[:count, :count], "smallest covariance"),
-    }
-    bounds = xr.Dataset(of_forces, {"force": symbols, "other_force": symbols})
-    scalars = {"start_angle": "rad", "start_rate": "rad/s", "reference_frequency": "rad/s"}
-    for (name, units), value in zip(scalars.items(), [*error[count:], 0.0], strict=False):
-        long_name = f"Cramér-Rao bound of the {name.replace('_', ' ')}"
-        bounds[f"{name}_standard_error"] = variable((), float(value), long_name, units)
-    return bounds
+    count, error = len(symbols), np.append(np.sqrt(np.diag(covariance)), 0.0)
+    values = {"standard_error": error[:count], "covariance": covariance[:count, :count]}
+    scalars = [f"{name}_standard_error" for name in ("start_angle", "start_rate", "reference_frequency")]
+    values |= zip(scalars, error[count:].tolist(), strict=False)
+    coords = {"force": symbols, "other_force": symbols}
+    return xr.Dataset(described("cramer_rao_bound", values), coords)
 
 
 def sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:

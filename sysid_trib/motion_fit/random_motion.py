@@ -31,7 +31,7 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.sensor_noise import NoiseModel, colour_variables
+from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
 from sysid_trib.motion_fit.least_squares import Fit
@@ -243,7 +243,7 @@ def fit_random_motion(
         # What may be left after so many iterations, where they hop between branches; it is then among the
         # errors.
         if best.remaining <= (0.02 if number < PATIENCE else 0.2):
-            return _fit(best, density)
+            return _fit(problem, best, density)
         part = _relaxed(part, before, now)
         filtered = [(model.path, *now.filtered_motion(run)) for run, model in enumerate(now.linear)]
         paths = [(last + part * (path - last), rate_error) for last, path, rate_error in filtered]
@@ -253,7 +253,7 @@ def fit_random_motion(
     )
 
 
-def _fit(best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
+def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
     """The fit after the last step, which is among its errors; so is a density that is not known exactly."""
     step, covariance = best.solution
     covariance = covariance + np.outer(step, step)
@@ -261,7 +261,7 @@ def _fit(best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
         shift, added = best.average_by_ratio(run)
         covariance, step = covariance + added, step + shift
     rows, of_all = best.rows, best.jacobian @ covariance @ best.jacobian.T
-    fit = Fit(best.stepped(step), rows.design @ step - rows.target, rows.design)
+    fit = Fit(problem, best.stepped(step), rows.design @ step - rows.target, rows.design)
     return fit, of_all, best.with_gains_over_colours()
 
 
@@ -288,11 +288,9 @@ def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Arr
     return Iterate(parameters, values, linear)
 
 
-def stochastic_identification(
-    method: Any, problem: FitProblem, fit: Fit, covariance: Array, at: Iterate
-) -> xr.Dataset:
+def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iterate) -> xr.Dataset:
     """A fit with a random force as every method returns it."""
-    frequency = problem.parameters.model(fit.values).reference_frequency
+    frequency = fit.parameters.model(fit.values).reference_frequency
     filters, ratios = [run.sensor_filter for run in at.linear], at.ratios
     sensors = [NoiseModel(float(np.sqrt(r.variance)), f) for r, f in zip(ratios, filters, strict=True)]
     noises = [sensor.standard_deviation for sensor in sensors]
@@ -303,9 +301,9 @@ def stochastic_identification(
         "birge_ratio": (birge, "1", "Birge ratio of the innovations"),
         "innovation_rms": (rms, "rad", "RMS of what one step ahead is predicted wrongly"),
     }
-    result = problem.identification(method, fit.values, covariance, noises, extra)
+    result = fit.problem.identification(method, fit.values, covariance, noises, extra)
     forces = [random_force_of_ratio(ratio, frequency, method.random_force) for ratio in ratios]
-    result = result.assign({**random_force_variables(forces), **colour_variables(filters)})
+    result = result.assign(random_force_variables(forces, filters))
     lags = np.arange(1, 1 + min(20, len(e) - 1))
     correlation = [float(e[lag:] @ e[:-lag]) / chi_square for lag in lags]
     name = "autocorrelation of the innovations"

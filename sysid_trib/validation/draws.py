@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
-from sysid_trib.motion_fit.least_squares import FreeLikelihood
+from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -115,14 +115,14 @@ def posterior(
     return xr.DataTree.from_dict({name: group.assign_attrs(attrs) for name, group in groups.items()})
 
 
-def _parts(likelihood: FreeLikelihood) -> list[ProposalPart]:
+def _parts(likelihood: Fit) -> list[ProposalPart]:
     """The proposal: parts about the best fit, and about those with a shape parameter held, far enough out."""
-    parameters, best = likelihood.parameters, likelihood.best
+    parameters = likelihood.parameters
     free = parameters.free
-    parts = [(best.values[free], likelihood.covariance[np.ix_(free, free)])]
+    parts = [(likelihood.values[free], likelihood.covariance[np.ix_(free, free)])]
     shapes = [name for name in parameters.fit_shapes if parameters.index(name) in free]
     for name, sign in itertools.product(shapes, (-1.0, 1.0)):
-        place, fit = parameters.index(name), best
+        place, fit = parameters.index(name), likelihood
         low, high = (limit[place] for limit in parameters.limits)
         step = sign * SHAPE_STEP * np.sqrt(likelihood.covariance[place, place])
         for _ in range(MOST_SHAPE_STEPS):
@@ -138,7 +138,7 @@ def _parts(likelihood: FreeLikelihood) -> list[ProposalPart]:
 
 
 def _drawn(
-    likelihood: FreeLikelihood,
+    likelihood: Fit,
     parts: Sequence[ProposalPart],
     masses: Array,
     count: int,
@@ -164,7 +164,7 @@ def _drawn(
     return values, log_likelihood, np.array([part.logpdf(units) for part in proposals])
 
 
-def _dataset(likelihood: FreeLikelihood, values: Array) -> xr.Dataset:
+def _dataset(likelihood: Fit, values: Array) -> xr.Dataset:
     """The group `posterior` from draws of all parameters, (chain, draw, parameter)."""
     parameters = likelihood.parameters
     symbols, shapes = list(parameters.library.symbols), list(parameters.fit_shapes)
@@ -222,7 +222,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
         raise UsageError(f"There is no run {run}; the runs of these records are 0 to {len(records) - 1}.")
     time = records[run].time
     coarse = np.linspace(time[0], time[-1], CURVE_GRID)
-    values = likelihood.best.values
+    values = likelihood.values
     # One standard error each way along the axes of the covariance: a kink counts as in the mean.
     steps = likelihood.root.T[np.any(likelihood.root != 0.0, axis=0)]
     try:
@@ -250,7 +250,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
 
 
 def _curves(
-    likelihood: FreeLikelihood, values: Array, run: int, time: Array, amplitudes: Array | None
+    likelihood: Fit, values: Array, run: int, time: Array, amplitudes: Array | None
 ) -> tuple[Array, ...]:
     """The curves of these parameters, in the order of `MODEL_CURVES`, and the amplitudes of the last two."""
     parameters, record = likelihood.parameters, likelihood.problem.records[run]

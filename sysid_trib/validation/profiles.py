@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -12,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Trajectory, method_of
-from sysid_trib.motion_fit.least_squares import Fit, FreeLikelihood
+from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -74,15 +75,15 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         profiles, ends = [], np.empty((len(names), 2))
         for at, name in enumerate(names):
             tell(f"profile of {name}", at / len(names))
-            fits = {0.0: likelihood.best}
+            fits = {0.0: likelihood}
             ends[at] = [_end(likelihood, name, error[at], fits, sign) for sign in (-1.0, 1.0)]
             profiles.append(fits)
         best = min((fit for fits in profiles for fit in fits.values()), key=likelihood.deviance_of)
         # A fit that is better than the best is the best.
         if likelihood.deviance_of(best) >= BETTER:
             break
-        likelihood = FreeLikelihood.of_fit(likelihood.problem, best)
-    estimate = likelihood.best.values[[likelihood.parameters.index(name) for name in names]]
+        likelihood = replace(best, problem=likelihood.problem).in_its_noise()
+    estimate = likelihood.values[[likelihood.parameters.index(name) for name in names]]
     points: Array = np.full((2, len(profiles), max(map(len, profiles))), np.nan)
     for at, fits in enumerate(profiles):
         points[0, at, : len(fits)], roots = _roots(likelihood, fits)
@@ -101,13 +102,13 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     return xr.Dataset(described("profile", values), {"parameter": list(names)}, attrs)
 
 
-def _end(likelihood: FreeLikelihood, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
+def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
     """Where the deviance refuses a parameter on one side; infinite, or its limit, where it does not.
 
     Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
     """
     parameters, place = likelihood.parameters, likelihood.parameters.index(name)
-    estimate = float(likelihood.best.values[place])
+    estimate = float(likelihood.values[place])
     limit = sign * max(0.0, sign * (float(parameters.limits[int(sign > 0.0)][place]) - estimate) / error)
 
     def root_at(at: float) -> float:
@@ -140,7 +141,7 @@ def _end(likelihood: FreeLikelihood, name: str, error: float, fits: dict[float, 
     return interpolated()
 
 
-def _roots(likelihood: FreeLikelihood, fits: dict[float, Fit]) -> tuple[Array, Array]:
+def _roots(likelihood: Fit, fits: dict[float, Fit]) -> tuple[Array, Array]:
     """Places in their order, and the signed root of the deviance there, (place,) each."""
     places = np.array(sorted(fits))
     deviance = np.array([likelihood.deviance_of(fits[at]) for at in places.tolist()])
@@ -183,15 +184,15 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     error = np.array([_error(likelihood, name) for name in names])
     parameters = likelihood.parameters
     places = [parameters.index(name) for name in names]
-    estimate, (low, high) = likelihood.best.values[places], (limit[places] for limit in parameters.limits)
+    estimate, (low, high) = likelihood.values[places], (limit[places] for limit in parameters.limits)
     correlation = likelihood.covariance[np.ix_(places, places)] / np.outer(error, error)
     axes = GRID_STEP * error[:, None] * np.linalg.cholesky(correlation)
     # Errors may hold more than the noise, whose contours are drawn: a step is that of their curvature.
     for axis in axes.T:
         held = dict(zip(names, (estimate + axis).tolist(), strict=True))
-        near = likelihood.holding(held, likelihood.best.values)
+        near = likelihood.holding(held, likelihood.values)
         axis *= np.clip(GRID_STEP / np.sqrt(max(likelihood.deviance_of(near), 1e-9)), 0.02, 1.0)
-    fits, inside = {(0, 0): likelihood.best}, [(0, 0)]
+    fits, inside = {(0, 0): likelihood}, [(0, 0)]
     # Outwards from the best fit, each from its neighbour, as far as the last contour reaches.
     for row, column in inside:
         tell(f"contour of {' and '.join(names)}", 1.0 - 1.0 / (1.0 + 0.01 * len(fits)))
@@ -219,7 +220,7 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     return xr.Dataset(data, {"parameter": list(names)}, attrs)
 
 
-def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()) -> FreeLikelihood:
+def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()) -> Fit:
     """The likelihood of the motion of an identification's forces; named shapes are fitted too.
 
     Raises
@@ -243,7 +244,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
     return method.likelihood(runs, library, result)
 
 
-def _error(likelihood: FreeLikelihood, name: str) -> float:
+def _error(likelihood: Fit, name: str) -> float:
     """Standard error of a parameter by the curvature of the likelihood."""
     parameters = likelihood.parameters
     if name not in parameters.common:
