@@ -1,17 +1,52 @@
-"""Types of arrays that all rooms share, and which columns of one depend on others."""
+"""Types of arrays that all rooms share, variables of a Dataset, and which columns depend on others."""
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 Index: TypeAlias = NDArray[np.intp]
+Variable: TypeAlias = tuple[tuple[str, ...], Any, dict[str, str]]
+Variables: TypeAlias = dict[str, Variable]
 
 # Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
 DEPENDENCE = 1e-11
+
+
+def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
+    """A variable with its attributes.
+
+    Parameters
+    ----------
+    dims : str or tuple of str
+        Names of the dimensions; `()` of a scalar.
+    values : array_like
+        The values.
+    long_name : str
+        What they are.
+    units : str
+        Their unit, "1" of a pure number; none of texts and of true or false.
+    """
+    attrs = {"units": units, "long_name": long_name} if units else {"long_name": long_name}
+    return ((dims,) if isinstance(dims, str) else dims), values, attrs
+
+
+def with_error(
+    name: str,
+    dims: str | tuple[str, ...],
+    values_and_errors: tuple[ArrayLike, ArrayLike],
+    long_name: str,
+    units: str = "1",
+) -> Variables:
+    """A variable and its `..._standard_error`, of the same dimensions and unit."""
+    values, errors = values_and_errors
+    return {
+        name: variable(dims, values, long_name, units),
+        f"{name}_standard_error": variable(dims, errors, f"standard error of the {long_name}", units),
+    }
 
 
 def dependent_columns(table: Array) -> list[tuple[int, ...]]:

@@ -1,6 +1,6 @@
 """Views of a model for python-control: nonlinear system, linear system, natural frequency and damping."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,7 +66,6 @@ def to_nonlinear_system(
 
     given = model if isinstance(model, Model) else model_of(model)
     _refuse_memory(given)
-    forces = given.forces
     gain = _gain(inertia)
 
     def update(t: float, state: Any, inputs: Any, params: Mapping[str, float]) -> Array:
@@ -74,16 +73,9 @@ def to_nonlinear_system(
         rates[1] += gain * np.atleast_1d(inputs)[0]
         return rates
 
-    names = ["theta", "theta_dot", *(f"{f.symbol}_{k}" for f in forces for k in f.state)]
-    return control.nlsys(
-        update,
-        lambda t, state, inputs, params: state,
-        states=names,
-        inputs=["torque"],
-        outputs=names,
-        params={f.symbol: given.coefficients[f.symbol] for f in forces},
-        name="oscillator",
-    )
+    coefficients = {force.symbol: given.coefficients[force.symbol] for force in given.forces}
+    labels = _labels(_states(given.forces))
+    return control.nlsys(update, lambda t, state, inputs, params: state, params=coefficients, **labels)
 
 
 def linearise(
@@ -122,16 +114,7 @@ def linearise(
     size = len(names)
     enters = np.zeros((size, 1))
     enters[1] = _gain(inertia)
-    return control.ss(
-        matrix,
-        enters,
-        np.eye(size),
-        np.zeros((size, 1)),
-        states=names,
-        outputs=names,
-        inputs=["torque"],
-        name="oscillator",
-    )
+    return control.ss(matrix, enters, np.eye(size), np.zeros((size, 1)), **_labels(names))
 
 
 def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Dataset:
@@ -174,6 +157,15 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
     for value, error, (name, meaning) in zip(values, errors, POLE.items(), strict=True):
         data |= with_error(name, "pole", (value, error), *meaning)
     return xr.Dataset(data)
+
+
+def _states(forces: Iterable[Force]) -> list[str]:
+    return ["theta", "theta_dot", *(f"{force.symbol}_{name}" for force in forces for name in force.state)]
+
+
+def _labels(states: list[str]) -> dict[str, Any]:
+    """Names in python-control of a system all of whose states come out."""
+    return {"states": states, "outputs": states, "inputs": ["torque"], "name": "oscillator"}
 
 
 def _gain(inertia: float | None) -> float:
@@ -222,12 +214,10 @@ def _at_rest(model: Model) -> tuple[Array, list[str]]:
     _refuse_memory(model)
     timed = next((f.symbol for f in model.forces if f.holds_time), None)
     if timed is not None:
-        raise UsageError(
-            f"Force '{timed}' changes in time, so the model has no fixed linear system; leave it out."
-        )
+        raise UsageError(f"Force '{timed}' changes in time: no linear system is fixed; leave it out.")
     w = model.reference_frequency
     kept = [(f, slopes) for f in model.forces if (slopes := _slopes(f, model)) is not None]
-    names = ["theta", "theta_dot", *(f"{f.symbol}_{k}" for f, _ in kept for k in f.state)]
+    names = _states(force for force, _ in kept)
     matrix = np.zeros((len(names), len(names)))
     matrix[:2, :2] = [[0.0, 1.0], [-(w**2), 0.0]]
     at = 2

@@ -52,7 +52,7 @@ def test_bursts_with_gaps_between_them_are_no_packets(tmp_path):
 
 
 def test_a_clock_that_stands_still_for_a_swing_is_refused(tmp_path):
-    with pytest.raises(RecordError, match="most time stamps are repeated"):
+    with pytest.raises(RecordError, match="most time stamps repeat"):
         read_record(written(tmp_path / "r.csv", [f"{t:.0f}" for t in TIME]))
 
 

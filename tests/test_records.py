@@ -173,7 +173,7 @@ def test_matlab_cells_and_structs(tmp_path):
     holds(read_record(path, time="run.time", angle="angle"))
     with pytest.raises(UsageError, match=r"0: T_id\[0\], 1: T_id\[1\], 2: Y_id\[0\]\[0\]"):
         read_record(path, time="T_id", angle="Y_id[0][0]")
-    with pytest.raises(RecordError, match="50 times but 300 angles"):
+    with pytest.raises(RecordError, match="50 times, 300 angles"):
         read_record(path, time="T_id[1]", angle="Y_id[0][0]")
     scipy.io.savemat(tmp_path / "plain.mat", {"t": TIME[:, None], "theta": ANGLE[:, None]})
     holds(read_record(tmp_path / "plain.mat"))
@@ -232,7 +232,7 @@ def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
     # Files of foreign formats are read first by a process of their own.
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(probe, "_processes", {})
-    with pytest.raises(RecordError, match=r"package .*is needed; install it with pip install pyarrow npTDMS"):
+    with pytest.raises(RecordError, match=r"package .*is needed: pip install pyarrow npTDMS"):
         read_record(path)
 
 

@@ -62,13 +62,9 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
     """
     time = np.atleast_1d(np.asarray(time, dtype=float))
     if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
-        raise SimulationError(
-            "The times of a prediction must be finite and increase; sort them, drop repeats."
-        )
+        raise SimulationError("Times of a prediction must be finite and increase; sort them, drop repeats.")
     if not 0 < amplitude <= LARGEST_ENVELOPE:
-        raise SimulationError(
-            f"The first amplitude must be an angle from 0 to {LARGEST_ENVELOPE:g} rad, not {amplitude}."
-        )
+        raise SimulationError(f"The first amplitude is {amplitude}; give one up to {LARGEST_ENVELOPE:g} rad.")
     averaged = averaged_rates(model)
     changes = any(force.holds_time for force in model.forces)
     a, phase, arrest = _decay(averaged, time - time[0], float(amplitude), steady=not changes)
@@ -245,9 +241,8 @@ def balances(
         Number of the frequency, amplitude, theta (rad), whether it is stable, and the amplitude by lines
         between those of the grid.
     """
-    frequency, by_lines = crossings(
-        excess(described(amplitude), coefficients, ratio, drive, amplitude), amplitude
-    )
+    over_grid = excess(described(amplitude), coefficients, ratio, drive, amplitude)
+    frequency, by_lines = crossings(over_grid, amplitude)
 
     def sums(a: Array, row: Index = frequency) -> tuple[Array, Array]:
         sine, cosine = np.einsum("i,ika->ka", coefficients, described(a, row))

@@ -10,10 +10,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, SmoothCurve, smooth_curve
+from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
-from sysid_trib.records.half_sines import envelope, half_period_responses
-from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.records import half_sines, signal
 from sysid_trib.results.variables import Variables, variable, with_error
 
 WHOLE_TURN = 2.0 * np.pi
@@ -26,9 +25,6 @@ LEAST_RELATIVE_NOISE = 1e-10
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
-# Values of single periods, (row,), and how unit draws of the sensor's noise and of a random force move each,
-# (row, draw).
-CurveRows: TypeAlias = tuple[Array, sp.csr_matrix, sp.csr_matrix]
 # A backbone, and weights of its periods in each curve, (amplitude, period).
 Smoothed: TypeAlias = tuple[xr.Dataset, dict[str, Array]]
 
@@ -66,7 +62,7 @@ def period_rows(
     # How much extrema scatter is sought here: their errors are those of the samples' white noise alone.
     relative = _errors(measured, "extremum", "scatter_of_extrema") / b
     late = _errors(measured, "extremum_time", "scatter_of_times")
-    lasting, passing = half_period_responses(measured)
+    lasting, passing = half_sines.half_period_responses(measured)
     per_turn, per_time = np.full(len(damping), 1.0 / WHOLE_TURN), frequency**2 / WHOLE_TURN
     rows = {}
     for name, value, scale, by, error, part in (
@@ -142,12 +138,10 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     """The `backbone` of a decay, and how its periods weigh in it."""
-    measured = envelope(decay)
+    measured = half_sines.envelope(decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
-        raise DecayError(
-            f"{source}: {count} whole half periods; a backbone needs {FEWEST_HALF_PERIODS}: record longer."
-        )
+        raise DecayError(f"{source}: {count} whole half periods; a backbone needs five: record longer.")
     u, rows = period_rows(measured)
     position, log_amplitude = _coordinate(u)
     points = np.linspace(0.0, 1.0, CURVE_POINTS)
@@ -159,21 +153,12 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
                 for name, curve in curves.items()
             }
             _, rows = period_rows(measured, slopes)
-        curves = {
-            name: smooth_curve(
-                rows[name][0],
-                rows[name][1:],
-                position,
-                points,
-                curves[name].bends if curves else None,
-                WALKS if turn == ROUNDS else WALKS[::2],
-            )
-            for name in CURVES
-        }
-    unit, amplitude = unit_of_signal(decay), np.exp(log_amplitude)
-    data = _over_amplitude(curves, amplitude, unit) | _over_time(
-        measured, curves["damping_ratio"].noise, unit
-    )
+        bends = {name: curve.bends for name, curve in curves.items()}
+        walks = WALKS if turn == ROUNDS else WALKS[::2]
+        curves = {n: smooth_curve(rows[n], position, points, bends.get(n), walks) for n in CURVES}
+    unit, amplitude = signal.unit_of_signal(decay), np.exp(log_amplitude)
+    data = _over_amplitude(curves, amplitude, unit)
+    data |= _over_time(measured, curves["damping_ratio"].noise, unit)
     data["period_amplitude"] = variable("period", np.exp(u), "amplitude of a period", unit)
     for name, (long_name, units) in CURVES.items():
         data[f"period_{name}"] = variable("period", rows[name][0], f"{long_name} of a period", units)

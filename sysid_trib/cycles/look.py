@@ -15,10 +15,8 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import load_library
+from sysid_trib.records import half_sines, sensor, signal
 from sysid_trib.records.half_periods import noise_level
-from sysid_trib.records.half_sines import envelope
-from sysid_trib.records.sensor import sensor_step
-from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.signal_scale import counts_angles
 from sysid_trib.results.variables import Variables, group_names, variable
@@ -136,9 +134,9 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
 
 
 def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
-    curve = envelope(decay)
+    curve = half_sines.envelope(decay)
     time, angle = decay.time.values, decay.angle.values
-    unit = unit_of_signal(decay)
+    unit = signal.unit_of_signal(decay)
     frequency = float(np.median(curve.frequency))
     period = 2.0 * np.pi / frequency
     amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
@@ -149,7 +147,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     count = min(8, max(2, len(instants) // 2))
     ends = slice(count), slice(len(instants) - count, None)
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in ends)
-    step = sensor_step(measured.to_numpy())
+    step = sensor.sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
     # A step compared with the noise of sixth differences, of a motion that takes many samples to the next
     # step at most.
@@ -171,9 +169,8 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     kept = curve[["amplitude", "instant_time", "frequency"]].assign(
         amplitude=("instant", amplitude, curve.amplitude.attrs | {"units": unit})
     )
-    return kept.assign({**scalars, **_spectrum(time, angle, unit)}).assign_attrs(
-        {**decay.attrs, **_pointers(decay)}
-    )
+    facts = kept.assign({**scalars, **_spectrum(time, angle, unit)})
+    return facts.assign_attrs({**decay.attrs, **_pointers(decay)})
 
 
 def _pointers(decay: xr.Dataset) -> dict[str, str]:
@@ -185,9 +182,7 @@ def _pointers(decay: xr.Dataset) -> dict[str, str]:
         formulas, pendulum = pointed_to(backbone(decay), forces, angle=counts_angles(decay))
     except DecayError:
         formulas, pendulum = [], False
-    friction, elastic = (
-        [words[formula] for formula in formulas if formula in words] for words in (FRICTION, ELASTIC)
-    )
+    friction, elastic = ([words[f] for f in formulas if f in words] for words in (FRICTION, ELASTIC))
     parts = [f"damping as of {_listed(friction)}"] if friction else []
     if pendulum:
         parts.append("amplitude and frequency as of a pendulum under gravity")

@@ -266,9 +266,7 @@ def _signature_table(
 ) -> tuple[list[Force], Array]:
     """Forces, and a matrix with their signatures (sine above cosine) as columns."""
     if not 0.0 <= low < high < np.inf:
-        raise UsageError(
-            f"A range of amplitudes from {low:g} to {high:g} rad is empty; give 0 <= low < high."
-        )
+        raise UsageError(f"Amplitudes from {low:g} to {high:g} rad are no range; give 0 <= low < high.")
     amplitude = np.linspace(low, high, AMPLITUDES)
     # An instant unrelated to the amplitude: t*v and v must not be tied because one record ties t to a.
     time = LATEST_TIME * np.random.default_rng(20190417).uniform(size=AMPLITUDES)

@@ -7,6 +7,7 @@ bends and each r: the curve is the mean over them, and its errors hold that they
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,6 +26,9 @@ WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 NEAREST, LEAST_BEND = 5, 0.1
 BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
 ROUNDING_PART = 1e-10
+# Values of a curve, (row,), and how unit draws of the sensor's noise and of a random force (a walk) move
+# each, (row, draw).
+CurveRows: TypeAlias = tuple[Array, sp.csr_matrix, sp.csr_matrix]
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,7 @@ class _WhitePeriods:
 
 
 def smooth_curve(
-    target: Array,
-    noise: tuple[sp.csr_matrix, sp.csr_matrix],
+    rows: CurveRows,
     position: Array,
     points: Array,
     bends: Array | None = None,
@@ -105,10 +108,8 @@ def smooth_curve(
 
     Parameters
     ----------
-    target : (row,) array of float
-        Values of the curve with noise; three at least.
-    noise : two (row, draw) sparse arrays of float
-        How unit draws move the rows: of the sensor's noise, which is at least of size one, and of a walk.
+    rows : CurveRows
+        Values of the curve with noise, three at least; the sensor's noise is at least of size one.
     position, points : (row,) and (point,) arrays of float
         Where the rows are along the curve, and where it is wanted, from 0 to 1.
     bends : (bend,) array of float, optional
@@ -119,6 +120,7 @@ def smooth_curve(
     relative = np.ones(CURVE_SPLINES - 2) if bends is None else bends
     scale = np.concatenate([[1.0, 1.0], np.sqrt(relative)])
     columns, at = (_line_and_bends(where) * scale for where in (position, points))
+    target, *noise = rows
     sensor, walk = _bands(*noise)
     count = len(target) - 2
     unit = float(np.median(sensor[0]) / np.median(np.sum(_line_and_bends(position)[:, 2:] ** 2, axis=1)))
@@ -147,9 +149,8 @@ def _line_and_bends(position: Array) -> Array:
     splines = BSpline.design_matrix(np.clip(position, 0.0, 1.0), knots, CURVE_DEGREE)
     difference = np.diff(np.eye(CURVE_SPLINES), 2, axis=0)
     bends = difference.T @ np.linalg.inv(difference @ difference.T)
-    return np.asarray(
-        splines @ np.column_stack([np.ones(CURVE_SPLINES), np.linspace(-1.0, 1.0, CURVE_SPLINES), bends])
-    )
+    line = np.linspace(-1.0, 1.0, CURVE_SPLINES)
+    return np.asarray(splines @ np.column_stack([np.ones(CURVE_SPLINES), line, bends]))
 
 
 def _bands(*roots: sp.csr_matrix) -> list[Array]:

@@ -101,9 +101,7 @@ class Constraints:
         for name, value in cls(fixed).fixed.items():
             low, high = limits.get(name, (-np.inf, np.inf))
             if not low <= value <= high:
-                raise UsageError(
-                    f"Parameter {name} is fixed at {value:g}, outside of its bounds {low:g}:{high:g}."
-                )
+                raise UsageError(f"{name} is fixed at {value:g}, outside of its bounds {low:g}:{high:g}.")
         for name in ties:
             if name in fixed or name in bounds:
                 other = "fixed" if name in fixed else "bounded"
@@ -212,8 +210,7 @@ class Constraints:
             affine = _affine(tie, held)
             if affine is None:
                 raise UsageError(
-                    f"The tie '{name}={tie.text}' is not linear in the coefficients, which only a trajectory "
-                    "fit can do."
+                    f"The tie '{name}={tie.text}' is not linear, which only a trajectory fit can do."
                 )
             constant, slopes = affine
             rows[name] = sum((a * rows[s] for s, a in slopes.items()), np.zeros(len(free) + 1))
@@ -253,8 +250,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
     strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
     if strangers:
         raise UsageError(
-            f"The tie '{name}={text}' holds '{strangers[0]}', which is no parameter; "
-            f"there are {', '.join(known)}."
+            f"The tie '{name}={text}' holds '{strangers[0]}', no parameter; there are {', '.join(known)}."
         )
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")

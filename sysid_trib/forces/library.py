@@ -132,15 +132,11 @@ def force_counted_from(force: Force, seconds: float) -> Force:
 def _channels(inputs: object, source: str) -> dict[str, Channel]:
     """What formulas may hold of inputs, by its name in them."""
     kinds = dict.fromkeys(inputs, "") if isinstance(inputs, list) else inputs
-    if not isinstance(kinds, dict) or not all(
-        isinstance(kind, str) for pair in kinds.items() for kind in pair
-    ):
+    if not isinstance(kinds, dict) or not all(isinstance(k, str) for pair in kinds.items() for k in pair):
         raise LibraryError(f'{source}: inputs are names, ["u", "b"], or a table {{ u = "acceleration" }}.')
     if strange := [kind for kind in kinds.values() if kind not in INPUT_KINDS]:
         known = ", ".join(kind for kind in INPUT_KINDS if kind)
-        raise LibraryError(
-            f"{source}: an input is one of {known}, or any other quantity, '', not '{strange[0]}'."
-        )
+        raise LibraryError(f"{source}: an input is {known}, or any other quantity, '', not '{strange[0]}'.")
     every = [Channel(name, n, kind) for name, kind in ({USUAL_INPUT: ""} | kinds).items() for n in ORDERS]
     for channel in every:
         names = [other.name for other in every]
@@ -209,9 +205,7 @@ def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
     names = [*tables["state"], *tables["memory"], *tables["shape"]]
     for name in names:
         if name in RESERVED_NAMES or not name.isidentifier() or names.count(name) > 1:
-            raise LibraryError(
-                f"{where}: '{name}' cannot name a state, memory or shape parameter; rename it."
-            )
+            raise LibraryError(f"{where}: '{name}' names no state, memory or shape parameter; rename it.")
     strange = sorted(set(tables["start"]) - set(tables["state"]) - set(tables["memory"]))
     if strange:
         raise LibraryError(f"{where}: start value for '{strange[0]}', which is neither a state nor a memory.")

@@ -244,10 +244,8 @@ def load_system(name_or_path: str | None) -> System:
         return next(iter(_systems(path).values()))
     known = _systems(library_folder() / SYSTEMS_FILE)
     if name_or_path not in known:
-        nearest = did_you_mean(name_or_path, known)
-        raise UsageError(
-            f"There is no system '{name_or_path}'; give a TOML file or one of {', '.join(known)}.{nearest}"
-        )
+        offered = f"{', '.join(known)}.{did_you_mean(name_or_path, known)}"
+        raise UsageError(f"There is no system '{name_or_path}'; give a TOML file or one of {offered}")
     return known[name_or_path]
 
 
@@ -265,9 +263,7 @@ def _systems(path: Path) -> dict[str, System]:
 def _checked(table: Any, source: str) -> System:
     keys = {part.name for part in fields(System)}
     if not isinstance(table, dict) or not isinstance(table.get("name"), str) or not set(table) <= keys:
-        raise LibraryError(
-            f"{source}: a [[system]] has a name, and of {', '.join(sorted(keys))} what it needs."
-        )
+        raise LibraryError(f"{source}: a [[system]] has a name, of {', '.join(sorted(keys))} what it needs.")
     where, held = f"{source}: system '{table['name']}'", table.get("held", {})
     words = {key: table.get(key, "") for key in ("name", "meaning", "signal")}
     lists = {key: table[key] for key in ("forces", "impossible", "not_negative") if key in table}

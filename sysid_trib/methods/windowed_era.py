@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, variable, with_error
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import needed_forces
@@ -18,7 +18,6 @@ from sysid_trib.methods.scope import MethodScope
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.equilibrium import with_half_periods
 from sysid_trib.records.half_periods import noise_of_record
-from sysid_trib.records.half_sines import with_standard_error
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import Estimate, identification
@@ -93,14 +92,13 @@ def fit_windows(decay: xr.Dataset) -> tuple[xr.Dataset, ComplexArray, sp.csr_mat
     entries = less * np.concatenate(rows)
     influence = sp.csr_matrix((entries, columns.ravel(), pointers), (len(kept), len(y)))
     middle, exponent = coarse[kept] + 0.5 * (length - 1) * step, np.log(roots) / step
-    attrs = {"units": "s", "long_name": "middle of the window"}
-    variables = {"window_time": ("era_window", middle, attrs)}
+    variables = {"window_time": variable("era_window", middle, "middle of the window", "s")}
     for name, value, error, units, long_name in (
         ("window_frequency", exponent.imag, _errors(influence.imag), "rad/s", "instantaneous frequency"),
         ("window_decay_rate", -exponent.real, _errors(influence.real), "s-1", "instantaneous decay rate"),
         ("window_amplitude", np.abs(weights), less * errors.real, "rad", "amplitude"),
     ):
-        variables |= with_standard_error("era_window", name, value, error, units, long_name)
+        variables |= with_error(name, "era_window", (value, error), long_name, units)
     return xr.Dataset(variables), exponent, influence
 
 

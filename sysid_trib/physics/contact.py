@@ -50,8 +50,7 @@ def contact_stiffness(
     if isinstance(frequency, xr.Dataset):
         if frequency_standard_error or "asymptotic_frequency" not in frequency:
             raise UsageError(
-                "Give an identification, whose asymptotic frequency has its error, or a frequency with "
-                "frequency_standard_error."
+                "Give an identification, which has the error, or a frequency with frequency_standard_error."
             )
         frequency_standard_error = frequency.asymptotic_frequency_standard_error.item()
         frequency = float(frequency.asymptotic_frequency.item())

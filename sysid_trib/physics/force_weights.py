@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Mapping
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,6 @@ from sysid_trib.cycles import one_cycle, signatures
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.physics import model_estimate as estimates
-from sysid_trib.physics.model_estimate import ModelEstimate, amplitude_row, model_estimate
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, with_error
 
@@ -51,7 +50,7 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) 
     LibraryError
         A force that is not finite on such a cycle.
     """
-    estimate, a = model_estimate(result), amplitude_row(amplitude)
+    estimate, a = estimates.model_estimate(result), estimates.amplitude_row(amplitude)
     forces, shapes, at = estimate.forces, estimate.shapes, np.broadcast_to(np.asarray(time, float), a.shape)
     unit = np.array([signatures.averages(force, a, shapes, at) for force in forces])
     peaks = np.array([peak(force, a, shapes, at) for force in forces])
@@ -105,7 +104,7 @@ def dissipated_energy(
     UsageError
         Not an identification, not positive angles, or no positive inertia.
     """
-    estimate, a = model_estimate(result), amplitude_row(amplitude)
+    estimate, a = estimates.model_estimate(result), estimates.amplitude_row(amplitude)
     if inertia is not None:
         estimates.check_quantity("inertia", inertia, inertia_standard_error)
     at = np.broadcast_to(np.asarray(time, float), a.shape)
@@ -119,9 +118,8 @@ def dissipated_energy(
         total = of_forces.sum(axis=0)
         return np.vstack([factor * of_forces, factor * total, total / (0.5 * a**2)])
 
-    energy, error = estimates.propagate(
-        energies, *estimate.with_inertia(inertia or 1.0, inertia_standard_error)
-    )
+    measured = estimate.with_inertia(inertia or 1.0, inertia_standard_error)
+    energy, error = estimates.propagate(energies, *measured)
     units, both = "rad2" if inertia is None else "J", ("force", "amplitude")
     data = (
         with_error("energy", both, (energy[:-2], error[:-2]), "energy taken from a cycle", units)
@@ -159,8 +157,6 @@ def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 
 
     Of a force with memory it is half from peak to peak.
     """
-    if force.degree is not None:
-        return np.asarray(_unit_peak(force) * a**force.degree)
     at = np.broadcast_to(np.asarray(time, float), a.shape)
     if not force.memoryless:
         return _steady_peaks(force, a, shapes, at)
@@ -169,21 +165,14 @@ def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 
     return np.asarray(np.abs(force.value(x, v, at[:, None], shapes=shapes)).max(axis=1))
 
 
-@lru_cache(maxsize=1024)
-def _unit_peak(force: Force) -> float:
-    phi = 2.0 * np.pi * np.arange(POINTS) / POINTS
-    return float(np.abs(force.value(np.cos(phi), -np.sin(phi))).max())
-
-
 def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Array) -> Array:
     """Peaks on the steady cycles; of a memory half from peak to peak: an offset is what it began with."""
     peaks = np.zeros(a.size)
     for rows, begun, _ in one_cycle.cycles_at(force, a, time, shapes):
         for row, of_cycle in zip(rows, begun, strict=True):
             phi, hidden = one_cycle.history_over(of_cycle, float(a[row]), POINTS_WITH_HISTORY, shapes)
-            h = force.value(
-                a[row] * np.cos(phi), -a[row] * np.sin(phi), time[row], shapes=shapes, hidden=hidden
-            )
+            x, v = a[row] * np.cos(phi), -a[row] * np.sin(phi)
+            h = force.value(x, v, time[row], shapes=shapes, hidden=hidden)
             peaks[row] = 0.5 * np.ptp(h) if force.memory else np.abs(h).max()
     return peaks
 
@@ -230,7 +219,7 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     averages in the frequency, 32 nu/(9 pi epsilon). By averages the first are 3 pi zeta/(4 delta) and
     2 lambda/(pi zeta), by peak force the last is nu/epsilon.
     """
-    estimate = model_estimate(result)
+    estimate = estimates.model_estimate(result)
     tabulated = cache(partial(_weight, estimate))
     pairs, rows = [], []
     for acts_on, characters in ACTS_ON.items():
@@ -254,7 +243,7 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     return labels.assign(described("crossovers", data)).assign_attrs(estimate.provenance)
 
 
-def _weight(estimate: ModelEstimate, i: int, acts_on: str) -> tuple[Weight, Array]:
+def _weight(estimate: estimates.ModelEstimate, i: int, acts_on: str) -> tuple[Weight, Array]:
     """Weight of a force with coefficient 1 by amplitude, and on the grid; its peak if it acts on nothing."""
     force, shapes = estimate.forces[i], estimate.shapes
 
@@ -272,7 +261,7 @@ def _weight(estimate: ModelEstimate, i: int, acts_on: str) -> tuple[Weight, Arra
 
 
 def _crossing(
-    estimate: ModelEstimate, pair: tuple[int, ...], tables: list[tuple[Weight, Array]]
+    estimate: estimates.ModelEstimate, pair: tuple[int, ...], tables: list[tuple[Weight, Array]]
 ) -> tuple[float, float, int, bool]:
     """Smallest amplitude of equal weights, its error, how many there are, and whether they are opposed."""
     c, covariance = estimate.coefficients[list(pair)], estimate.coefficient_covariance[np.ix_(pair, pair)]

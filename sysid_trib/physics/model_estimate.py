@@ -11,8 +11,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.results.schema import covariance_with_frequency, library_of, shape_values_of
-from sysid_trib.results.variables import Variables, variable, with_error
+from sysid_trib.results import schema, variables
 from sysid_trib.simulation.model import Model, rescaling_factors
 from sysid_trib.simulation.simulate import trajectory
 
@@ -73,7 +72,7 @@ def of_measured(
     name, meaning, units = result
     _, values, errors = zip(*measured, strict=True)
     made = propagate(function, np.array(values), np.diag(np.square(errors)))
-    return xr.Dataset(with_error(name, (), made, meaning, units))
+    return xr.Dataset(variables.with_error(name, (), made, meaning, units))
 
 
 def amplitude_row(amplitude: ArrayLike) -> Array:
@@ -165,7 +164,7 @@ class ModelEstimate:
         covariance[-1, -1] = standard_error**2
         return np.append(self.values, inertia), covariance
 
-    def over_amplitude(self, data: Variables, given: ArrayLike) -> xr.Dataset:
+    def over_amplitude(self, data: variables.Variables, given: ArrayLike) -> xr.Dataset:
         """Variables over force and amplitude; without that dimension where one number was given.
 
         Parameters
@@ -175,7 +174,7 @@ class ModelEstimate:
         given : array_like, rad
             The amplitudes as the user gave them.
         """
-        amplitude = variable("amplitude", np.atleast_1d(given).astype(float), "amplitude", "rad")
+        amplitude = variables.variable("amplitude", np.atleast_1d(given).astype(float), "amplitude", "rad")
         table = xr.Dataset(data, {"force": self.symbols, "amplitude": amplitude}, self.provenance)
         return table if np.ndim(given) else table.isel(amplitude=0)
 
@@ -198,11 +197,10 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
     if missing or "library" not in result.attrs:
         raise UsageError(
-            f"This wants an identification, as identify returns it; {', '.join(missing) or 'library'} is "
-            "missing."
+            f"This takes an identification of identify; {', '.join(missing) or 'library'} is missing."
         )
     # A sensor term takes no energy and has no weight.
-    library = library_of(result)
+    library = schema.library_of(result)
     library = library.select(f.symbol for f in library if f.kind == "force")
     result = result.sel(force=list(library.symbols), other_force=list(library.symbols))
     w, refers = result.reference_frequency.item(), result.refers_to.values
@@ -218,13 +216,13 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
         jacobian[i, np.array([i, -2, -1])] = slopes
     covariance = jacobian @ covariance @ jacobian.T
     provenance = {"library": result.attrs["library"]}
-    return ModelEstimate(library, values, covariance, in_model, shape_values_of(result), provenance)
+    return ModelEstimate(library, values, covariance, in_model, schema.shape_values_of(result), provenance)
 
 
 def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
     """Covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
     count, c = len(in_model), result.coefficient.values.astype(float)
-    whole = np.pad(covariance_with_frequency(result), (0, 1))
+    whole = np.pad(schema.covariance_with_frequency(result), (0, 1))
     if "omega0" in result and not in_model.all():
         omega0, its_error = result.omega0.item(), result.omega0_standard_error.item()
         # alpha = (w_inf/w0)^2 - 1 moves with w0.
@@ -276,9 +274,9 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
     if np.isfinite(end):
         error = float(propagate(arrest, estimate.values, estimate.covariance)[1])
     stop = _exact_stop(estimate, start, end)
-    data = with_error("arrest_time", (), (end, error), "arrest of the averaged motion", "s")
-    data["stop_time"] = variable((), stop, "stop of the exact motion", "s")
-    at = variable((), start, "amplitude at the start", "rad")
+    data = variables.with_error("arrest_time", (), (end, error), "arrest of the averaged motion", "s")
+    data["stop_time"] = variables.variable((), stop, "stop of the exact motion", "s")
+    at = variables.variable((), start, "amplitude at the start", "rad")
     return xr.Dataset(data, {"amplitude": at}, estimate.provenance)
 
 

@@ -1,6 +1,7 @@
 """Coefficients in SI units: torques and forces of the contact, friction, and forces as a drive feels them."""
 
 from collections.abc import Set
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -9,15 +10,12 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.notation import signal_powers
-from sysid_trib.physics.model_estimate import (
-    ModelEstimate,
-    check_quantity,
-    model_estimate,
-    of_measured,
-    propagate,
-)
+from sysid_trib.physics import model_estimate as estimates
 from sysid_trib.records.units import METRES
 from sysid_trib.results.variables import described, signal_units, variable
+
+# A value and its standard error.
+Measured: TypeAlias = tuple[float, float]
 
 
 def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error: float = 0.0) -> xr.Dataset:
@@ -53,18 +51,22 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     return in_si_units(result, inertia=(inertia, inertia_standard_error))
 
 
-def _in_si(
-    estimate: ModelEstimate, body: tuple[float, float], lengths: Array, units: list[str], x: str = "theta"
-) -> xr.Dataset:
-    """Coefficients of a body of an inertia or mass with its error, each times a factor of its unit of length.
+def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None) -> xr.Dataset:
+    """Coefficients of a body of an inertia, or of a mass in a unit of length, that each with its error.
 
-    c becomes m w^(2-q) c, q the degree in the rate; a numerical factor of a power law goes to it.
-    `units` : of each coefficient; `x` : name of the coordinate.
+    c becomes m w^(2-q) c, q the degree in the rate, times the unit of length to the power that c has in it; a
+    numerical factor of a power law goes to it.
     """
     count, (size, error) = len(estimate.forces), body
-    powers = np.array([2.0 - (force.speed_degree or 0.0) for force in estimate.forces])
-    factors = lengths * np.array([power_law_factor(force) for force in estimate.forces])
-    c, w = estimate.coefficients, estimate.frequency
+    speeds = np.array([force.speed_degree or 0.0 for force in estimate.forces])
+    factors = np.array([power_law_factor(force) for force in estimate.forces])
+    if length is None:
+        coordinate, units = "theta", [_unit(force) for force in estimate.forces]
+    else:
+        degrees = _degrees(estimate)
+        coordinate, factors = "x", factors * METRES[length] ** (1.0 - degrees)
+        units = [_unit_of_force(*pair) for pair in zip(degrees, speeds, strict=True)]
+    powers, c, w = 2.0 - speeds, estimate.coefficients, estimate.frequency
     scale = factors * size * w**powers
     # By (coefficients, w, inertia).
     jacobian = np.zeros((count, count + 2))
@@ -74,7 +76,7 @@ def _in_si(
     covariance = jacobian @ estimate.with_inertia(size, error)[1] @ jacobian.T
     errors = np.sqrt(np.diag(covariance))
     data = {"coefficient": scale * c, "standard_error": errors, "covariance": covariance}
-    terms = [_term(force).replace("theta", x) for force in estimate.forces]
+    terms = [_term(force).replace("theta", coordinate) for force in estimate.forces]
     coords = {"force": estimate.symbols, "other_force": estimate.symbols}
     labels = {"unit": ("force", units), "multiplies": ("force", terms)}
     return xr.Dataset(described("si_units", data), {**coords, **labels}, estimate.provenance)
@@ -116,7 +118,7 @@ def inertia_with_mass(
     UsageError
         A quantity that is not positive.
     """
-    return of_measured(
+    return estimates.of_measured(
         lambda z: z[0] + z[1] * z[2] ** 2,
         ("inertia", "moment of inertia", "kg m2"),
         ("inertia", inertia, inertia_standard_error),
@@ -125,7 +127,7 @@ def inertia_with_mass(
     )
 
 
-def _stiffness(estimate: ModelEstimate, values: Array) -> float:
+def _stiffness(estimate: estimates.ModelEstimate, values: Array) -> float:
     """I w^2, and what a force of formula `x` adds to it where w does not hold it."""
     force = estimate.library.role("x")
     at = None if force is None else estimate.symbols.index(force.symbol)
@@ -189,7 +191,7 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
     -----
     From theta'' + w^2 (theta + c h - g u) = 0, divided by w^2 g; errors to first order.
     """
-    estimate = model_estimate(result)
+    estimate = estimates.model_estimate(result)
     drive = next((at for at, force in enumerate(estimate.forces) if _is_gain(force)), None)
     if drive is None:
         return None
@@ -204,7 +206,7 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
     covariance = estimate.covariance.copy()
     # The frequency by itself.
     covariance[-1, :-1] = covariance[:-1, -1] = 0.0
-    values, errors = propagate(quantities, estimate.values, covariance)
+    values, errors = estimates.propagate(quantities, estimate.values, covariance)
     return xr.Dataset(
         {
             "value": variable("quantity", values, "in the unit of the input"),
@@ -229,7 +231,6 @@ def _at_unit_rate(force: Force) -> float | None:
     return float(force.value(0.0, 1.0))
 
 
-Measured = tuple[float, float]
 # Group of a result in SI units, what was given for it, and what it may hold.
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
@@ -302,46 +303,31 @@ def in_si_units(
     check_measured({name for name, value in given.items() if value is not None})
     for name, measured in given.items():
         if measured is not None:
-            check_quantity(name, *measured)
+            estimates.check_quantity(name, *measured)
+    estimate = estimates.model_estimate(result)
     if mass is not None:
-        values = _of_translation(result, mass)
+        unit = signal_units(result)
+        check_length_unit(unit)
+        values = _in_si(estimate, mass, unit).assign(described("si_units", {"mass": mass}))
     elif inertia is not None:
-        values = _of_rotation(result, inertia)
+        stiffness = estimates.propagate(lambda z: _stiffness(estimate, z), *estimate.with_inertia(*inertia))
+        further = described("si_units", {"linear_stiffness": stiffness, "inertia": inertia})
+        values = _in_si(estimate, inertia, None).assign(further)
     if load is None:
         return values
     arm = {"load": load} | ({} if radius is None else {"radius": radius})
     over, error = np.array(list(arm.values())).T
     # Forces that do not depend on the size of the motion.
-    dry = _degrees(model_estimate(result)) == 0.0
+    dry = _degrees(estimate) == 0.0
     friction = np.where(dry, values.coefficient.values / over.prod(), np.nan)
     errors = np.hypot(values.standard_error.values / over.prod(), friction * np.linalg.norm(error / over))
     return values.assign(described("si_units", {**arm, MU: (friction, errors)}))
 
 
-def _degrees(estimate: ModelEstimate) -> Array:
+def _degrees(estimate: estimates.ModelEstimate) -> Array:
     """Degree of each force in the signal; nan of one that has none."""
     degrees = [signal_powers(force) for force in estimate.forces]
     return np.array([np.nan if degree is None else 1.0 - degree[""] for degree in degrees])
-
-
-def _of_rotation(result: xr.Dataset, inertia: Measured) -> xr.Dataset:
-    """Torques on an inertia from the coefficients of an angle."""
-    estimate = model_estimate(result)
-    values = _in_si(estimate, inertia, np.ones(len(estimate.forces)), list(map(_unit, estimate.forces)))
-    stiffness = propagate(lambda z: _stiffness(estimate, z), *estimate.with_inertia(*inertia))
-    return values.assign(described("si_units", {"linear_stiffness": stiffness, "inertia": inertia}))
-
-
-def _of_translation(result: xr.Dataset, mass: Measured) -> xr.Dataset:
-    """Forces on a mass from the coefficients of a displacement."""
-    unit = signal_units(result)
-    check_length_unit(unit)
-    estimate = model_estimate(result)
-    powers = _degrees(estimate)
-    speeds = [force.speed_degree or 0.0 for force in estimate.forces]
-    units = [_unit_of_force(*pair) for pair in zip(powers, speeds, strict=True)]
-    values = _in_si(estimate, mass, METRES[unit] ** (1.0 - powers), units, "x")
-    return values.assign(described("si_units", {"mass": mass}))
 
 
 def check_length_unit(unit: str) -> None:

@@ -8,16 +8,12 @@ from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, RecordError, UsageError
-from sysid_trib.records import units as lab
+from sysid_trib.records import half_periods, half_sines, reading, tables, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.free_decay import free_decay
-from sysid_trib.records.half_periods import dominant_periods
-from sysid_trib.records.half_sines import envelope
-from sysid_trib.records.reading import Reading
-from sysid_trib.records.tables import FileTable
 
 
-def time_factor(table: FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
+def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
     """Unit of a time column, its factor to s, and why where it was not stated; None if nothing tells it.
 
     Raises
@@ -32,10 +28,7 @@ def time_factor(table: FileTable, time: Column, given: str | None) -> tuple[str 
     stated = lab.plain_unit(time.stated)
     stated = "" if stated in ("1", "none", "-") else stated
     if given and lab.TIME_UNITS.get(stated, lab.TIME_UNITS[given]) != lab.TIME_UNITS[given]:
-        raise UsageError(
-            f"{time.source}: the header of column {time.name} says {stated}, but --time-units says {given} "
-            "(time_units= in Python); leave the option out or correct the header."
-        )
+        raise _contradicted(time, stated, "time-units", given)
     unit = given or stated or {"millis": "ms", "micros": "us"}.get(time.base)
     if unit and unit not in lab.TIME_UNITS:
         raise RecordError(
@@ -48,7 +41,15 @@ def time_factor(table: FileTable, time: Column, given: str | None) -> tuple[str 
     return unit, lab.TIME_UNITS[unit], ""
 
 
-def _by_steps(table: FileTable, time: Column) -> tuple[str | None, str]:
+def _contradicted(column: Column, stated: str, option: str, given: object, known: str = "") -> UsageError:
+    """That what the user says is not what the file says."""
+    return UsageError(
+        f"{column.source}: the header of column {column.name} says {stated}, but --{option} says {given} "
+        f"({option.replace('-', '_')}= in Python){known}; leave the option out or correct the header."
+    )
+
+
+def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
     """The unit in which the steps of a time column are those that a column `dt (s)` states, and why; or None.
 
     Stamps of these years that count from a known date tell their unit too.
@@ -98,7 +99,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
     RecordError
         With the period, and what to give.
     """
-    periods = dominant_periods(time, values)
+    periods = half_periods.dominant_periods(time, values)
     # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
     longest = 60.0 if whole else 1000.0
     if periods and not 5e-5 < periods[0] < longest:
@@ -110,7 +111,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
 
 
 def unit_of(
-    table: FileTable, column: Column, how: Reading, time: Array, values: Array
+    table: tables.FileTable, column: Column, how: reading.Reading, time: Array, values: Array
 ) -> tuple[lab.SignalUnit, str]:
     """Unit of a signal without bad samples, and why that one where neither user nor file says it.
 
@@ -122,17 +123,13 @@ def unit_of(
         An amplitude that no oscillation has in this unit.
     """
     stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes))
-    header = f"{table.source}: the header of column {column.name} says {stated.text if stated else ''}"
     given = lab.signal_unit(how.units or "")
     if given and how.signal and given.quantity in lab.POSITIONS:
         # "deg" of a rate is deg/s.
         given = replace(given, quantity=how.signal)
     if given and stated and stated.known and not _agree(stated, given):
         known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
-        raise UsageError(
-            f"{header}, but --units says {how.units} (units= in Python){known}; leave the option out or "
-            "correct the header."
-        )
+        raise _contradicted(column, stated.text, "units", how.units, known)
     if given and not given.known and given.quantity == "angle":
         # In whatever it is, no coefficient would have its size.
         raise UsageError(
@@ -148,10 +145,7 @@ def unit_of(
             unit = replace(unit, text=f"{unit.text}{'/s' if times == 1 else '/s^2'}", quantity=how.quantity)
         elif stated is not None and stated.known:
             article = "an" if stated.quantity[0] == "a" else "a"
-            raise UsageError(
-                f"{header}: {article} {stated.quantity}; but --signal says {how.signal} (signal= in Python); "
-                "leave the option out."
-            )
+            raise _contradicted(column, f"{stated.text}, {article} {stated.quantity}", "signal", how.signal)
     if not unit.known:
         known = f"none of those that are known ({lab.OFFERED_UNITS})"
         why = f"unit {unit.text} is {known}: coefficients are in it"
@@ -172,7 +166,7 @@ def _agree(stated: lab.SignalUnit, given: lab.SignalUnit) -> bool:
 
 
 def _assumed_unit(
-    table: FileTable, signal: Column, time: Array, values: Array, meant: str | None
+    table: tables.FileTable, signal: Column, time: Array, values: Array, meant: str | None
 ) -> tuple[lab.SignalUnit, str]:
     """Unit of a signal that nothing states, and the evidence for it.
 
@@ -201,7 +195,7 @@ def _assumed_unit(
     elif meant in (None, "", "angle"):
         text, why = _of_angle(time, values, half)
     elif meant == "rate":
-        periods = dominant_periods(time, values)
+        periods = half_periods.dominant_periods(time, values)
         far = half * (periods[0] if periods else 1.0) / (2.0 * np.pi)
         text = "deg/s" if far > np.pi else "rad/s"
         why = f"taken as {text}, which makes the swing {far:.3g} {text.removesuffix('/s')}"
@@ -239,7 +233,7 @@ def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
     None where there is no decay.
     """
     try:
-        curve = envelope(free_decay(xr.Dataset({"angle": ("time", values)}, {"time": time})))
+        curve = half_sines.envelope(free_decay(xr.Dataset({"angle": ("time", values)}, {"time": time})))
     except DecayError:
         return None
     count = max(1, curve.sizes["instant"] // 4)
@@ -251,7 +245,7 @@ def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
     return seen, of_pendulum
 
 
-def _circle_radius(table: FileTable, signal: Column) -> float | None:
+def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
     """Radius of the circle about the origin on which a column and another one lie; None if they do not."""
     values = signal.cells
     for column in table.columns:
@@ -269,7 +263,7 @@ def _circle_radius(table: FileTable, signal: Column) -> float | None:
 
 def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
     """Unit of what moves on a circle, and why."""
-    periods = dominant_periods(time, values)
+    periods = half_periods.dominant_periods(time, values)
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
         # Gravity comes out right, within this part.

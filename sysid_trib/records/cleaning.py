@@ -207,9 +207,8 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
         bad = repeated
     for _ in range(12):
         try:
-            spline = make_lsq_spline(
-                time, signal, clamped, OUTLIER_DEGREE, w=np.where(bad, 1e-6, 1.0), method="norm-eq"
-            )
+            weight = np.where(bad, 1e-6, 1.0)
+            spline = make_lsq_spline(time, signal, clamped, OUTLIER_DEGREE, w=weight, method="norm-eq")
         except (ValueError, np.linalg.LinAlgError):
             return np.zeros(time.size, dtype=bool)
         off = np.abs(signal - spline(time))

@@ -7,9 +7,7 @@ import numpy as np
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError
-from sysid_trib.records.column import MOST_SET_BACK
-from sysid_trib.records.half_periods import dominant_periods
-from sysid_trib.records.signal import usual_step
+from sysid_trib.records import column, half_periods, signal
 
 UNEVEN_PART = 1e-9
 # Stamps are decimal numbers: the step of their rounding is a power of ten.
@@ -64,8 +62,7 @@ def read_clock(
         kept = np.append(True, steps != 0.0)
         if 2 * np.count_nonzero(kept) < given.size:
             raise RecordError(
-                f"{source}: most time stamps are repeated: the clock is coarser than the sampling; "
-                f"{GIVE_RATE}"
+                f"{source}: most time stamps repeat: the clock is coarser than the sampling; {GIVE_RATE}"
             )
         if not kept.all():
             repeated = int(np.count_nonzero(~kept))
@@ -92,10 +89,9 @@ def read_clock(
         # Numbers so much larger than their steps that these are lost in their digits.
         row = int(rows[still[0] + 1]) + 1
         raise RecordError(
-            f"{source}: its times do not rise by as much as their digits show, first in row {row}; correct "
-            f"them, or {GIVE_RATE}"
+            f"{source}: times do not rise in their digits, first in row {row}; correct them, or {GIVE_RATE}"
         )
-    rate = f"{1.0 / usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
+    rate = f"{1.0 / signal.usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
     return time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate)
 
@@ -104,7 +100,7 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
     """Stamps that rise throughout, and where the clock was set back: from there they are shifted."""
     steps = np.diff(given)
     back = np.flatnonzero(steps < 0.0) + 1
-    if back.size > min(MOST_SET_BACK, given.size // 20):
+    if back.size > min(column.MOST_SET_BACK, given.size // 20):
         row = int(back[0])
         raise RecordError(
             f"{source}: time must rise, but {given[row - 1]:.9g} s in row {row} is followed by "
@@ -118,7 +114,7 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
 def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
     """The uniform clock whose rounded stamps these are, rows missing or not; else the stamps themselves."""
     steps = np.diff(given)
-    usual = usual_step(steps)
+    usual = signal.usual_step(steps)
     if usual <= 0.0:
         return given, ""
     counts = np.maximum(1.0, np.round(steps / usual))
@@ -212,7 +208,7 @@ def _line(index: Array, given: Array, step: float | Array) -> Array:
 
 def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
     """True if a clock with such steps moves within half a period."""
-    periods = dominant_periods(line, values)
+    periods = half_periods.dominant_periods(line, values)
     return bool(periods) and bool(np.max(step) < 0.5 * periods[0])
 
 

@@ -53,9 +53,8 @@ class Column:
         at = name.lower().rfind(in_header)
         in_header = name[at : at + len(in_header)] if at >= 0 else in_header
         # In the machine's own order of bytes: not all that follows knows the other one.
-        return cls(
-            name, cells.astype(cells.dtype.newbyteorder("="), copy=False), source, base, unit or in_header
-        )
+        cells = cells.astype(cells.dtype.newbyteorder("="), copy=False)
+        return cls(name, cells, source, base, unit or in_header)
 
     @cached_property
     def numbers(self) -> Array:

@@ -10,12 +10,9 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import units as lab
-from sysid_trib.records.cleaning import unwrapped
+from sysid_trib.records import cleaning, equilibrium, free_decay, units as lab
 from sysid_trib.records.clock import read_clock
 from sysid_trib.records.column import Column
-from sysid_trib.records.equilibrium import Swing
-from sysid_trib.records.free_decay import swing_within
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
 
@@ -25,7 +22,7 @@ Chosen: TypeAlias = tuple[Column | None, Column, str]
 
 
 # Columns that could be the signal: how each swings, or why it does not.
-Swings: TypeAlias = dict[Column, tuple[Swing | None, str]]
+Swings: TypeAlias = dict[Column, tuple[equilibrium.Swing | None, str]]
 
 
 def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> list[Chosen]:
@@ -119,7 +116,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     return own[chosen], chosen, why
 
 
-def _swing_of(column: Column, time: Column | None) -> tuple[Swing | None, str] | None:
+def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | None, str] | None:
     """How a column swings, or why it does not; None if it holds a text, or next to no numbers."""
     try:
         values = column.values
@@ -134,8 +131,8 @@ def _swing_of(column: Column, time: Column | None) -> tuple[Swing | None, str] |
             clock, rows, _, _ = read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-            whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
-            return swing_within(clock[good], whole)
+            whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])
+            return free_decay.swing_within(clock[good], whole)
     return None, ""
 
 
@@ -225,7 +222,7 @@ def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
     return [c for c in pool if c in kept] or pool[:1]
 
 
-def _is_rate_of(swing: Swing | None, other: Swing | None) -> bool:
+def _is_rate_of(swing: equilibrium.Swing | None, other: equilibrium.Swing | None) -> bool:
     """True if a swing is the derivative of another: a quarter of a period ahead, and w times as large."""
     if swing is None or other is None or swing is other:
         return False

@@ -9,13 +9,10 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.optimize import curve_fit
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import free_motion_checks as checks
+from sysid_trib.records import free_motion_checks as checks, half_periods, inputs
 from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.half_periods import noise_level
-from sysid_trib.records.half_sines import with_standard_error
-from sysid_trib.records.inputs import refuse_inputs
 from sysid_trib.records.signal import Piece, as_position, checked_signal, unit_of_signal
 
 
@@ -80,7 +77,7 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
         return time.size, np.nan
     rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
     # In the rest itself there may be no noise at all, and on the way to it no repeated value.
-    noise = noise_level(time[first:last], angle[first:last])
+    noise = half_periods.noise_level(time[first:last], angle[first:last])
     # Of the largest swing: what is as near to where it rests does not move, where there is no noise at all.
     still = 3e-9 * float(swing.peaks.max())
     allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
@@ -143,10 +140,9 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     cut = _on_own_samples(record, time, bare=bool(measured))
     cut["angle"] = ("time", signal, attrs)
     cut = cut.assign(variables)
-    cut = cut.assign(with_standard_error((), "equilibrium", *equilibrium, units, "equilibrium"))
+    cut = cut.assign(with_error("equilibrium", (), equilibrium, "equilibrium", units))
     if np.isfinite(swing.stop_time):
-        stop_attrs = {"units": "s", "long_name": "time at which it stopped for good"}
-        cut["stop_time"] = ((), swing.stop_time, stop_attrs)
+        cut["stop_time"] = variable((), swing.stop_time, "time at which it stopped for good", "s")
     mended = "; ".join(text for text in (said, swing.mended) if text)
     cut.attrs["free_decay"] = _sentence(swing, centred_in, mended)
     return cut
@@ -251,7 +247,7 @@ def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
     for run in runs:
         checked_signal(run)
         if not driven:
-            refuse_inputs(run)
+            inputs.refuse_inputs(run)
     return runs
 
 

@@ -8,14 +8,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
-from sysid_trib.records.half_periods import (
-    HalfPeriods,
-    Oscillation,
-    dominant_periods,
-    find_half_periods,
-    regular_run,
-    smooth,
-)
+from sysid_trib.records import half_periods
 from sysid_trib.records.signal import checked_signal
 
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -44,8 +37,8 @@ class Swing:
 
     time: Array
     signal: Array
-    oscillation: Oscillation
-    halves: HalfPeriods
+    oscillation: half_periods.Oscillation
+    halves: half_periods.HalfPeriods
     run: slice
     equilibrium: float
     standard_error: float
@@ -77,7 +70,8 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
 
     None if the signal holds no oscillation that stands out of its noise.
     """
-    swings = [_settle(time, signal, period, equilibrium) for period in dominant_periods(time, signal)]
+    periods = half_periods.dominant_periods(time, signal)
+    swings = [_settle(time, signal, period, equilibrium) for period in periods]
     travels = max(swings, key=lambda swing: float(swing.peaks.sum()), default=None)
     if travels is None:
         return None
@@ -99,7 +93,7 @@ def _largest(swing: Swing) -> float:
 
 def with_half_periods(
     decay: xr.Dataset, fewest: int = 3, equilibrium: float | None = 0.0
-) -> tuple[Array, Array, HalfPeriods]:
+) -> tuple[Array, Array, half_periods.HalfPeriods]:
     """Times (s), angles (rad) and whole half periods of a centred decay.
 
     Parameters
@@ -130,14 +124,16 @@ def with_half_periods(
 
 
 @lru_cache(maxsize=64)
-def _whole_half_periods(time: bytes, angle: bytes, equilibrium: float | None) -> HalfPeriods | None:
+def _whole_half_periods(
+    time: bytes, angle: bytes, equilibrium: float | None
+) -> half_periods.HalfPeriods | None:
     swing = find_swing(np.frombuffer(time), np.frombuffer(angle), equilibrium)
     return None if swing is None else swing.halves.select(swing.run)
 
 
 def _settle(time: Array, signal: Array, period: float, equilibrium: float | None) -> Swing:
     """Split and centre in turn: the split depends on the centre and the centre on the split."""
-    oscillation = smooth(time, signal, period)
+    oscillation = half_periods.smooth(time, signal, period)
     centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
     error = np.nan
     halves, run = _split(oscillation, centre)
@@ -152,12 +148,12 @@ def _settle(time: Array, signal: Array, period: float, equilibrium: float | None
     return Swing(time, signal, oscillation, halves, run, centre, error, slice(0, time.size))
 
 
-def _split(oscillation: Oscillation, centre: float) -> tuple[HalfPeriods, slice]:
-    halves = find_half_periods(oscillation, centre)
-    return halves, regular_run(halves, oscillation.period)
+def _split(oscillation: half_periods.Oscillation, centre: float) -> tuple[half_periods.HalfPeriods, slice]:
+    halves = half_periods.find_half_periods(oscillation, centre)
+    return halves, half_periods.regular_run(halves, oscillation.period)
 
 
-def _centre_of_travel(oscillation: Oscillation) -> float:
+def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
     """Median weighted by the distance travelled: holding, resting and sticking do not count."""
     middle = 0.5 * (oscillation.signal[1:] + oscillation.signal[:-1])
     distance = np.abs(np.diff(oscillation.signal))
@@ -166,7 +162,7 @@ def _centre_of_travel(oscillation: Oscillation) -> float:
     return float(middle[order][np.searchsorted(travelled, 0.5 * travelled[-1])])
 
 
-def signed_extrema(time: Array, signal: Array, halves: HalfPeriods) -> Array:
+def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods) -> Array:
     """Extremum of each half period of a roughly centred signal, from a cosine through its middle two thirds.
 
     What is left of the equilibrium passes with gain one, up to the cosine's curvature.

@@ -34,9 +34,7 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
     if not head.strip():
         raise RecordError(f"{path.name}: the file is empty.")
     if head.startswith(b"\xd0\xcf\x11\xe0"):
-        raise RecordError(
-            f"{path.name}: this is a workbook of the old format (.xls); save it as .xlsx or CSV."
-        )
+        raise RecordError(f"{path.name}: a workbook of the old format (.xls); save it as .xlsx or CSV.")
     readers = {
         (b"\x89HDF", b"MATLAB 7.3"): read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5,
         (b"MATLAB 5.0",): read_matlab,

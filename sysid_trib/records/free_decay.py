@@ -9,11 +9,9 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import free_motion_checks as checks
-from sysid_trib.records.cleaning import new_frames, outliers, pulses, spikes
+from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.half_periods import dominant_periods
 from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
@@ -114,21 +112,15 @@ def free_decays(
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
     value = None if equilibrium == "auto" else _given(equilibrium)
     if value is not None and measured.name != "angle":
-        raise UsageError(
-            f"{source}: no equilibrium can be given where the angle is integrated; leave it out."
-        )
+        raise UsageError(f"{source}: an equilibrium of an integrated angle cannot be given; leave it out.")
     if value is not None and not angle.min() < value < angle.max():
         raise DecayError(
             f"{source}: an equilibrium of {value:g} is outside of the record, which runs from "
             f"{angle.min():.4g} to {angle.max():.4g} {inside['angle'].attrs.get('units', 'rad')}; "
             "correct it, or let it be found (auto)."
         )
-    kept, said = _kept_samples(time, angle, keep_outliers)
-    time, angle = time[kept], angle[kept]
-    periods = dominant_periods(time, angle)
-    period = periods[0] if periods else float(time[-1] - time[0])
     breaks = np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float))
-    pieces = uniform_pieces(time, angle, period, tuple(breaks))
+    pieces, said = _pieces(time, angle, keep_outliers, breaks)
     refused = ""
     try:
         decays = _decays_of(pieces, value, source)
@@ -145,18 +137,29 @@ def free_decays(
     return [decay.assign_attrs(taken_as_it_is=refused) for decay in datasets] if refused else datasets
 
 
+def _pieces(
+    time: Array, angle: Array, keep_outliers: bool = False, breaks: Array | tuple[()] = ()
+) -> tuple[list[Piece], list[str]]:
+    """Pieces on a uniform clock of the samples that are kept, and sentences on the others."""
+    kept, said = _kept_samples(time, angle, keep_outliers)
+    time, angle = time[kept], angle[kept]
+    periods = half_periods.dominant_periods(time, angle)
+    period = periods[0] if periods else float(time[-1] - time[0])
+    return uniform_pieces(time, angle, period, tuple(breaks)), said
+
+
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
     """Indices of the samples that are kept, and sentences on the others."""
     kept, said = np.arange(time.size), []
-    frames = new_frames(angle)
+    frames = cleaning.new_frames(angle)
     if frames is not None:
         kept = frames
         said.append(f"values are held over rows: the {frames.size} new ones of {time.size} are used")
     if keep_outliers:
         return kept, said
-    calm = np.delete(kept, spikes(time[kept], angle[kept]))
-    if periods := dominant_periods(time[calm], angle[calm]):
-        calm = np.delete(calm, outliers(time[calm], angle[calm], periods[0]))
+    calm = np.delete(kept, cleaning.spikes(time[kept], angle[kept]))
+    if periods := half_periods.dominant_periods(time[calm], angle[calm]):
+        calm = np.delete(calm, cleaning.outliers(time[calm], angle[calm], periods[0]))
     left_out = np.setdiff1d(kept, calm)
     if left_out.size:
         listed = ", ".join(f"{angle[at]:.4g} at {time[at]:.6g} s" for at in left_out[:3])
@@ -208,16 +211,14 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 def _first(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
     """The decay that a piece holds, or the reason why it holds none."""
-    if pulses(signal):
+    if cleaning.pulses(signal):
         raise DecayError(
             f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier "
             "does: it is not a displacement, from which a decay could be read; choose another column."
         )
     swing = find_swing(time, signal, value)
     if swing is None:
-        raise DecayError(
-            f"{source}: no oscillation stands out of the noise; check the column and the window."
-        )
+        raise DecayError(f"{source}: no oscillation stands out of the noise; check column and window.")
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)
@@ -237,12 +238,8 @@ def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
     """
     if signal.size < 20 or np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
         return None, "it does not move"
-    kept, _ = _kept_samples(time, signal, keep_outliers=False)
-    periods = dominant_periods(time[kept], signal[kept])
-    if not periods:
-        return None, "no oscillation stands out of the noise"
     try:
-        swings = _decays_of(uniform_pieces(time[kept], signal[kept], periods[0]), None, "")
+        swings = _decays_of(_pieces(time, signal)[0], None, "")
     except DecayError as error:
         return None, str(error).removeprefix(": ").partition(";")[0].rstrip(".")
     return max(swings, key=lambda swing: float(swing.peaks.sum())), ""
@@ -265,9 +262,7 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     inside = record.isel(time=slice(first, last))
     if (count := inside.sizes["time"]) < 20:
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
-        where = (
-            f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen the window."
-        )
+        where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."
         if window == (None, None):
             where = f"{np.ptp(time):.3g} s, of which no decay can be told; record longer."
         raise DecayError(f"{source}: only {count} sample{'s' * (count != 1)} in {where}")

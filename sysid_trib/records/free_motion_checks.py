@@ -184,8 +184,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
         return 0, ""
     if swing.run.stop - last - 1 < FEWEST_EXTREMA:
         raise DecayError(
-            f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end; "
-            "record with a wider range."
+            f"{source}: its half periods are clipped to the end, at {' or '.join(limits)}; widen the range."
         )
     first = int(np.searchsorted(time, swing.halves.crossing[last + 1]))
     cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"

@@ -2,18 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, Index
+from sysid_trib.arrays import Array, Index, Variables, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records.equilibrium import harmonic_sums, with_half_periods
+from sysid_trib.records import equilibrium, signal
 from sysid_trib.records.half_periods import HalfPeriods, analytic_extrema, noise_of_record
-from sysid_trib.records.signal import unit_of_signal
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
@@ -40,7 +38,7 @@ def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[
     # The third round moves the frequency by less than 1e-6 of itself.
     for _ in range(3):
         phase = w[half] * s
-        cc, cs, ss, cy, sy = harmonic_sums(phase, y, weight, first)
+        cc, cs, ss, cy, sy = equilibrium.harmonic_sums(phase, y, weight, first)
         normal = np.stack([cc, cs, cs, ss], axis=1).reshape(-1, 2, 2)
         right = np.stack([cy, sy], axis=1)
         p, q = np.linalg.solve(normal, right[..., None])[..., 0].T
@@ -118,7 +116,7 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     """
     if curve not in EXTREMA:
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
-    time, angle, halves = with_half_periods(decay)
+    time, angle, halves = equilibrium.with_half_periods(decay)
     # A half-sine of known frequency has two unknowns.
     if np.diff(halves.samples(time)[0]).min() < 2:
         source = decay.attrs.get("source", "decay")
@@ -129,18 +127,12 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     at_noise = (extremum, noise * extremum_error), (extremum_time, noise * time_error)
     ratios = [_scatter_ratio(value, error, decay_ratio) for value, error in at_noise]
     errors = [ratio * error for ratio, (_, error) in zip(ratios, at_noise, strict=True)]
-    unit = unit_of_signal(decay)
-    over, name, time_name = "half_period", "extremum of the half-sine", "time of the extremum"
-    return xr.Dataset(
-        {
-            **with_standard_error(over, "extremum", extremum, errors[0], unit, name),
-            "sign": (over, halves.sign, {"units": "1", "long_name": "sign of the half period"}),
-            **with_standard_error(over, "extremum_time", extremum_time, errors[1], "s", time_name),
-            "white_noise": ((), noise, {"units": unit, "long_name": "white noise of one sample"}),
-            **_instants(extremum, extremum_time, errors, unit),
-        },
-        attrs=decay.attrs | {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]},
-    )
+    unit = signal.unit_of_signal(decay)
+    data = _with_errors(extremum, extremum_time, errors, unit)
+    data["sign"] = variable("half_period", halves.sign, "sign of the half period", "1")
+    data["white_noise"] = variable((), noise, "white noise of one sample", unit)
+    scatter = {"scatter_of_extrema": ratios[0], "scatter_of_times": ratios[1]}
+    return xr.Dataset(data, attrs=decay.attrs | scatter)
 
 
 def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
@@ -162,29 +154,24 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
     return ratio if ratio > 1.0 + 6.5 / np.sqrt(value.size - 8) else 1.0
 
 
-def with_standard_error(
-    dim: str | tuple[()], name: str, value: ArrayLike, error: ArrayLike, units: str, long_name: str
-) -> dict[str, Any]:
-    """A variable of a Dataset and its `..._standard_error`."""
-    attrs = {"units": units, "long_name": long_name}
-    error_attrs = attrs | {"long_name": f"standard error of the {long_name}"}
-    return {name: (dim, value, attrs), f"{name}_standard_error": (dim, error, error_attrs)}
-
-
-def _instants(b: Array, t: Array, errors: Sequence[Array], unit: str) -> dict[str, Any]:
-    """Amplitude, its rate and the frequency at all half periods but the first and last."""
+def _with_errors(b: Array, t: Array, errors: Sequence[Array], unit: str) -> Variables:
+    """Extrema, their times; amplitude, its rate, the frequency at all half periods but the first and last."""
     variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
     span = t[2:] - t[:-2]
     rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
     both_b, both_t = variance_b[2:] + variance_b[:-2], variance_t[2:] + variance_t[:-2]
-    variables: dict[str, Any] = {}
-    for name, value, variance, units, long_name in (
-        ("instant_time", t[1:-1], variance_t[1:-1], "s", "time"),
-        ("amplitude", 0.5 * (b[2:] + b[:-2]), 0.25 * both_b, unit, "amplitude"),
-        ("amplitude_rate", rate, (both_b + rate**2 * both_t) / span**2, f"{unit}/s", "rate of the amplitude"),
-        ("frequency", frequency, frequency**2 * both_t / span**2, "rad/s", "angular frequency"),
+    of_rate = (both_b + rate**2 * both_t) / span**2
+    variables: Variables = {}
+    for name, value, error, units, long_name in (
+        ("extremum", b, errors[0], unit, "extremum of the half-sine"),
+        ("extremum_time", t, errors[1], "s", "time of the extremum"),
+        ("instant_time", t[1:-1], np.sqrt(variance_t[1:-1]), "s", "time"),
+        ("amplitude", 0.5 * (b[2:] + b[:-2]), np.sqrt(0.25 * both_b), unit, "amplitude"),
+        ("amplitude_rate", rate, np.sqrt(of_rate), f"{unit}/s", "rate of the amplitude"),
+        ("frequency", frequency, np.sqrt(frequency**2 * both_t / span**2), "rad/s", "angular frequency"),
     ):
-        variables |= with_standard_error("instant", name, value, np.sqrt(variance), units, long_name)
+        dim = "half_period" if name.startswith("extremum") else "instant"
+        variables |= with_error(name, dim, (value, error), long_name, units)
     return variables
 
 

@@ -58,9 +58,7 @@ class KnownInput:
         if not np.all(np.isfinite(self.values)):
             raise UsageError("A known input must be finite numbers; cut the record where it is not.")
         if (between := self.between) not in BETWEEN_SAMPLES:
-            raise UsageError(
-                f"Between samples an input is one of {', '.join(BETWEEN_SAMPLES)}, not '{between}'."
-            )
+            raise UsageError(f"Between samples an input is {', '.join(BETWEEN_SAMPLES)}, not '{between}'.")
 
     @cached_property
     def _polynomials(self) -> tuple[PPoly, ...]:
@@ -170,9 +168,7 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     units = given.attrs.get("units")
     if name == INPUT and units != f"{unit}/s^2":
         said = "says no unit" if units is None else f"is in {units}"
-        raise UsageError(
-            f"input(time) {said}; give the acceleration in {unit}/s^2, input.attrs['units'] = '{unit}/s^2'."
-        )
+        raise UsageError(f"input(time) {said}; give an acceleration, input.attrs['units'] = '{unit}/s^2'.")
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
     if time[0] > start or time[-1] < float(record.time.values[-1]):
@@ -225,8 +221,7 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
         if name != INPUT and name not in library.inputs:
             held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
             raise UsageError(
-                f"No force holds the input {name} ({held}); offer one that does (libraries/inputs.toml), or "
-                "leave the input out."
+                f"No force holds the input {name} ({held}); offer one (libraries/inputs.toml), or no input."
             )
 
 
@@ -272,9 +267,7 @@ def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -
     low, high = window
     part = record.sel(time=slice(low, high))
     if part.sizes["time"] < FEWEST_SAMPLES:
-        raise DecayError(
-            f"The window holds {part.sizes['time']} samples of {record.sizes['time']}; give a longer one."
-        )
+        raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
     names = list(inputs_of(record))
     time, between = part.time.values, {str(part[name].attrs["between"]) for name in names}
     units = [f"{name} ({part[name].attrs.get('units', 'unit not stated')})" for name in names]

@@ -11,16 +11,10 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records import units as lab
-from sysid_trib.records.assumed_units import unit_of
-from sysid_trib.records.cleaning import spikes, unwrapped
+from sysid_trib.records import assumed_units, cleaning, equilibrium, inputs, reading, tables, units as lab
 from sysid_trib.records.columns import Chosen, choose_columns
-from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.inputs import PER_KIND, named_inputs
-from sysid_trib.records.reading import Reading, is_expression, with_expression
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
-from sysid_trib.records.tables import FileTable, read_table
 
 
 def read_record(
@@ -83,28 +77,18 @@ def read_record(
     RecordError
         A file without such a record: malformed, not finite, times out of order.
     """
-    how = Reading(
-        time,
-        angle,
-        signal,
-        units,
-        sampling_rate,
-        time_units,
-        length,
-        inputs=named_inputs(input),
-        between=between,
-    )
+    given = time, angle, signal, units, sampling_rate, time_units, length
+    how = reading.Reading(*given, inputs=inputs.named_inputs(input), between=between)
     records = read_records(path, how)
     if len(records) > 1:
         names = ", ".join(str(record.attrs["angle_column"]) for record in records)
         raise UsageError(
-            f"{Path(path).name}: {len(records)} runs side by side ({names}); name a column, or take all with "
-            "read_records."
+            f"{Path(path).name}: {len(records)} runs side by side ({names}); name one, or read_records."
         )
     return records[0]
 
 
-def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> list[xr.Dataset]:
+def read_records(path: str | os.PathLike[str], how: reading.Reading | None = None) -> list[xr.Dataset]:
     """Read every run of a file: one, or several side by side.
 
     Parameters
@@ -124,14 +108,14 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     UsageError, RecordError
         As `read_record`.
     """
-    how = how or Reading()
+    how = how or reading.Reading()
     path = Path(path)
     how = replace(how, inputs=inputs_near(how.inputs, path))
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
-    table = read_table(path)
-    if is_expression(table, how.angle):
-        table = with_expression(table, str(how.angle), how.units)
+    table = tables.read_table(path)
+    if reading.is_expression(table, how.angle):
+        table = reading.with_expression(table, str(how.angle), how.units)
     chosen = choose_columns(table, how, input_columns(how.inputs, table))
     records = [_read(table, columns, how) for columns in chosen]
     # A run that hardly swings does not show that it is in degrees; another one of the file does.
@@ -144,7 +128,7 @@ def read_records(path: str | os.PathLike[str], how: Reading | None = None) -> li
     return records
 
 
-def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
+def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.Dataset:
     time_column, column, why_this = columns
     values, absent = column.signal
     clock, time_unit, said = row_times(table, time_column, column, values, how)
@@ -159,12 +143,12 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
     if values.size < 2:
         raise RecordError(f"{table.source}: a single sample is not a record.")
     # A bad sample says nothing of the unit.
-    calm = np.delete(np.arange(values.size), spikes(time, values))
-    unit, why = unit_of(table, column, how, time[calm], values[calm])
+    calm = np.delete(np.arange(values.size), cleaning.spikes(time, values))
+    unit, why = assumed_units.unit_of(table, column, how, time[calm], values[calm])
     values = values * unit.factor
     if unit.quantity in lab.POSITIONS:
         is_angle = unit.quantity == "angle"
-        values, turn, cuts = unwrapped(values, 2.0 * np.pi if is_angle else None)
+        values, turn, cuts = cleaning.unwrapped(values, 2.0 * np.pi if is_angle else None)
         at_end = f"the end of its range ({cuts} times, {turn:.6g} {unit.text})"
         where = f"a whole turn ({cuts} times)" if is_angle else at_end
         said += [f"put together again where it was cut at {where}"] if cuts else []
@@ -184,7 +168,7 @@ def _read(table: FileTable, columns: Chosen, how: Reading) -> xr.Dataset:
 
 
 def _as_record(
-    time: Array, values: Array, unit: lab.SignalUnit, attrs: Mapping[str, Any], how: Reading
+    time: Array, values: Array, unit: lab.SignalUnit, attrs: Mapping[str, Any], how: reading.Reading
 ) -> xr.Dataset:
     """The record of a signal: `angle(time)`, and what was measured if that is another quantity.
 
@@ -199,13 +183,13 @@ def _as_record(
         position, scale = "rad", lab.METRES[position] / how.length
         record.attrs["length"] = how.length
     if times := lab.INTEGRATIONS[unit.quantity]:
-        swing, quantity = find_swing(time, values), unit.quantity
+        swing, quantity = equilibrium.find_swing(time, values), unit.quantity
         bias = float(np.median(values)) if swing is None else swing.equilibrium
         period = float(np.ptp(time)) if swing is None else swing.oscillation.period
         said = f"integrated {'once' if times == 1 else 'twice'}, without the drift of its bias"
-        made = {f"{quantity}_bias": bias, "integrations": times}
+        made: dict[str, Any] = {f"{quantity}_bias": bias, "integrations": times}
         made["integration"] = f"{said} (splines, knots two periods apart)"
-        measured = {"units": position + PER_KIND[quantity], "long_name": f"{quantity} as measured"}
+        measured = {"units": position + inputs.PER_KIND[quantity], "long_name": f"{quantity} as measured"}
         if how.distance is not None:
             made = _felt(str(attrs["source"]), swing, how.distance)
             quantity = record.attrs["signal"] = lab.ACCELEROMETER
@@ -218,7 +202,7 @@ def _as_record(
     return record
 
 
-def _felt(source: str, swing: Swing | None, distance: float) -> dict[str, Any]:
+def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict[str, Any]:
     """What an accelerometer at a distance (m) from the axis feels, by the sine of the angle."""
     if swing is None:
         raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")

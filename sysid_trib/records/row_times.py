@@ -12,14 +12,13 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records.assumed_units import are_whole, check_period, time_factor
+from sysid_trib.records import assumed_units, units
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.column import Column
 from sysid_trib.records.columns import own_time
 from sysid_trib.records.inputs import ROLE
 from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.tables import FileTable, read_table
-from sysid_trib.records.units import SignalUnit
 
 # Of its steps so many are those of a counter.
 MOSTLY = 0.9
@@ -70,17 +69,15 @@ def row_times(
         return (counted / rate, rows, (), (f"{rate:g} Hz",)), "s", [said, gaps]
     stamps = time.numbers
     if stamps.size != values.size:
-        raise RecordError(
-            f"{source}: {stamps.size} times but {values.size} angles; choose columns that belong together."
-        )
-    unit, factor, why = time_factor(table, time, how.time_units)
+        raise RecordError(f"{source}: {stamps.size} times, {values.size} angles; name columns of one length.")
+    unit, factor, why = assumed_units.time_factor(table, time, how.time_units)
     if given is not None:
         rows = np.flatnonzero(np.isfinite(stamps))
         _check_rate(stamps[rows] * factor, given, time)
         return (rows / given, rows, (), (f"{given:g} Hz as given",)), unit or "s", []
     clock = read_clock(stamps, factor, source, values, numbered)
     if unit is None:
-        check_period(clock[0], values[clock[1]], are_whole(stamps), source)
+        assumed_units.check_period(clock[0], values[clock[1]], assumed_units.are_whole(stamps), source)
     return clock, unit or "s", ["; ".join(text for text in (why, gaps) if text)]
 
 
@@ -175,9 +172,7 @@ def _near(pattern: Path, record: Path) -> Path:
     nearest = [file for file, length in zip(fitting, common, strict=True) if length == max(common)]
     if len(nearest) != 1:
         said = ", ".join(file.name for file in nearest[:2]) or "none"
-        raise UsageError(
-            f"{record.name}: the input's file {pattern} must fit one file in {folder}, not {said}."
-        )
+        raise UsageError(f"{record.name}: the input {pattern} must fit one file in {folder}, not {said}.")
     return nearest[0]
 
 
@@ -220,14 +215,12 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading)
             time, values, unit = _of_file(other, wanted, how)
         if not np.all(np.isfinite(values)):
             raise RecordError(
-                f"{table.source}: the input {name} is not a number at each time; cut the record (--window), "
-                "or fill it in."
+                f"{table.source}: the input {name} is not a number at each time; fill it, or cut (--window)."
             )
         # An input that varies by less than this part of its size is constant.
         if np.ptp(values) <= 1e-12 * np.max(np.abs(values), initial=0.0):
             raise RecordError(
-                f"{table.source}: the input {name} is {values[0]:g} throughout and drives nothing; name "
-                "another column, or leave it out."
+                f"{table.source}: the input {name} is {values[0]:g} throughout; name another column, or none."
             )
         attrs: dict[str, Any] = {"role": ROLE, "between": how.between, "long_name": f"input {name}"}
         if unit is not None:
@@ -241,7 +234,7 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading)
     return record
 
 
-def _column(table: FileTable, wanted: str | int) -> tuple[Array, SignalUnit | None]:
+def _column(table: FileTable, wanted: str | int) -> tuple[Array, units.SignalUnit | None]:
     """Values and unit of a column; of a formula of columns, `35.15*vir`, no unit follows."""
     if is_expression(table, wanted):
         return evaluated(table, str(wanted), "--input")[0], None
@@ -256,7 +249,7 @@ def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, 
         yield (name, column, Path(file)) if colon and file else (name, wanted, None)
 
 
-def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array, SignalUnit | None]:
+def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array, units.SignalUnit | None]:
     """Times, values and unit of a column of another file."""
     if not path.is_file():
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")

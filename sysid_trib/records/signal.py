@@ -47,9 +47,7 @@ def as_record(given: Any) -> Any:
         given = table["angle"] if "angle" in table.columns else table.iloc[:, 0]
     if isinstance(given, np.ndarray):
         if given.ndim != 2 or given.shape[1] != 2:
-            raise UsageError(
-                f"An array is a record as (sample, 2), times and angles; this one is {given.shape}."
-            )
+            raise UsageError(f"An array is a record as (sample, 2), times and angles, not as {given.shape}.")
         given = pd.Series(given[:, 1], index=given[:, 0])
     record = given.to_xarray() if isinstance(given, pd.Series) else given
     if isinstance(record, xr.DataArray):
@@ -88,21 +86,16 @@ def checked_signal(record: Any, *names: str) -> None:
     for name in ("time", "angle", *names):
         variable = record.variables.get(name)
         if variable is None or variable.dims != ("time",):
-            raise UsageError(
-                f"{source}: a record has {name}(time), one number for each sample; this one has none."
-            )
+            raise UsageError(f"{source}: a record has {name}(time), one number a sample; this one has none.")
         if variable.dtype.kind not in "fiu":
-            raise UsageError(
-                f"{source}: {name}(time) holds {variable.dtype}; give numbers (time in s, angles in rad)."
-            )
+            raise UsageError(f"{source}: {name}(time) holds {variable.dtype}; give numbers in s and rad.")
         # Whatever is not finite is not below either.
         bad = np.flatnonzero(~(np.abs(variable.values) <= LARGEST_NUMBER))
         if bad.size:
             first, instant = bad[0], record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
             raise DecayError(
-                f"{source}: {where} is not a finite number that can be computed with "
-                f"({variable.values[first]:g}); cut it out."
+                f"{source}: {where} is not a finite number, or vast ({variable.values[first]:g}); cut it out."
             )
     _check_units(record, source)
     if record.sizes["time"] < FEWEST_SAMPLES:
@@ -113,9 +106,7 @@ def checked_signal(record: Any, *names: str) -> None:
         values = record.variables[name].values
         extent = float(np.max(values) - np.min(values))
         if 0.0 < extent < 1.0 / LARGEST_NUMBER:
-            raise DecayError(
-                f"{source}: {name} is flat at {values[0]:.3g} but for {extent:.3g}, too little; scale it."
-            )
+            raise DecayError(f"{source}: {name} is flat at {values[0]:.3g} but for {extent:.3g}; scale it.")
 
 
 def _check_units(record: xr.Dataset, source: str) -> None:
@@ -123,15 +114,12 @@ def _check_units(record: xr.Dataset, source: str) -> None:
     time_unit = str(record["time"].attrs.get("units", "")).strip()
     if time_unit.lower() not in SPELT_SECONDS:
         raise DecayError(
-            f"{source}: its times are in {time_unit}, where s are needed; convert them "
-            '(record.assign_coords(time=...)), with units="s".'
+            f'{source}: its times are in {time_unit}, not in s: record.assign_coords(time=...), units="s".'
         )
     angle_unit = unit_of_signal(record).strip()
     # Files may have other units of an angle, a record in memory may not: its forces are functions of radians.
     if ANGLE_UNITS.get(angle_unit.lower(), ANGLE_UNIT) != ANGLE_UNIT:
-        raise DecayError(
-            f'{source}: its angle is in {angle_unit}, where rad are needed; convert it, with units="rad".'
-        )
+        raise DecayError(f'{source}: its angle is in {angle_unit}, not in rad; convert it, with units="rad".')
 
 
 # A gap of more than this part of a period parts a record: no polynomial knows what was in it.

@@ -13,10 +13,8 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
+from sysid_trib.records import half_periods, inputs, signal
 from sysid_trib.records.equilibrium import with_half_periods
-from sysid_trib.records.half_periods import noise_of_record
-from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.signal import clamped_knots
 
 SPLINE_DEGREE = 5
 KNOTS_PER_PERIOD = 12
@@ -42,7 +40,7 @@ def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
 
 def knot_sequence(tau: Array, intervals: int | None = None) -> Array:
     """Clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
-    return clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
+    return signal.clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
 
 
 def least_squares_spline(tau: Array, values: Array, intervals: int | None = None) -> tuple[BSpline, Array]:
@@ -222,7 +220,7 @@ def first_frequency(runs: Sequence[xr.Dataset]) -> float:
         try:
             return swing_frequency(run)
         except DecayError:
-            if not inputs_of(run):
+            if not inputs.inputs_of(run):
                 raise
             return swing_frequency(run, equilibrium=None)
 
@@ -260,7 +258,7 @@ def sensor_noise(decay: xr.Dataset) -> float:
     if integrations and "measured" in decay:
         measured = decay["measured"].sel(measured_time=slice(*decay.time.values[[0, -1]].tolist()))
         by_spline = sensor_noise(xr.Dataset({"angle": measured.rename(measured_time="time")}))
-        by_differences = noise_of_record(
+        by_differences = half_periods.noise_of_record(
             measured.measured_time.values.astype(float), measured.values.astype(float)
         )
         # Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
@@ -272,7 +270,7 @@ def sensor_noise(decay: xr.Dataset) -> float:
         about_spline = _about_spline if len(tau) <= MOST_KEPT else _about_long_spline
         return about_spline(tau.tobytes(), angle.tobytes())
     except DecayError:
-        return float(noise_of_record(time, angle))
+        return float(half_periods.noise_of_record(time, angle))
 
 
 def _noise(tau: bytes, angle: bytes) -> float:

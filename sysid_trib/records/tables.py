@@ -11,14 +11,13 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
-from sysid_trib.records import units as lab
+from sysid_trib.records import formats, units as lab
 from sysid_trib.records.column import Column
-from sysid_trib.records.formats import Contents, read_lines, reader_of
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.text import check_width
 
@@ -152,11 +151,11 @@ def read_table(path: Path) -> FileTable:
         return FileTable(source, columns, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest())
 
 
-def _contents(path: Path) -> Contents:
+def _contents(path: Path) -> formats.Contents:
     check_is_file(path)
     try:
-        reader = reader_of(path)
-        if reader is not read_lines:
+        reader = formats.reader_of(path)
+        if reader is not formats.read_lines:
             check_binary(path, reader.__name__)
         return reader(path)
     except (RecordError, UsageError):
@@ -164,8 +163,7 @@ def _contents(path: Path) -> Contents:
     except ImportError as error:
         package = f"the package {error.name}" if error.name else "a further package"
         raise RecordError(
-            f"{path.name}: to read this format {package} is needed; install it with "
-            "pip install pyarrow npTDMS."
+            f"{path.name}: to read this format {package} is needed: pip install pyarrow npTDMS."
         ) from error
     except PermissionError:
         raise RecordError(f"{path}: you may not read this file; change its permissions.") from None
@@ -199,9 +197,7 @@ def check_is_file(path: Path) -> None:
     if path.is_dir():
         raise RecordError(f"{path}: this is a directory; name a file in it.")
     if not path.is_file():
-        raise RecordError(
-            f"{path}: this is a pipe or a device, not a file; save what it gives as a file first."
-        )
+        raise RecordError(f"{path}: this is a pipe or a device; save what it gives as a file first.")
 
 
 @contextmanager
@@ -221,10 +217,16 @@ def _opened(path: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / name.removesuffix(".gz")
         try:
-            with nullcontext(sys.stdin.buffer) if given else gzip.open(path) as file:
-                _copy(file, copy, name)
+            with (
+                nullcontext(sys.stdin.buffer) if given else gzip.open(path) as file,
+                copy.open("wb") as target,
+            ):
+                while target.tell() <= LARGEST_CONTENT and (part := file.read(2**20)):
+                    target.write(part)
         except (OSError, EOFError, zlib.error) as error:
             raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
+        if copy.stat().st_size > LARGEST_CONTENT:
+            raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
         yield copy
 
 
@@ -235,14 +237,3 @@ def _is_gzip(path: Path) -> bool:
             with path.open("rb") as file:
                 return file.read(2) == b"\x1f\x8b"
     return False
-
-
-def _copy(file: "IO[bytes] | gzip.GzipFile", copy: Path, name: str) -> None:
-    """Copy a stream, and refuse to go on beyond the largest content."""
-    room = LARGEST_CONTENT
-    with copy.open("wb") as target:
-        while part := file.read(2**20):
-            room -= len(part)
-            if room < 0:
-                raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
-            target.write(part)

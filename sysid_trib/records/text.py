@@ -62,9 +62,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         kind = "a web page" if markup[1].lower() in (b"html", b"doctype") else "XML"
         raise RecordError(f"{path.name}: this is {kind}, not a table; export the data as CSV or .xlsx.")
     if not wide and b"\0" in content:
-        raise RecordError(
-            f"{path.name}: binary content, but none of the formats that can be read ({FORMATS})."
-        )
+        raise RecordError(f"{path.name}: binary content of no format that can be read ({FORMATS}).")
     try:
         return table_in(content.decode(wide or "utf-8-sig"), path)
     except UnicodeDecodeError:
@@ -92,13 +90,9 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
     usual = _fields(block[0], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1], delimiter), usual):
         block.pop()
+    cells, sign = StringIO("\n".join(block)), delimiter or r"\s+"
     frame = pd.read_csv(
-        StringIO("\n".join(block)),
-        sep=delimiter or r"\s+",
-        decimal=decimal,
-        header=None,
-        skipinitialspace=True,
-        low_memory=False,
+        cells, sep=sign, decimal=decimal, header=None, skipinitialspace=True, low_memory=False
     )
     # A delimiter at the end of every line makes an empty last column.
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
@@ -121,8 +115,7 @@ def check_width(path: Path, columns: int) -> None:
     # The widest table that is looked at.
     if columns > 4096:
         raise RecordError(
-            f"{path.name}: has {columns:,} columns; a record has a few, and a row for each "
-            "sample: turn the table, or cut it."
+            f"{path.name}: has {columns:,} columns, where a record has a few: turn the table, or cut it."
         )
 
 

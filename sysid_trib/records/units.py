@@ -188,18 +188,14 @@ def _without_accents(text: str) -> str:
 
 
 _VALUE = r"(?P<value>\d[\d.]*(?:,\d+)?(?:e[+-]?\d+)?)"
-_SECOND = r"s(?:ec(?:ond)?)?\b"
 _RATES = (
     # `fs = 200 Hz`, `Sampling rate (kHz): 2`
     r"\b(?:fs|f_s|fps|sampl(?:e|ing)[ _]?(?:rate|frequency)|samplerate|abtast(?:rate|frequenz)|"
     r"(?:frame|data|scan|actual|acq(?:uisition)?|daq|adc|clock|update)[ _]?rate|(?<![\w ])rate)\b"
     r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"\s*(?P<after>k?hz)?",
     # `30 fps`, `65 samples/s`
-    r"(?<![\w.,])"
-    + _VALUE
-    + r"\s*(?:(?:k?sa|k?s)/s|k?sps|fps|(?:samples?|frames?)\s*(?:/|per)\s*"
-    + _SECOND
-    + ")",
+    rf"(?<![\w.,]){_VALUE}\s*(?:(?:k?sa|k?s)/s|k?sps|fps|"
+    r"(?:samples?|frames?)\s*(?:/|per)\s*s(?:ec(?:ond)?)?\b)",
 )
 # `dt = 5 ms`, LabVIEW's `Delta_X`
 _STEP = (
@@ -207,9 +203,7 @@ _STEP = (
     r"abtast(?:intervall|zeit))\b"
     r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"(?:\s*(?P<after>[mµu]?s)\b)?"
 )
-_DURATION = (
-    r"\b(?:duration|record(?:ing)?[ _]?length|acquisition[ _]?time)\b\W{0,4}" + _VALUE + r"\s*(?:s\b|$)"
-)
+_DURATION = rf"\b(?:duration|record(?:ing)?[ _]?length|acquisition[ _]?time)\b\W{{0,4}}{_VALUE}\s*(?:s\b|$)"
 _UNIT = (
     r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:=\t])"
     r"\s*['\"]?(?P<unit>[^\s'\",;]+)"

@@ -10,6 +10,7 @@ from scipy.stats import binned_statistic, binned_statistic_2d
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.cycles import backbone as bands
+from sysid_trib.cycles.smooth_curve import CurveRows
 from sysid_trib.errors import SysidTribError
 from sysid_trib.records import equilibrium, half_sines
 from sysid_trib.records.signal import unit_of_signal
@@ -153,7 +154,7 @@ def _model_rows(
 @in_units_of_the_motion
 def _motion_rows(
     decay: xr.Dataset, result: xr.Dataset, release: float, times: float
-) -> tuple[Array, dict[str, bands.CurveRows]]:
+) -> tuple[Array, dict[str, CurveRows]]:
     """Periods of the motion from a release; amplitudes in parts of the record's largest signal."""
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
