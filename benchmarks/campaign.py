@@ -24,7 +24,7 @@ import pandas as pd
 import psutil
 
 import sysid_trib as st
-from sysid_trib.campaigns.store import counts_of
+from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.errors import RecordError
 
 STUDY = """

@@ -16,7 +16,7 @@ from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
 from sysid_trib.campaigns.conditions import read_conditions
-from sysid_trib.campaigns.store import counts_of
+from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.errors import RecordError, UsageError
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")

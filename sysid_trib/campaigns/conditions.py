@@ -64,27 +64,17 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
     # A force without a degree keeps its size; its coefficient is compared as it is.
     power = np.where(np.isnan(degrees), 0.0, 2.0 - degrees)
     factor = (reference[:, None] / mean) ** power
-    pairs = [
-        np.column_stack([factor * done[name].values, done[of_frequency].values])
-        for name, of_frequency in (
-            ("coefficient", "asymptotic_frequency"),
-            ("standard_error", "asymptotic_frequency_standard_error"),
-        )
-    ]
-    quantities = [*done.force.values.astype(str), ASYMPTOTIC_FREQUENCY]
-    known = np.flatnonzero(np.sum(np.isfinite(pairs[0]) & (pairs[1] > 0.0), axis=0) > 1)
-    dims = ("run", "quantity")
-    values, errors = (array[:, known] for array in pairs)
-    return xr.Dataset(
-        {"value": (dims, values), "standard_error": (dims, errors)},
-        {
-            "run": done.record.values.astype(str),
-            "at": ("run", places),
-            "quantity": np.array(quantities)[known],
-            "unit": ("quantity", np.array([*done.unit.values.astype(str), "rad/s"])[known]),
-        },
-        {"reference_frequency": mean, "signal_units": str(usual), "other_units": int(np.sum(units != usual))},
-    )
+    values = np.column_stack([factor * done.coefficient.values, done.asymptotic_frequency.values])
+    of_frequency = done.asymptotic_frequency_standard_error.values
+    errors = np.column_stack([factor * done.standard_error.values, of_frequency])
+    known = np.flatnonzero(np.sum(np.isfinite(values) & (errors > 0.0), axis=0) > 1)
+    dims, of_quantities = ("run", "quantity"), np.array([*done.force.values, ASYMPTOTIC_FREQUENCY], dtype=str)
+    of_units = np.array([*done.unit.values, "rad/s"], dtype=str)
+    data = {"value": (dims, values[:, known]), "standard_error": (dims, errors[:, known])}
+    coords = {"run": done.record.values.astype(str), "at": ("run", places)}
+    coords |= {"quantity": of_quantities[known], "unit": ("quantity", of_units[known])}
+    attrs = {"signal_units": str(usual), "other_units": int(np.sum(units != usual))}
+    return xr.Dataset(data, coords, {"reference_frequency": mean} | attrs)
 
 
 def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 from zlib import crc32
 
 import numpy as np
+import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
@@ -61,6 +62,12 @@ def empty(name: str, sizes: Mapping[str, int]) -> Array:
     """What a variable is of a record of which nothing is known."""
     kind = STORED_KINDS.get(name, "f8")
     return np.full([sizes[dim] for dim in VARIABLES[name][0]], FILL[kind[0]], dtype=kind)
+
+
+def counts_of(store: xr.Dataset) -> dict[str, int]:
+    """How many records of a store are of each status."""
+    counted = np.bincount(store.status.values, minlength=len(STATUS))
+    return dict(zip(STATUS, counted.tolist(), strict=True))
 
 
 def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
@@ -170,6 +177,33 @@ def _bytes(column: Array) -> Array:
     if column.dtype.kind == "f":
         column = np.where(np.isnan(column), np.nan, column)
     return np.ascontiguousarray(column).reshape(len(column), -1).view(np.uint8)
+
+
+def new_array(
+    group: Any, name: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, block: int
+) -> Any:
+    """An array of a store that is made, of so many records in a chunk."""
+    chunks = (max(1, min(block, shape[0])), *(max(1, size) for size in shape[1:]))
+    array = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, fill_value=FILL[dtype.kind])
+    array.attrs["_ARRAY_DIMENSIONS"] = list(dims)
+    return array
+
+
+def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
+    """Fill the rows of a new group that an old one has, a block of so many records at a time.
+
+    `names` : of the records of the new one, those of the old one among them.
+    """
+    place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
+    known = np.array([place.get(name, -1) for name in names])
+    for name, array in row_arrays(dict(old.arrays())).items():
+        for first in range(0, len(known), block):
+            at = known[first : first + block]
+            rows = np.flatnonzero(at >= 0)
+            if len(rows):
+                values = new[name][first : first + block]
+                values[rows] = array.oindex[at[rows]]
+                new[name][first : first + block] = values
 
 
 # What says that another process has locked a file: EDEADLK is of Windows.

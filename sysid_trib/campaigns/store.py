@@ -4,30 +4,24 @@ A chunk holds one block of records. A block is written by one process, its statu
 renamed into its place when it is whole: at any moment the store can be read, and what is done is known.
 """
 
-import hashlib
-import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib._version import __version__
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
 from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
-from sysid_trib.campaigns.task import Task, checksum_of, empty_row
+from sysid_trib.campaigns.task import Task, checksum_of, empty_row, fingerprint
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.results.schema import force_labels
 
-# Of what a store holds; one of another format is of another version.
-STORE_FORMAT = 2
 FINGERPRINT = "task_fingerprint"
 # Of numbers, texts and small integers; no other kind is read, as it may run code.
 KINDS = "fUi"
@@ -135,12 +129,6 @@ class Store:
             ) from None
 
 
-def counts_of(store: xr.Dataset) -> dict[str, int]:
-    """How many records of a store are of each status."""
-    counted = np.bincount(store.status.values, minlength=len(STATUS))
-    return dict(zip(STATUS, counted.tolist(), strict=True))
-
-
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     """The store of a campaign as a Dataset, read when it is used.
 
@@ -236,7 +224,7 @@ def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any
         group = zarr.open_group(made, mode="w", zarr_format=2)
         _fill(group, task, records, block)
         if old is not None:
-            _copy_rows(old, group, names_of(records), block)
+            stored.copy_rows(old, group, names_of(records), block)
             os.rename(path, taken_away)
     except OSError:
         shutil.rmtree(made, ignore_errors=True)
@@ -259,27 +247,6 @@ def _near(path: Path, ending: str) -> Path:
     return path.with_name(f".{path.name}.{ending}")
 
 
-def fingerprint(records: CampaignRecords, task: Task) -> str:
-    """What a store must have been begun with to be gone on with; further records may come to it."""
-    libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
-    methods = {label: repr(method) for label, method in task.methods.items()}
-    asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
-    options = sorted((name, repr(value)) for name, value in task.options.items())
-    study, in_memory = None, []
-    if isinstance(records, Study):
-        study = asdict(records) | {"records": None}
-    else:
-        # Files say themselves when they change.
-        held = [item for item in records if isinstance(item, xr.Dataset)]
-        in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
-    # What is called, without its address in memory.
-    inner = getattr(task.read, "func", task.read)
-    given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
-    read = f"{inner.__module__}.{inner.__qualname__} {given!r}"
-    content = [__version__, STORE_FORMAT, study, in_memory, libraries, asked, options, read]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
 def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
     """Make the arrays of a store."""
     labels, forces = task.axes, force_labels(list(task.forces))
@@ -291,7 +258,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
     for name, (dim, texts) in coordinates.items():
         values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
         if len(values):
-            _array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
+            stored.new_array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
     if isinstance(records, Study):
         row[stored.TRUTH] = np.full(len(task.forces), np.nan)
@@ -299,48 +266,12 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         if not empty.size:
             continue
         (dims, units, meaning), shape = stored.VARIABLES[name], (len(records), *empty.shape)
-        array = _array(group, name, ("record", *dims), shape, empty.dtype, block)
+        array = stored.new_array(group, name, ("record", *dims), shape, empty.dtype, block)
         flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
         attrs = {"long_name": meaning} | ({"units": units} if units else {})
         array.attrs.update(attrs | (flags if name == "status" else {}))
     begun_with = {FINGERPRINT: fingerprint(records, task), "task": task.name}
     group.attrs.update(begun_with | {"coordinates": "unit speed_degree"})
-
-
-def _array(
-    group: Any, name: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, block: int
-) -> Any:
-    chunks = (max(1, min(block, shape[0])), *(max(1, size) for size in shape[1:]))
-    array = group.create_array(
-        name, shape=shape, dtype=dtype, chunks=chunks, fill_value=stored.FILL[dtype.kind]
-    )
-    array.attrs["_ARRAY_DIMENSIONS"] = list(dims)
-    return array
-
-
-def _copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
-    """Fill the rows of a new store that an old one has, a block at a time.
-
-    Parameters
-    ----------
-    old, new : zarr.Group
-    names : sequence of str
-        Of the records of the new one, those of the old one among them.
-    block : int
-        Records in a chunk of the new one.
-    """
-    place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
-    known = np.array([place.get(name, -1) for name in names])
-    for name, array in old.arrays():
-        if not stored.is_per_record(array) or name == "record":
-            continue
-        for first in range(0, len(known), block):
-            at = known[first : first + block]
-            rows = np.flatnonzero(at >= 0)
-            if len(rows):
-                values = new[name][first : first + block]
-                values[rows] = array.oindex[at[rows]]
-                new[name][first : first + block] = values
 
 
 @contextmanager

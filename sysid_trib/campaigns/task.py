@@ -1,16 +1,19 @@
 """What a campaign does with each record, and the row of numbers that comes of it."""
 
 import hashlib
+import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
+from sysid_trib.campaigns.study import CampaignRecords, Study
 from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
@@ -34,6 +37,8 @@ Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 
 TASKS = get_args(Name)
+# Of what a store holds; one of another format is of another version.
+STORE_FORMAT = 2
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 # What a comparison says of a record, before the name of a method.
@@ -248,3 +253,24 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
         stored.TIED: "; ".join(tied),
         stored.EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
     }
+
+
+def fingerprint(records: CampaignRecords, task: Task) -> str:
+    """What a store must have been begun with to be gone on with; further records may come to it."""
+    libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
+    methods = {label: repr(method) for label, method in task.methods.items()}
+    asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
+    options = sorted((name, repr(value)) for name, value in task.options.items())
+    study, in_memory = None, []
+    if isinstance(records, Study):
+        study = asdict(records) | {"records": None}
+    else:
+        # Files say themselves when they change.
+        held = [item for item in records if isinstance(item, xr.Dataset)]
+        in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
+    # What is called, without its address in memory.
+    inner = getattr(task.read, "func", task.read)
+    given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
+    read = f"{inner.__module__}.{inner.__qualname__} {given!r}"
+    content = [__version__, STORE_FORMAT, study, in_memory, libraries, asked, options, read]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -12,7 +12,7 @@ import xarray as xr
 from sysid_trib.campaigns import task
 from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
-from sysid_trib.campaigns.store import counts_of
+from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.campaigns.study import load_study, names_of
 from sysid_trib.commands.app import GROUPS, Asked
 from sysid_trib.commands.asked import asked_model, asked_search, methods_asked

@@ -12,8 +12,7 @@ from rich.table import Table
 from sysid_trib import plots
 from sysid_trib._version import __version__
 from sysid_trib.campaigns.conditions import reported_method
-from sysid_trib.campaigns.rows import STATUS
-from sysid_trib.campaigns.store import counts_of
+from sysid_trib.campaigns.rows import STATUS, counts_of
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.declared import figures_of
 from sysid_trib.plots.motion_panels import MOST_POINTS

@@ -84,18 +84,14 @@ def sufficient_forces(result: xr.Dataset) -> list[dict[str, tuple[float, float]]
     score, correlation = result.coefficient.values / size, result.covariance.values / np.outer(size, size)
     for kept in range(count + 1):
         choices = [np.isin(np.arange(count), choice) for choice in combinations(range(count), kept)]
-        squares = [_sum_of_squares(score, correlation, ~choice) for choice in choices]
+        # Chi square of the coefficients that would be zero.
+        among = [(score[~c], np.linalg.pinv(correlation[np.ix_(~c, ~c)])) for c in choices]
+        squares = [float(part @ inverse @ part) for part, inverse in among]
         allowed = chi2.isf(BY_CHANCE, max(1, count - kept))
         if min(squares) <= allowed:
             break
     likely = [choices[at] for at in np.argsort(squares) if squares[at] <= allowed]
     return [_where_others_are_zero(result, score, correlation, choice) for choice in likely if choice.any()]
-
-
-def _sum_of_squares(score: Array, correlation: Array, dropped: Mask) -> float:
-    """Chi square of coefficients that would be zero."""
-    part = score[dropped]
-    return float(part @ np.linalg.pinv(correlation[np.ix_(dropped, dropped)]) @ part)
 
 
 def _where_others_are_zero(

@@ -25,18 +25,15 @@ def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None,
         table = pd.DataFrame({} if conditions is None else conditions).reset_index(drop=True)
     except ValueError as error:
         raise UsageError(f"The conditions are no table: {error}.") from None
-    if not len(table.columns):
-        return pd.DataFrame(index=range(runs))
-    if len(table) != runs:
+    if len(table.columns) and len(table) != runs:
         raise UsageError(f"The conditions have {len(table)} rows for {runs} runs; give one row a run.")
     for name in table:
-        missing = table[name].isna().to_numpy()
-        if missing.any():
+        if (missing := table[name].isna().to_numpy()).any():
             raise UsageError(
                 f"Condition '{name}' has no value for run {int(np.argmax(missing)) + 1}; "
                 "complete it, or leave the run out."
             )
-    return table.copy()
+    return table.reindex(range(runs))
 
 
 def _design(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
@@ -197,17 +194,11 @@ def _estimates(results: Sequence[xr.Dataset]) -> xr.Dataset:
     frequency = float(np.mean([r.reference_frequency.item() for r in results]))
     values, covariances = at_reference(results, kept, frequency)
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    dims, of_units = ("run", "quantity"), [*(units[symbol].pop() for symbol in kept), "rad/s"]
     sources = [", ".join(result.attrs["record_source"]) for result in results]
-    dims = ("run", "quantity")
-    return xr.Dataset(
-        {"value": (dims, values), "standard_error": (dims, errors)},
-        {
-            "quantity": [*kept, ASYMPTOTIC_FREQUENCY],
-            "unit": ("quantity", [*(units[symbol].pop() for symbol in kept), "rad/s"]),
-            "run": sources,
-        },
-        {"reference_frequency": frequency},
-    )
+    coords = {"quantity": [*kept, ASYMPTOTIC_FREQUENCY], "unit": ("quantity", of_units), "run": sources}
+    data = {"value": (dims, values), "standard_error": (dims, errors)}
+    return xr.Dataset(data, coords, {"reference_frequency": frequency})
 
 
 def _quantity(

@@ -159,10 +159,10 @@ def _compared(
         subject = "this record" if len(runs) == 1 else "these runs together"
         label, (_, row, _) = next(iter(trials.items()))
         raise DecayError(f"No method can identify {subject}. {label}: {row['reason']}.")
-    # Samples of a period.
     steps = [np.median(np.diff(run.time.values)) for run in runs]
-    halves = [np.median(np.diff(half_sines.extremum_time)) for *_, half_sines in parts]
-    blocks = [max(1, round(2.0 * half / step)) for half, step in zip(halves, steps, strict=True)]
+    periods = [2.0 * np.median(np.diff(half_sines.extremum_time)) for *_, half_sines in parts]
+    # Samples of a period.
+    blocks = [max(1, round(period / step)) for period, step in zip(periods, steps, strict=True)]
     table = method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]

@@ -18,6 +18,7 @@ from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation import internal_states
 from sysid_trib.validation.findings import LARGE
+from sysid_trib.validation.refits import scalars_of
 from sysid_trib.validation.residuals import motion_residual
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
@@ -177,10 +178,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     values["coefficient"], values["standard_error"] = c = _coefficients(results, forces, reference)
     values["z"] = contrast(*c, best)
     for name in ("reference_frequency", "asymptotic_frequency"):
-        values[name] = limit, error = tuple(
-            np.array([np.nan if result is None else result[column].item() for result in results])
-            for column in (name, f"{name}_standard_error")
-        )
+        values[name] = limit, error = tuple(scalars_of(results, name))
     values["asymptotic_frequency_z"] = contrast(limit[:, None], error[:, None], best)[:, 0]
     residuals = [[of_run.residual.values for of_run in of.get("holdout", [])] for of in motions]
     values["holdout_p_value"] = [

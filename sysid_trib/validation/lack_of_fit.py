@@ -17,7 +17,7 @@ from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.records.smoothing import knot_intervals, sensor_noise, smooth
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables, variable, with_error
+from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
@@ -56,16 +56,13 @@ def lack_of_fit(
     own amplitudes: what these do to a curve they do to both.
     """
     backbone, weights = curves or bands.smoothed_backbone(decay)
-    rows = {name: _model_rows(decay, result, backbone) for name, result in results.items()}
-    both = {name: _against(backbone, weights, of_model) for name, of_model in rows.items()}
-    variables: Variables = {}
-    for name, (long_name, units) in bands.CURVES.items():
-        values = np.array([pair[name] for pair in both.values()]).reshape(len(both), 2, -1)
-        text = f"{long_name} of the model minus that of the record, in half widths of its 95 % band"
-        variables[name] = variable(("model", "amplitude"), values[:, 0], f"{long_name} of the model", units)
-        variables[f"{name}_deviation"] = variable(("model", "amplitude"), values[:, 1], text, "1")
+    rows = [_model_rows(decay, result, backbone) for result in results.values()]
+    both, values = [_against(backbone, weights, of_model) for of_model in rows], dict[str, Array]()
+    for name in bands.CURVES:
+        of_models = np.array([pair[name] for pair in both]).reshape(len(both), 2, -1)
+        values |= {name: of_models[:, 0], f"{name}_deviation": of_models[:, 1]}
     amplitude = variable("amplitude", backbone.amplitude.values, "amplitude", unit_of_signal(decay))
-    return xr.Dataset(variables, {"model": list(both), "amplitude": amplitude})
+    return xr.Dataset(described("lack_of_fit", values), {"model": list(results), "amplitude": amplitude})
 
 
 # A curve, its largest deviation there in half widths of the band, positive where the model is above the
@@ -233,19 +230,15 @@ def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
     """Means over cells of the force (the first row) and their scatter over drawings (the others)."""
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, SURFACE_CELLS + 1)
-    surface = binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic
-    along = {name: binned_statistic(on, values, bins=edges).statistic for name, on in (("x", x), ("v", v))}
-    data = with_error("force", ("x", "v"), _mean_and_error(surface), "mean residual force over I w^2", units)
-    for name, means in along.items():
-        text = f"mean residual force over {'angle' if name == 'x' else 'rate over w'}"
-        data |= with_error(f"force_of_{name}", (name,), _mean_and_error(means), text, units)
+    means = {"force": binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic}
+    for name, on in (("x", x), ("v", v)):
+        means[f"force_of_{name}"] = binned_statistic(on, values, bins=edges).statistic
     middle = 0.5 * (edges[1:] + edges[:-1])
-    coords = {"x": variable("x", middle, "angle", units), "v": variable("v", middle, "rate over w", units)}
-    return xr.Dataset(data, coords)
-
-
-def _mean_and_error(means: Array) -> tuple[Array, Array]:
-    return means[0], np.sqrt(np.mean(means[1:] ** 2, axis=0))
+    data = {name: (of[0], np.sqrt(np.mean(of[1:] ** 2, axis=0))) for name, of in means.items()}
+    cells = xr.Dataset(described("residual_force", data | {"x": middle, "v": middle}))
+    for in_unit in cells.variables.values():
+        in_unit.attrs["units"] = units
+    return cells
 
 
 # The level about a line is that of so many neighbours on either side, beyond those into which it leaks.

@@ -22,7 +22,9 @@ from sysid_trib.validation.refits import between, refit
 from sysid_trib.validation.residuals import fitted_motion
 
 RunList: TypeAlias = Sequence[xr.Dataset]
-FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
+# Coefficients, reference frequency and asymptotic frequency.
+NUMBERS = ("coefficient", "reference_frequency", "asymptotic_frequency")
+ERRORS = ("standard_error", "reference_frequency_standard_error", "asymptotic_frequency_standard_error")
 
 
 def with_error_of_model(
@@ -63,21 +65,19 @@ def with_error_of_model(
     the part and of the whole squared and subtracted (Hausman 1978); what they move beyond that is the error
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
-    (whole, own), changes, errors, missed = _numbers(result), [], [], []
-    for limits in RECORD_PARTS.values():
-        part = part_fit(method, runs, library, limits, result)
-        missed += [rms for run in runs for rms in _held_out(part, run, library, limits)]
-        if part is not None:
-            values, stated = _numbers(part)
-            changes.append(values - whole)
-            errors.append(np.nan_to_num(stated))
+    (whole, own), limits = _numbers(result), RECORD_PARTS.values()
+    parts = [part_fit(method, runs, library, ends, result) for ends in limits]
+    pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
+    missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends)]
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
         if taken and others:
             part = _same_forces(refit(method, taken, library)[0], result)
             begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
             missed += [_missed(run, begun) for run in others]
-    held_out = float("nan")
-    if changes:
+    fitted, held_out = [_numbers(part) for part in parts if part is not None], float("nan")
+    if fitted:
+        changes = [values - whole for values, _ in fitted]
+        errors = [np.nan_to_num(error) for _, error in fitted]
         of_model = covariance_by_parts(changes, errors, np.nan_to_num(own))
         if missed and np.all(np.isfinite(missed)):
             held_out = float(np.exp(np.mean(np.log(missed))))
@@ -91,8 +91,8 @@ def with_error_of_model(
         result.frequency_covariance + of_model[:count, -1],
         np.hypot(own, model),
     )
-    parts = {"error_of_noise": own[:count], "error_of_model": model[:count], "held_out_rms": held_out}
-    return total.assign(described("identification", parts))
+    of = {"error_of_noise": own[:count], "error_of_model": model[:count], "held_out_rms": held_out}
+    return total.assign(described("identification", of))
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
@@ -156,26 +156,19 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
 
 
 def _numbers(result: xr.Dataset) -> tuple[Array, Array]:
-    """Coefficients, reference frequency and asymptotic frequency, with errors; nan where one has none."""
-    frequencies = [result[name].item() for name in FREQUENCIES]
-    errors = [result[f"{name}_standard_error"].item() for name in FREQUENCIES]
-    return (
-        np.array([*result.coefficient.values, *frequencies]),
-        np.array([*result.standard_error.values, *errors]),
-    )
+    """`NUMBERS` of an identification, and their errors; nan where one has none."""
+    values, errors = ([np.ravel(result[name].values) for name in names] for names in (NUMBERS, ERRORS))
+    return np.concatenate(values), np.concatenate(errors)
 
 
 def _with_errors(
     result: xr.Dataset, covariance: xr.DataArray, frequency_covariance: xr.DataArray, errors: Array
 ) -> xr.Dataset:
     """A result with other errors of the same meaning, those of `_numbers`."""
-    changed = {
-        "covariance": covariance,
-        "frequency_covariance": frequency_covariance,
-        "standard_error": result.standard_error.copy(data=errors[:-2]),
-        "reference_frequency_standard_error": xr.DataArray(errors[-2]),
-        "asymptotic_frequency_standard_error": xr.DataArray(errors[-1]),
-    }
+    changed = {"covariance": covariance, "frequency_covariance": frequency_covariance}
+    of_forces, reference, asymptotic = np.split(errors, [-2, -1])
+    for name, values in zip(ERRORS, (of_forces, reference[0], asymptotic[0]), strict=True):
+        changed[name] = result[name].copy(data=values)
     return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
 
 

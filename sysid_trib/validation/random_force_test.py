@@ -6,7 +6,8 @@ same path).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -161,36 +162,32 @@ def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.rando
     return np.asarray(random_walk + lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
-@dataclass(frozen=True)
-class TrialModel:
-    """A record with the model's columns (nuisances), columns that are tried, and records of noise alone.
+# A record with the model's columns (nuisances), columns that are tried, and records of noise alone, all as
+# columns of one linear model; and where the first two end among these.
+TrialModel: TypeAlias = tuple[kalman.LinearModel, tuple[int, int]]
 
-    All three are columns of `linear`, `nuisances` and `tried` of them of the first two kinds.
+
+def _white(trial: TrialModel, ratio: float) -> tuple[Array, Array, Array, float]:
+    """Rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
+    linear, ends = trial
+    rows = linear.rows(ratio)
+    nuisances, tried, draws = np.split(rows.design, ends, axis=1)
+    return nuisances, tried, np.column_stack([rows.target, draws]), rows.log_determinant
+
+
+def _deviances(trial: TrialModel, sets: Sequence[Index], ratio: float) -> Array:
+    """Minus twice the logarithm of the likelihood at a ratio, variance and columns profiled.
+
+    Without the columns that are tried, then with each of the sets: (1 + set, 1 + draw).
     """
-
-    linear: kalman.LinearModel
-    nuisances: int
-    tried: int
-
-    def white(self, ratio: float) -> tuple[Array, Array, Array, float]:
-        """Rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
-        rows = self.linear.rows(ratio)
-        nuisances, tried, draws = np.split(rows.design, [self.nuisances, self.nuisances + self.tried], axis=1)
-        return nuisances, tried, np.column_stack([rows.target, draws]), rows.log_determinant
-
-    def deviances(self, sets: Sequence[Index], ratio: float) -> Array:
-        """Minus twice the logarithm of the likelihood at a ratio, variance and columns profiled.
-
-        Without the columns that are tried, then with each of the sets: (1 + set, 1 + draw).
-        """
-        nuisances, tried, records, log_determinant = self.white(ratio)
-        basis = orthonormal(nuisances)
-        rest = records - basis @ (basis.T @ records)
-        squares = [np.sum(rest**2, axis=0)]
-        for index in sets:
-            further = tried[:, index] - basis @ (basis.T @ tried[:, index])
-            squares.append(squares[0] - np.sum((orthonormal(further).T @ rest) ** 2, axis=0))
-        return np.asarray(len(rest) * np.log(np.maximum(squares, 1e-300)) + log_determinant)
+    nuisances, tried, records, log_determinant = _white(trial, ratio)
+    basis = orthonormal(nuisances)
+    rest = records - basis @ (basis.T @ records)
+    squares = [np.sum(rest**2, axis=0)]
+    for index in sets:
+        further = tried[:, index] - basis @ (basis.T @ tried[:, index])
+        squares.append(squares[0] - np.sum((orthonormal(further).T @ rest) ** 2, axis=0))
+    return np.asarray(len(rest) * np.log(np.maximum(squares, 1e-300)) + log_determinant)
 
 
 def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) -> TrialModel:
@@ -203,7 +200,7 @@ def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) ->
         by_column=np.concatenate([linear.by_column, by], axis=2),
         observed_parameters=np.hstack([np.pad(linear.observed_parameters, ((0, 0), (0, tried))), records]),
     )
-    return TrialModel(whole, nuisances, tried)
+    return whole, (nuisances, nuisances + tried)
 
 
 def _likelihood_gains(
@@ -215,7 +212,7 @@ def _likelihood_gains(
     combinations of the nuisances. `null` : of the model without them, by which the trial's records of noise
     were drawn; where that has no random force, none is with the columns either.
     """
-    nuisances, tried, _, _ = trial.white(null.ratio)
+    nuisances, tried, _, _ = _white(trial, null.ratio)
     size = np.linalg.norm(tried, axis=0)
     unit = tried / np.where(size > 0.0, size, 1.0)
     basis = orthonormal(nuisances)
@@ -223,13 +220,13 @@ def _likelihood_gains(
     # Part of a column that others must leave for it to be a further one.
     further = order[np.abs(np.diag(r)) > 1e-2]
     chosen = {name: np.intersect1d(index, further) for name, index in sets.items()}
-    least = trial.deviances(list(chosen.values()), 0.0)
+    least = _deviances(trial, list(chosen.values()), 0.0)
     if null.ratio > 0.0:
         error = float(np.clip(np.nan_to_num(null.relative_error, nan=1.0), 0.02, 1.0))
         doublings = int(np.ceil(np.log2(E_FOLDS / (3.0 * error))))
         far = NEAR[0] * 2.0 ** np.arange(max(1, doublings), 0, -1)
         logarithms = float(np.log(null.ratio)) + error * np.concatenate([far, NEAR])
-        table = [trial.deviances(list(chosen.values()), float(ratio)) for ratio in np.exp(logarithms)]
+        table = [_deviances(trial, list(chosen.values()), float(ratio)) for ratio in np.exp(logarithms)]
         least = np.minimum(_least(logarithms, np.array(table)), least)
     tested = dict.fromkeys(chosen, (0.0, 0, 1.0))
     for (name, index), gain in zip(chosen.items(), np.maximum(least[0] - least[1:], 0.0), strict=True):
@@ -266,10 +263,10 @@ def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, flo
     the squared smoothed disturbance r' Q r (Durbin and Koopman 2012, 4.5); together they make Hotelling's
     T^2. Records of noise alone are drawn at this ratio; `tau` : reference frequency times time, (sample,).
     """
-    nuisances, _, records, _ = trial.white(ratio)
+    nuisances, _, records, _ = _white(trial, ratio)
     basis = orthonormal(nuisances)
     white = records - basis @ (basis.T @ records)
-    linear = trial.linear
+    linear, _ = trial
     path = linear.path
     gain, variance = linear.gains(ratio)
     source = linear.observed_states[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]

@@ -69,6 +69,12 @@ def at_reference(
     return values, covariances
 
 
+def scalars_of(results: Sequence[xr.Dataset | None], name: str) -> Array:
+    """A scalar of each result, and its error, nan of one that failed: (2, result)."""
+    names = name, f"{name}_standard_error"
+    return np.array([[np.nan if of is None else of[part].item() for of in results] for part in names])
+
+
 @in_units_of_the_motion
 def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr.Dataset:
     """The coefficients of an identification by the same forces, fitted in every other defensible way.
@@ -220,20 +226,12 @@ def sliding_coefficients(
     decided = [result for result in results if result is not None]
     if not decided:
         raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
-    apart, end = np.zeros(starts.size, dtype=bool), -np.inf
-    for i, start in enumerate(starts):
-        # From the first window on those that share no sample.
-        if start >= end - 1e-6 * length:
-            apart[i], end = True, start + length
+    # From the first window on those that share no sample.
+    apart = np.arange(starts.size) % int(np.ceil((1.0 - 1e-6) / (1.0 - overlap))) == 0
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     inside = [(middle >= start) & (middle < start + length) for start in starts]
     amplitude = [np.abs(halves.peak[i]).mean() if i.any() else np.nan for i in inside]
-    w, w_errors = np.array(
-        [
-            [np.nan if result is None else result[name].item() for result in results]
-            for name in ("reference_frequency", "reference_frequency_standard_error")
-        ]
-    )
+    w, w_errors = scalars_of(results, "reference_frequency")
     known = np.isfinite(w)
     # By their precision.
     weights = w_errors[known] ** -2.0 if np.all(w_errors[known] > 0.0) else None

@@ -94,11 +94,8 @@ def forced_response(
     if is_free_to_move(forces, dict(zip(forces.symbols, result.coefficient.values.tolist(), strict=True))):
         raise UsageError("A body without a restoring force has no resonance; its response is that of a mass.")
     name = _input_of(forces, driven_by, base)
-    kinds = {channel.input: channel.kind for channel in forces.channels}
-    if kind := kinds.get(name, "displacement"):
-        units = {"units": signal_units(result) + PER_KIND[kind]}
-    else:
-        units = {}
+    kind = {channel.input: channel.kind for channel in forces.channels}.get(name, "displacement")
+    units = {"units": signal_units(result) + PER_KIND[kind]} if kind else {}
     given = xr.Dataset({"drive": ("frequency", size, units)}, {"frequency": w})
     return _response(result, given, name, base, seed)
 
