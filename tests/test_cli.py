@@ -11,7 +11,7 @@ from command_line import run
 from sysid_trib import load_library
 from sysid_trib.commands.app import COMMANDS
 from sysid_trib.commands.terminal import print_table
-from sysid_trib.plots.declared import figures_of
+from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing.identification import identification_table
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results import files as result_files

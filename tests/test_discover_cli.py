@@ -11,7 +11,7 @@ from helpers import FIVE, W, library_of_formulas, sentences_of
 from sysid_trib import Model, load
 from sysid_trib.commands.app import Asked, options_of
 from sysid_trib.commands.next_step import command_after, next_step
-from sysid_trib.plots.declared import figures_of
+from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing.discovery import discovery_blocks, discovery_json
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory

@@ -17,10 +17,7 @@ from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
-from sysid_trib.printing import ALWAYS, Block, driven, exported, identification, sureness
-from sysid_trib.printing.campaign import difference_blocks
-from sysid_trib.printing.comparison import comparison_blocks, comparison_json
-from sysid_trib.printing.discovery import discovery_blocks, discovery_json
+from sysid_trib.printing import campaign, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.layout import mapped
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
@@ -136,10 +133,8 @@ def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) 
 
 
 def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
-    whole = (
-        driven.driven_json(tree) if kind_of(tree) == "driven" else identification.identification_json(tree)
-    )
-    return whole | driven.prediction_json(predicted) | sureness.sureness_json(tree)
+    of_kind = driven.driven_json if kind_of(tree) == "driven" else identification.identification_json
+    return of_kind(tree) | driven.prediction_json(predicted) | sureness.sureness_json(tree)
 
 
 def discover(tell: Tell, given: Asked) -> Callable[[], None]:
@@ -157,7 +152,7 @@ def discover(tell: Tell, given: Asked) -> Callable[[], None]:
         keep_next(tree, given)
     stretches = tree.attrs["stretches"]
     sentences = [*sources, stretches] if stretches else _record_sentences(tree, sources)
-    says = partial(discovery_blocks, tree, sentences), partial(discovery_json, tree)
+    says = partial(discovery.discovery_blocks, tree, sentences), partial(discovery.discovery_json, tree)
     return deliver(given, tell, says, tree, _texts(given, tree))
 
 
@@ -198,8 +193,8 @@ def compare(tell: Tell, given: Asked) -> Callable[[], None]:
         tell=tell,
     )
     keep_next(tree, given)
-    blocks = partial(comparison_blocks, tree, _record_sentences(tree, sources))
-    says = blocks, partial(comparison_json, tree)
+    blocks = partial(comparison.comparison_blocks, tree, _record_sentences(tree, sources))
+    says = blocks, partial(comparison.comparison_json, tree)
     return deliver(given, tell, says, tree, _texts(given, tree))
 
 
@@ -220,7 +215,7 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
     method = with_random_force(usual[-1], asked.random_force)
     how = {"constraints": asked.constraints, "tell": tell}
     tree = held_against(first, second, asked.library, method, **how)
-    blocks = partial(difference_blocks, tree, [*of_first, *of_second])
+    blocks = partial(campaign.difference_blocks, tree, [*of_first, *of_second])
     says = blocks, partial(mapped, tree.to_dataset(), "difference")
     return deliver(given, tell, says, tree, _texts(given, tree))
 

@@ -12,14 +12,7 @@ from sysid_trib.results.effects import candidates_of, credible_set, determines
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
-from sysid_trib.validation.findings import (
-    LARGE,
-    LAST_THIRD,
-    fewer_forces,
-    held_out_excess,
-    second_of,
-    verdict_of,
-)
+from sysid_trib.validation import findings
 
 # A file that the user is to measure first.
 SECOND_RECORD = "SECOND_RECORD.csv"
@@ -39,11 +32,11 @@ def next_step(tree: xr.DataTree) -> NextStep:
 
 
 def _after_identification(tree: xr.DataTree) -> NextStep:
-    if verdict_of(tree) == "undetermined":
-        return _after_nothing(second_of(tree))
-    if not verdict_of(tree).startswith("explained"):
+    if findings.verdict_of(tree) == "undetermined":
+        return _after_nothing(findings.second_of(tree))
+    if not findings.verdict_of(tree).startswith("explained"):
         return _search(tree, "names what is missing")
-    if fewer := fewer_forces(tree):
+    if fewer := findings.fewer_forces(tree):
         return "identify", "the fewest forces that suffice", {"forces": ",".join(fewer[0])}
     return "compare", "every method, and how it predicts a part that is held out", {}
 
@@ -60,7 +53,7 @@ def _after_nothing(result: xr.Dataset) -> NextStep:
 
 def _after_comparison(tree: xr.DataTree) -> NextStep:
     table = tree["comparison"].to_dataset()
-    reason = "tests further effects" if ratio_of_best(table) <= LARGE else "names what is missing"
+    reason = "tests further effects" if ratio_of_best(table) <= findings.LARGE else "names what is missing"
     return _search(tree, reason)
 
 
@@ -87,7 +80,7 @@ def _after_discovery(tree: xr.DataTree) -> NextStep:
         return "discover", "story shows the force that no candidate names", {"plot": "figures"}
     if not determines(after):
         return _after_nothing(after)
-    if held_out_excess(tree) and tree.attrs["held_out"].startswith(LAST_THIRD):
+    if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
         return "discover", "fits the same forces to the whole record", {"refit": ""}
     forces = ",".join(after.force.values.tolist())
     shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())

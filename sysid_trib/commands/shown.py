@@ -19,10 +19,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
 from sysid_trib.likelihood.random_force import DENSITY_UNITS
-from sysid_trib.printing import driven, looked
-from sysid_trib.printing.equation import model_code
-from sysid_trib.printing.exported import forces_latex
-from sysid_trib.printing.layout import mapped
+from sysid_trib.printing import driven, equation, exported, layout, looked
 from sysid_trib.results.files import kind_of, load, save, write_file
 from sysid_trib.results.variables import group_names
 from sysid_trib.simulation.model import Model, check_shapes
@@ -87,7 +84,7 @@ def export(tell: Tell, given: Asked) -> Callable[[], None]:
     """The equation of a result as a program."""
     result, language, output = given.result, given.language, given.output
     check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
-    text = model_code(model_of_file(result, load(result)), language)
+    text = equation.model_code(model_of_file(result, load(result)), language)
     if output is None:
         return partial(print, text, end="")
     write_file(output, text.encode())
@@ -99,7 +96,7 @@ def forces(tell: Tell, given: Asked) -> Callable[[], None]:
     offered = load_library(given.library)
     table = looked.force_table(offered)
     if given.latex is not None:
-        write_file(given.latex, forces_latex(offered).encode())
+        write_file(given.latex, exported.forces_latex(offered).encode())
 
     def say() -> None:
         print(f"{offered.title}\n{looked.NORMALISED}\n")
@@ -139,7 +136,7 @@ def response(tell: Tell, given: Asked) -> Callable[[], None]:
     tell("response")
     w = answer.asymptotic_frequency.item() * np.linspace(low, high, given.points)
     data = forced_response(answer, given.drive, w, driven_by=given.driven_by, base=given.base)
-    says = partial(driven.response_blocks, data), partial(mapped, data, "response")
+    says = partial(driven.response_blocks, data), partial(layout.mapped, data, "response")
     texts = {given.csv: partial(driven.response_csv, data)}
     return deliver(given, tell, says, xr.DataTree(data), texts, kind="response")
 

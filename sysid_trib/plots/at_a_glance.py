@@ -13,12 +13,10 @@ from matplotlib.figure import Figure
 from sysid_trib.errors import SysidTribError
 from sysid_trib.physics.force_weights import weights
 from sysid_trib.plots import style
-from sysid_trib.plots.declared import shows
+from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, LEGEND, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.looked import CURVE_LABELS, curves_of, draw_curve, driven_overview
-from sysid_trib.plots.motion_panels import MotionData, draw_in_time, held_out_sentence, motion_data
+from sysid_trib.plots.motions import draw_in_time, draw_weights, drawn_models, held_out_sentence
 from sysid_trib.plots.named_effects import COLOUR_PERCENT, DOT_BEYOND, draw_cells
-from sysid_trib.plots.paper import draw_weights
-from sysid_trib.plots.style import FONT_SIZE, FULL_WIDTH, LEGEND, TWO_COLUMNS
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.effects import determines
@@ -84,12 +82,12 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         style.footnote(figure, held_out_sentence(tree))
         return figure
     record, of_discovery = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree) == "discover"
-    motion, (results, explained) = motion_data(tree, run), _results(tree)
+    lines, (results, explained) = drawn_models(tree, run)[0], _results(tree)
     curves = None
     with suppress(KeyError):
         curves = curves_of(tree, run)
     wide = width >= TWO_COLUMNS
-    models = () if of_discovery else tuple(motion.lines) or ("",)
+    models = () if of_discovery else tuple(lines) or ("",)
     residuals = RESIDUAL_PANELS[: len(models)]
     rows = ["IJ"] if curves is not None else []
     rows += [name * 2 for name in ("A", *residuals)] + ["CD"]
@@ -98,9 +96,9 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     most = max((result.sizes["force"] for result in results.values()), default=0)
     heights[-2 if rows[-1] == "FF" else -1] += COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
-        figure = style.new_figure(width, sum(heights))
+        figure = new_figure(width, sum(heights))
         panels = figure.subplot_mosaic(";".join(rows), height_ratios=heights)
-        draw_in_time([panels["A"], *(panels[name] for name in residuals)], motion, models)
+        draw_in_time([panels["A"], *(panels[name] for name in residuals)], tree, run, models)
         for panel, name in zip("IJ", CURVE_LABELS, strict=True):
             if curves is not None:
                 draw_curve(panels[panel], curves[0], name, curves[1])
@@ -109,7 +107,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         units = signal_units(record)
         _shares(panels["C"], weighed, "decay_share", f"amplitude ({units})", "share of decay (%)")
         _shares(panels["D"], weighed, "frequency_share", f"amplitude ({units})", "share of shift (%)")
-        _coefficients(panels["E"], results, motion, units)
+        _coefficients(panels["E"], results, lines, units)
         titles = [""] * len(panels)
         if "F" in panels:
             # A model that failed has no weights, but what it lacks can be seen.
@@ -169,7 +167,9 @@ def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -
     ax.set(xlabel=labels[0], ylabel=labels[1], ylim=(max(low, -110.0), min(high, 110.0)))
 
 
-def _coefficients(ax: Axes, results: Mapping[str, xr.Dataset], motion: MotionData, units: str) -> None:
+def _coefficients(
+    ax: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, style.Style], units: str
+) -> None:
     """Each coefficient over its value by the main identification, with 95 % intervals, and in numbers."""
     if not results:
         _no_data(ax, "all methods failed")
@@ -180,7 +180,7 @@ def _coefficients(ax: Axes, results: Mapping[str, xr.Dataset], motion: MotionDat
     usual = style.MODEL_LINES[2 - len(results) :]
     note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
     for at, ((name, result), look) in enumerate(zip(results.items(), usual, strict=False)):
-        color, shift = motion.lines.get(name, look)["color"], 0.3 * (at - 0.5 * (len(results) - 1))
+        color, shift = lines.get(name, look)["color"], 0.3 * (at - 0.5 * (len(results) - 1))
         ax.plot([], [], "o-", markersize=3, linewidth=1.0, color=color, label=name)
         for row, symbol in enumerate(symbols):
             scale = main.coefficient.sel(force=symbol).item()

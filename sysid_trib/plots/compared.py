@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
-from sysid_trib.plots.declared import shows
-from sysid_trib.plots.style import FULL_WIDTH, INK, ORANGE
+from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, shows
+from sysid_trib.plots.style import INK, ORANGE
 from sysid_trib.results.schema import library_of
 from sysid_trib.validation.findings import column_power
 
@@ -76,7 +76,7 @@ PANEL_HEIGHT, METHOD_HEIGHT = 0.7, 0.14
 
 
 @shows("compare", block="Coefficients by method")
-def comparison(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
+def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Each quantity by method with its standard error; the band is that of the method that predicts best.
 
     An arrow stands for a value beyond the edge. Open marks: variants of the method above. Green: trajectory,
@@ -94,7 +94,7 @@ def comparison(tree: xr.DataTree, *, width: float = style.FULL_WIDTH) -> Figure:
     table = shown_methods(tree)
     marks, legend = _marks(table)
     names = [*table.force.values.tolist(), ASYMPTOTIC]
-    wide = width >= style.TWO_COLUMNS
+    wide = width >= TWO_COLUMNS
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 3
     height = PANEL_HEIGHT + METHOD_HEIGHT * len(marks)
     figure, panels = style.grid(len(names) + 1, across if wide else 2 * across, width, height, sharing="y")

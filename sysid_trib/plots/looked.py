@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
-from sysid_trib.plots.declared import shows
-from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
-from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, LEGEND, MODEL_LINES, ORANGE
+from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
+from sysid_trib.plots.motions import RECORD_POINTS, curve
+from sysid_trib.plots.style import BLUE, GREY, INK, MODEL_LINES, ORANGE
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
 from sysid_trib.validation.findings import kept_results
@@ -161,7 +161,7 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     compared = tree.children.get("comparison")
     answer = record.model.values[-1] if compared is None else compared.attrs["answer"]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
-    figure = style.new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
+    figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
     for panel, (name, given) in zip(panels, inputs.items(), strict=False):
         curve(panel, time[0] + given.elapsed, given.values, {"color": "0.3", "linewidth": 0.6})

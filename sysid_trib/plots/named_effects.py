@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
-from sysid_trib.plots.declared import shows
-from sysid_trib.plots.motion_panels import draw_in_time, held_out_sentence, motion_data
-from sysid_trib.plots.style import FULL_WIDTH, TWO_COLUMNS
+from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, TALLEST, TWO_COLUMNS, new_figure, shows
+from sysid_trib.plots.motions import draw_in_time, held_out_sentence
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.effects import added_effects, credible_set, or_others, replacing_pairs, strongest
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
@@ -61,11 +60,10 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     below = np.cumsum([MODEL_ROW + LINE * len(text.splitlines()) for text in texts])
     heights = [*PANEL_HEIGHTS, LAST_HEIGHT + below[-1]]
     heights.insert(3, MAP_HEIGHTS[not wide])
-    with mpl.rc_context({"font.size": style.FONT_SIZE}):
-        figure = style.new_figure(width, sum(heights))
+    with mpl.rc_context({"font.size": FONT_SIZE}):
+        figure = new_figure(width, sum(heights))
         panels = list(figure.subplot_mosaic("AA;BB;CC;DE;FF", height_ratios=heights).values())
-        drawn = motion_data(tree, run)
-        draw_in_time(panels[:3], drawn, ["before", "after"])
+        draw_in_time(panels[:3], tree, run, ["before", "after"])
         for panel in panels[1:3]:
             panel.set_ylabel(f"gap ({small_units(signal_units(tree))[1]})")
         figure.align_ylabels(panels[:3])
@@ -80,7 +78,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
             "effects named" if added_effects(tree) else "no effect named",
         )
         style.letter(
-            panels, [title if wide else title.partition(":")[0] for title in titles], style.FONT_SIZE + 0.5
+            panels, [title if wide else title.partition(":")[0] for title in titles], FONT_SIZE + 0.5
         )
         style.footnote(figure, held_out_sentence(tree))
     return figure
@@ -101,7 +99,7 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
     symbols, units = added_effects(tree), signal_units(tree)
     after = tree["steps"].residual_after.values.tolist() if symbols else []
     ratios = [residual / record_noise(tree) for residual in (residual_of(tree, "before"), *after)]
-    note = style.LABEL_OFFSET | {"fontsize": style.FONT_SIZE, "annotation_clip": False}
+    note = style.LABEL_OFFSET | {"fontsize": FONT_SIZE, "annotation_clip": False}
     for row, ratio, text in zip(rows, ratios, texts, strict=True):
         look = style.CANDIDATE_MARKS["named" if text else "other candidates"]
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
@@ -205,7 +203,7 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     if not steps or _scores(tree, -1, MOST_CANDIDATES).sizes["candidate"]:
         steps.append(-1)
     rows = -(-len(steps) // (2 if width >= TWO_COLUMNS else 1))
-    room = int((style.TALLEST - 0.3 - rows * RANKING_HEIGHT) / (rows * CANDIDATE_HEIGHT))
+    room = int((TALLEST - 0.3 - rows * RANKING_HEIGHT) / (rows * CANDIDATE_HEIGHT))
     drawn = [_scores(tree, step, min(room, MOST_CANDIDATES)) for step in steps]
     most = max(FEWEST_CANDIDATES, *(data.sizes["candidate"] for data in drawn))
     figure, panels = style.grid(len(drawn), 2, width, RANKING_HEIGHT + CANDIDATE_HEIGHT * most)

@@ -10,9 +10,9 @@ from matplotlib.ticker import MaxNLocator
 from scipy.stats import norm
 
 from sysid_trib.plots import style
-from sysid_trib.plots.declared import shows
-from sysid_trib.plots.motion_panels import curve
-from sysid_trib.plots.style import BAR_WIDTH, BLUE, FULL_WIDTH, GREY, INK, LEGEND, ORANGE
+from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
+from sysid_trib.plots.motions import curve
+from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
 from sysid_trib.results.variables import signal_units, small_units
 
 # Of a Gaussian, in standard deviations.
@@ -47,7 +47,7 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
-    figure = style.new_figure(width, sum(heights))
+    figure = new_figure(width, sum(heights))
     panels = figure.subplots(len(heights), 1, height_ratios=heights)
     _in_time(panels[0], data)
     _autocorrelation(panels[1], data)
@@ -180,7 +180,7 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
             style.threshold(panel, limits[name], f"wanted: {limits[name]:g}")
             panel.set_yscale("log")
             style.logarithmic_ticks(panel.yaxis, *panel.get_ylim())
-    panels[0].legend(**style.LEGEND, ncols=3)
+    panels[0].legend(**LEGEND, ncols=3)
     titles = [""] * len(panels)
     if "parting" in data:
         panels[-1].plot(data.time, data.parting, color=INK, linewidth=1.0)

@@ -1,24 +1,17 @@
-"""What figures share: colours, marks, legends, grids of panels, and axes where none are given."""
+"""What figures share: colours, marks, ticks, letters, grids of panels, and axes where none are given."""
 
-import re
 from collections.abc import Iterable, Mapping
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.layout_engine import LayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.mathtext import MathTextParser
-from matplotlib.text import Text
-from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
-from matplotlib.transforms import Bbox
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from sysid_trib.arrays import Array
+from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, TWO_COLUMNS, new_figure
 from sysid_trib.printing.exported import unit_in_latex
 
 Style = Mapping[str, Any]
@@ -47,12 +40,6 @@ CANDIDATE_MARKS: dict[str, dict[str, Any]] = {
 }
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
-# Of figures of many panels, and of the smallest sign, points: exponents too.
-FONT_SIZE, SMALLEST_SIGN = 7.5, 6.0
-# Of a figure over the whole page, and the least at which two panels stand side by side, inch.
-FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
-# Of a figure that has a caption below it on a page, inch.
-TALLEST = 9.0
 # A text beside the point that it annotates.
 LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 # Behind a text that may lie on lines.
@@ -60,22 +47,8 @@ WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Over less than so many times the smallest number not enough numbers are round.
 SHORT_AXIS = 8.0
-# Times that a figure is laid out anew, and points between a title and a legend.
-LAYOUTS, BETWEEN_TEXTS = 3, 6.0
-# Points between the numbers of ticks.
-BETWEEN_TICKS = 3.0
 # Characters of a unit for which numbers in a panel have room.
 LONG_UNIT = 4
-LEGEND: dict[str, Any] = {
-    "frameon": False,
-    "fontsize": FONT_SIZE,
-    "columnspacing": 0.9,
-    "handlelength": 1.6,
-    "handletextpad": 0.3,
-    "loc": "lower right",
-    "bbox_to_anchor": (1.0, 1.0),
-    "borderaxespad": 0.1,
-}
 
 
 def line(series: Style) -> dict[str, Any]:
@@ -111,149 +84,6 @@ def in_latex(symbol: str) -> str:
     from sysid_trib.forces.notation import symbol_latex
 
     return f"${symbol_latex(symbol)}$"
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, its size in inches, that keeps labels apart."""
-    return LiteralFigure(figsize=(width, min(height, TALLEST)), layout="constrained")
-
-
-class LiteralFigure(Figure):
-    """A figure that gives texts room, and draws one of a file as it is where it only looks like mathematics.
-
-    What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels
-    longer than their panel are broken, a legend above a panel has the columns that fit beside its title. A
-    text with exponents is larger where they would be smaller than any text.
-    """
-
-    def draw(self, renderer: RendererBase) -> None:
-        """Draw the figure."""
-        for ax in self.axes:
-            # Labels of ticks are written when they are asked for.
-            _ = ax.get_xticklabels(), ax.get_yticklabels()
-        for text in self.findobj(Text):
-            part = _smallest_part(text.get_text())
-            if not part:
-                text.set_parse_math(False)
-            elif part * float(text.get_fontsize()) < SMALLEST_SIGN:
-                text.set_fontsize(SMALLEST_SIGN / part)
-        engine = self.get_layout_engine()
-        if engine is not None and self._drawn != self._texts():
-            self._give_room(engine, renderer)
-            for ax in self.axes:
-                _thin_ticks(ax.xaxis, renderer)
-                _thin_ticks(ax.yaxis, renderer)
-            self._drawn = self._texts()
-        super().draw(renderer)
-
-    # Size and texts when they were given room.
-    _drawn: tuple[object, ...] = ()
-
-    def _texts(self) -> tuple[object, ...]:
-        return *self.get_size_inches(), *(text.get_text() for text in self.findobj(Text))
-
-    def _give_room(self, engine: LayoutEngine, renderer: RendererBase) -> None:
-        """Break labels and legends, first in panels of short labels: a long one would squeeze them all."""
-        labels = [label for ax in self.axes for label in _labels(ax)]
-        texts = [_words(text.get_text()) for _, text, _ in labels]
-        legends = [(ax, legend) for ax in self.axes if (legend := ax.get_legend()) is not None]
-        for _, text, _ in labels:
-            text.set_text("x" if text.get_text().strip() else "")
-        for _, legend in legends:
-            legend.set_in_layout(False)
-        engine.execute(self)
-        for _, legend in legends:
-            legend.set_in_layout(True)
-        for _ in range(LAYOUTS):
-            before = self._texts()
-            for (ax, text, side), words in zip(labels, texts, strict=True):
-                _fill(text, words, getattr(ax.get_window_extent(renderer), side), renderer)
-            for ax, _ in legends:
-                _fit_legend(ax, renderer)
-            if self._texts() == before:
-                break
-            engine.execute(self)
-
-
-def _thin_ticks(axis: Axis, renderer: RendererBase) -> None:
-    """Hide numbers of ticks that would run into others, those of the minor ones first; names stay."""
-    if isinstance(axis.get_major_locator(), FixedLocator):
-        return
-    low, high = sorted(axis.get_view_interval())
-    kept, between = list[Bbox](), float(renderer.points_to_pixels(BETWEEN_TICKS))  # type: ignore[arg-type]
-    for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
-        if tick.label1.get_visible() and tick.label1.get_text() and low <= tick.get_loc() <= high:
-            box = tick.label1.get_window_extent(renderer)
-            tick.label1.set_visible(not box.count_overlaps(kept))
-            kept += [box.padded(between)] if tick.label1.get_visible() else []
-
-
-def _titles(ax: Axes) -> list[Text]:
-    return [child for child in ax.get_children() if isinstance(child, Text) and child not in ax.texts]
-
-
-def _labels(ax: Axes) -> list[tuple[Axes, Text, str]]:
-    """Labels and titles of a panel, with the side that has room for each."""
-    across = [ax.xaxis.label, *_titles(ax)]
-    return [(ax, ax.yaxis.label, "height"), *((ax, text, "width") for text in across)]
-
-
-def _words(text: str) -> list[str]:
-    """The words of a text; mathematics is one."""
-    return re.findall(r"(?:\$[^$]*\$|[^\s$]|\$)+", text)
-
-
-def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> None:
-    """Write words in as few lines as have room, a unit on lines of its own."""
-
-    def fits(line: str) -> bool:
-        text.set_text(line)
-        extent = text.get_window_extent(renderer)
-        return max(extent.width, extent.height) <= room
-
-    lines, whole = [""], fits(" ".join(words))
-    for word in words:
-        joined = f"{lines[-1]} {word}".strip()
-        if whole or not lines[-1] or (not word.startswith("(") and fits(joined)):
-            lines[-1] = joined
-        else:
-            lines.append(word)
-    text.set_text("\n".join(lines))
-
-
-def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
-    """Give the legend above a panel the columns that fit beside the title, or put the title above it."""
-    legend, box = ax.get_legend(), ax.get_window_extent(renderer)
-    scale = float(renderer.points_to_pixels(1.0))  # type: ignore[arg-type]
-    if legend is None or legend.get_window_extent(renderer).y0 < box.y0 + 0.9 * box.height:
-        return
-    titles = [title for title in _titles(ax) if title.get_text()]
-    room = box.width - max((title.get_window_extent(renderer).width for title in titles), default=0.0)
-    room -= BETWEEN_TEXTS * scale
-    labels = [text.get_text() for text in legend.get_texts()]
-    spacing = ("columnspacing", "handlelength", "handletextpad")
-    look: dict[str, Any] = LEGEND | {name: getattr(legend, name) for name in spacing}
-    look["fontsize"] = legend.get_texts()[0].get_fontsize()
-    for count in range(legend._ncols - 1, 0, -1):  # type: ignore[attr-defined]
-        if legend.get_window_extent(renderer).width <= room:
-            return
-        handles = [handle for handle in legend.legend_handles if handle is not None]
-        legend = ax.legend(handles, labels, ncols=count, **look)
-    extent = legend.get_window_extent(renderer)
-    for title in titles if extent.width > room else ():
-        pad, size = extent.height / scale, title.get_fontsize()
-        ax.set_title(title.get_text(), loc="left", fontsize=size, pad=pad)
-
-
-@lru_cache(maxsize=1000)
-def _smallest_part(text: str) -> float:
-    """Size of an exponent in a text over that of the text; 0 if matplotlib cannot write its mathematics."""
-    size: float = FontProperties().get_size_in_points()
-    try:
-        lines = [MathTextParser("path").parse(line) for line in text.split("\n") if "$" in text]
-    except ValueError:
-        return 0.0
-    return min((sign[1] for line in lines for sign in line.glyphs), default=size) / size
 
 
 def unit_label(unit: str) -> str:

@@ -11,9 +11,9 @@ from scipy.stats import norm
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
-from sysid_trib.plots.declared import shows
+from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
-from sysid_trib.plots.style import BLUE, FULL_WIDTH, GREY, INK, ORANGE, TWO_COLUMNS
+from sysid_trib.plots.style import BLUE, GREY, INK, ORANGE
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.validation.samples import SIDES
 
@@ -93,7 +93,7 @@ def _contour(ax: Axes, data: xr.Dataset) -> None:
     # The root of the deviance is nearly straight between points.
     lines = ax.contour(x, y, np.sqrt(data.deviance), levels, colors=[INK, ORANGE], linewidths=1)
     names = [f"{100.0 * p:g} %" for p in data.attrs["levels"]]
-    ax.legend(lines.legend_elements()[0], names, **style.LEGEND, ncol=2)
+    ax.legend(lines.legend_elements()[0], names, **LEGEND, ncol=2)
     ax.plot(*middle, color=INK, marker="+", linestyle="")
     shown = np.isfinite(data.deviance.values)
     ax.set(xlabel=labels[0], ylabel=labels[1], xlim=_around(x[shown]), ylim=_around(y[shown]))
@@ -167,7 +167,7 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS
     heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
-    figure = style.new_figure(width, sum(heights))
+    figure = new_figure(width, sum(heights))
     # Texts beside the differences take no room from the curves.
     rows = figure.add_gridspec(2, 1, height_ratios=heights)
     curves = rows[0].subgridspec(*((1, 2) if wide else (2, 1)))

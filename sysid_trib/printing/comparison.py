@@ -1,6 +1,6 @@
 """Methods side by side, in sentences and tables: which predicts best, which differ and probably why."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,32 +41,31 @@ CAUSES = {
 }
 
 
-def _coefficient_table(tree: xr.DataTree) -> Table:
+def _coefficient_table(table: xr.Dataset) -> Table:
     """Coefficients with errors: a row a method, a column a force with its power of ten in the head.
 
     A method that does not apply, or failed, has no row here; `_quality_table` says why.
     """
-    table = applied_methods(tree["comparison"].to_dataset())
-    columns = {}
-    for symbol, row in layout.by_label(table, "force").items():
+    columns, applied = {}, applied_methods(table)
+    for symbol, row in layout.by_label(applied, "force").items():
         power, unit = column_power(row), row.unit.item()
         parts = " ".join([f"1e{power:+03d}"] * bool(power) + [unit] * (unit != "1"))
         numbers = (row.coefficient / 10.0**power, row.standard_error / 10.0**power)
         columns[f"{symbol} ({parts})" if parts else symbol] = layout.values_with_errors(*numbers)
-    frequency = (table.asymptotic_frequency, table.asymptotic_frequency_standard_error)
+    frequency = (applied.asymptotic_frequency, applied.asymptotic_frequency_standard_error)
     columns[f"{FREQUENCY_SYMBOL} (rad/s)"] = layout.values_with_errors(*frequency)
-    return _method_table(table, columns)
+    return _method_table(applied, columns)
 
 
-def _difference_table(tree: xr.DataTree) -> Table:
+def _difference_table(table: xr.Dataset) -> Table:
     """Differences from the method that predicts best, over the errors of both."""
-    table = applied_methods(tree["comparison"].to_dataset())
-    best = table.method.values == table.attrs["best"]
+    applied = applied_methods(table)
+    best = applied.method.values == table.attrs["best"]
     columns = {
         head: [_signed(*pair) for pair in zip(z.tolist(), best, strict=True)]
-        for head, z in _differences_of(table).items()
+        for head, z in _differences_of(applied).items()
     }
-    return _method_table(table, columns)
+    return _method_table(applied, columns)
 
 
 def _differences_of(table: xr.Dataset) -> dict[str, Array]:
@@ -75,10 +74,9 @@ def _differences_of(table: xr.Dataset) -> dict[str, Array]:
     return of_forces | {FREQUENCY_SYMBOL: table.asymptotic_frequency_z.values}
 
 
-def _quality_table(tree: xr.DataTree) -> Table:
+def _quality_table(table: xr.Dataset, units: str) -> Table:
     """Residuals of simulated models, on the record and out of it, and what to mind of each method."""
-    table = tree["comparison"].to_dataset()
-    factor, unit = small_units(signal_units(tree))
+    factor, unit = small_units(units)
     numbered: dict[str, tuple[xr.DataArray, Callable[[float], str]]] = {
         "all/noise": (table.residual_over_noise, _ratio),
         f"train ({unit})": (factor * table.train_rms, _ratio),
@@ -119,20 +117,22 @@ def _ratio(value: float) -> str:
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """What is shown of a result of `compare`; `sources` say what each record is."""
-    table, details = tree["comparison"].to_dataset(), Layer.EXPLAIN
-    constraints = [*constraint_sentences(given_results(tree).values())]
-    warnings = identifiability_warnings(table.attrs)
+    table, details, units = tree["comparison"].to_dataset(), Layer.EXPLAIN, signal_units(tree)
+    of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
+    differ, warnings = _differences(table), identifiability_warnings(table.attrs)
+    # The first cause is in the remarks of the table.
+    few = [said for cause, said in differ.items() if cause != "neglect"]
     return [
         Block([_prediction(tree)], ALWAYS),
         Block(sources),
         Block(_effective(tree), ALWAYS),
         Block(title="At a glance"),
-        Block((), ALWAYS, BY_METHOD, _coefficient_table(tree), "Coefficients"),
-        Block((), details, BY_METHOD, _difference_table(tree), DIFFERENCES),
-        Block((), USUALLY, HELD_OUT, _quality_table(tree), QUALITY),
-        Block(constraints),
-        Block([*_explanation(table, tuple(CAUSES)[1:]), *warnings], Layer.DEFAULT),
-        Block([*_explanation(table, (*CAUSES,)), *_reference(table), *warnings], details),
+        Block((), ALWAYS, BY_METHOD, _coefficient_table(table), "Coefficients"),
+        Block((), details, BY_METHOD, _difference_table(table), DIFFERENCES),
+        Block((), USUALLY, HELD_OUT, _quality_table(table, units), QUALITY),
+        Block([*constraint_sentences(given_results(tree).values())]),
+        Block([*of_all, *few, *warnings], Layer.DEFAULT),
+        Block([*of_all, *differ.values(), *_reference(table), *warnings], details),
     ]
 
 
@@ -174,21 +174,17 @@ def ratio_of_best(table: xr.Dataset) -> float:
 
 def _with_random_force(tree: xr.DataTree) -> list[str]:
     """Methods of all forces that found a random force, if the one that predicts best is among them."""
-    neglects = tree["comparison"].to_dataset().neglects
+    table = tree["comparison"].to_dataset()
     stochastic = [
         label
         for label, result in given_results(tree).items()
-        if not neglects.sel({"method": label}).item() and is_found(random_force_of(result))
+        if not table.neglects.sel({"method": label}).item() and is_found(random_force_of(result))
     ]
-    return stochastic if tree["comparison"].attrs["best"] in stochastic else []
+    return stochastic if table.attrs["best"] in stochastic else []
 
 
-def _explanation(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
-    """What the verdict and the tables do not say: what predicts as well, the noise, what differs and why."""
-    return [*_as_good(table), _noise(table), *_by_accident(table), *_differences(table, causes)]
-
-
-def _as_good(table: xr.Dataset) -> list[str]:
+def _as_good(table: xr.Dataset) -> Iterator[str]:
+    """Which methods predict as well as the best."""
     methods = layout.by_label(table, "method")
     limit = ALIKE * methods.pop(table.attrs["best"]).holdout_over_noise.item()
     labels = [
@@ -197,9 +193,8 @@ def _as_good(table: xr.Dataset) -> list[str]:
         if not row.failure.item()
         and (row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > ALIKE_LEVEL)
     ]
-    if not labels:
-        return []
-    return [f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."]
+    if labels:
+        yield f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
 
 
 def _noise(table: xr.Dataset) -> str:
@@ -209,12 +204,11 @@ def _noise(table: xr.Dataset) -> str:
     factor, unit = small_units(signal_units(table))
     sizes = " and ".join(f"{factor * level:.2g}" for level in levels.tolist())
     noise = f"The noise is that of {whose}: {sizes} {unit} a sample, from {table.attrs['noise_from']}."
-    ratio = ratio_of_best(table)
+    ratio, kept = ratio_of_best(table), applied_methods(table)
     if ratio <= LARGE:
         return noise
     if np.isnan(ratio):
         return f"{noise} The motion of the best model leaves the record."
-    kept = applied_methods(table)
     labels = " and ".join(kept.method.values[kept.white_noise.values.astype(bool)].tolist())
     errors = f" Errors stated by {labels} are too small: they assume white noise." if labels else ""
     return (
@@ -223,21 +217,20 @@ def _noise(table: xr.Dataset) -> str:
     )
 
 
-def _by_accident(table: xr.Dataset) -> list[str]:
+def _by_accident(table: xr.Dataset) -> Iterator[str]:
     """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
     ratios = table.residual_over_noise.fillna(np.inf)
     best, least = table.attrs["best"], table.method.values[int(np.argmin(ratios.values))].item()
     ratio = ratios.sel({"method": best}).item() / ratios.min().item()
-    if not ratio > LARGE:
-        return []
-    return [
-        f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "
-        "prediction is good by accident, and differences from it say little."
-    ]
+    if ratio > LARGE:
+        yield (
+            f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "
+            "prediction is good by accident, and differences from it say little."
+        )
 
 
-def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
-    """Methods that differ from the best by more than the errors, by the probable cause."""
+def _differences(table: xr.Dataset) -> dict[str, str]:
+    """By probable cause a sentence on the methods that differ from the best by more than the errors."""
     best, applied = table.attrs["best"], applied_methods(table)
     # What the best method lacks is in each difference from it.
     lacks = table.sel({"method": best})
@@ -249,43 +242,42 @@ def _differences(table: xr.Dataset, causes: Sequence[str]) -> list[str]:
             cause = next((name for name, text in zip(CAUSES, reasons, strict=False) if text.item()), "form")
             by_cause[cause].append(f"{label} ({far})")
     if not any(by_cause.values()):
-        return [f"No coefficient differs from those of {best} by more than {APART:g} standard errors."]
-    return [
-        f"More than {APART:g} standard errors from {best}: {'; '.join(labels)}. {CAUSES[cause].format(best)}."
-        for cause in causes
-        if (labels := by_cause[cause])
-    ]
+        return {"": f"No coefficient differs from those of {best} by more than {APART:g} standard errors."}
+    more = f"More than {APART:g} standard errors from {best}:"
+    return {
+        cause: f"{more} {'; '.join(labels)}. {CAUSES[cause].format(best)}."
+        for cause, labels in by_cause.items()
+        if labels
+    }
 
 
-def _reference(table: xr.Dataset) -> list[str]:
+def _reference(table: xr.Dataset) -> Iterator[str]:
     """To which frequency coefficients refer, and that none can tell a stiffness from it."""
     owner, symbol = table.attrs["common_frequency_of"], table.attrs["exchangeable_with_the_frequency"]
     origin = "given" if owner == "given" else f"w of {owner}"
-    inseparable = (
-        f"No method can identify {symbol}: in a single record, it cannot be separated from the frequency. "
-        "Give --omega0 (frequency without contact) to identify it."
-    )
-    return [
+    yield (
         f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Their differences are "
         "over the errors of both methods, taken as independent. All methods saw the same noise: these "
-        "numbers are rather too small.",
-        *[inseparable] * bool(symbol),
-    ]
+        "numbers are rather too small."
+    )
+    if symbol:
+        yield (
+            f"No method can identify {symbol}: in a single record, it cannot be separated from the "
+            "frequency. Give --omega0 (frequency without contact) to identify it."
+        )
 
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `compare` as plain data."""
-    table, groups = tree["comparison"].to_dataset(), record_groups(tree)
-    several = len(groups) > 1
-    starts = [layout.number(tree[group].holdout_start.item()) for group in groups]
+    table, several = tree["comparison"].to_dataset(), len(record_groups(tree)) > 1
+    starts = [layout.number(tree[group].holdout_start.item()) for group in record_groups(tree)]
+    keys = layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})
     data = {
         **layout.records_json(tree),
         "holdout_start": starts[0],
         **layout.mapped(table, {name: name for name in ("common_frequency", "noise")}),
         **table.attrs,
-        "methods": layout.per_label(
-            table, "method", layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})
-        ),
+        "methods": layout.per_label(table, "method", keys),
     }
     if several:
         data |= {"holdout_starts": starts, **layout.mapped(table, {"run_noises": "run_noise"})}

@@ -12,16 +12,7 @@ from sysid_trib._version import __version__
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.physics.si_units import GIVEN, MU, si_of
-from sysid_trib.printing import layout
-from sysid_trib.printing.equation import (
-    equation_latex,
-    formula_latex,
-    frequency_text,
-    from_template,
-    power_of_ten,
-)
-from sysid_trib.printing.layout import csv_of
-from sysid_trib.printing.verdict import reference_sentence
+from sysid_trib.printing import equation, layout, verdict
 from sysid_trib.results import files, schema, variables
 from sysid_trib.validation import findings
 
@@ -49,7 +40,7 @@ def forces_latex(library: ForceLibrary) -> str:
     r"""The forces of a library with their states as a table (`booktabs`) for LaTeX."""
     rows = []
     for force in library:
-        formulas = {f: formula_latex(f)[0] for f in force.formulas}
+        formulas = {f: equation.formula_latex(f)[0] for f in force.formulas}
         states = [rf"\dot{{{name}}}/\omega = {formulas[rate]}" for name, rate in force.state.items()]
         held = [rf"{name} := {formulas[value]}" for name, value in force.memory.items()]
         cells = f"${', '.join([formulas[force.formula], *states, *held])}$"
@@ -94,7 +85,7 @@ def csv_text(tree: xr.DataTree) -> str:
     """All coefficients and frequencies, a row each, with total errors and their parts; then the record."""
     details = ({"quantity": name, "value": text} for name, text in about_the_record(tree).items())
     rows = (*_rows(tree), *({"method": RECORD_ROWS} | row for row in details))
-    return csv_of(["method", *list(layout.COLUMNS)[:-1]], rows)
+    return layout.csv_of(["method", *list(layout.COLUMNS)[:-1]], rows)
 
 
 def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
@@ -151,7 +142,7 @@ def latex_text(tree: xr.DataTree) -> str:
     lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
     if files.kind_of(tree) != "difference":
         main = findings.main_result(tree)
-        lines += ["", "% no method gave a model" if main is None else equation_latex(main)]
+        lines += ["", "% no method gave a model" if main is None else equation.equation_latex(main)]
     return "\n".join([*lines, ""])
 
 
@@ -159,7 +150,7 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
     """What the table of a result holds, of which record, and how far it is explained."""
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
-    refers = "".join(reference_sentence(result) for result in list(named.values())[-1:])
+    refers = "".join(verdict.reference_sentence(result) for result in list(named.values())[-1:])
     si = "".join(
         f"; {row['quantity']}: {_in_latex(layout.number_and_mark(row)[0])} {unit_in_latex(row['unit'])}"
         for row in _rows(tree)
@@ -172,7 +163,7 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
 
 def _in_latex(text: str) -> str:
     """`(-2.3 ± 0.3)e-05` as LaTeX writes it."""
-    return f"${power_of_ten(text.replace('±', chr(92) + 'pm'))}$"
+    return f"${equation.power_of_ten(text.replace('±', chr(92) + 'pm'))}$"
 
 
 def _plain(text: str) -> str:
@@ -218,13 +209,13 @@ def methods_text(tree: xr.DataTree) -> str:
             "forces": ", ".join(re.sub(r"[^\w ,().-]", " ", name) for name in names),
             "by": IN_WORDS.get(method, method),
             "left": f"{ratio:.3g}" if np.isfinite(ratio) else "",
-            "noise": power_of_ten(f"{findings.record_noise(tree):.2g}"),
+            "noise": equation.power_of_ten(f"{findings.record_noise(tree):.2g}"),
             "unit": variables.signal_units(tree),
             "of_model": "error_of_model" in main,
-            "frequency": frequency_text(main),
-            "equation": equation_latex(main),
+            "frequency": equation.frequency_text(main),
+            "equation": equation.equation_latex(main),
         }
-    return from_template("methods.txt", values)
+    return equation.from_template("methods.txt", values)
 
 
 def cited(text: str) -> str:

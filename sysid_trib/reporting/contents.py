@@ -14,11 +14,9 @@ from sysid_trib._version import __version__
 from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.rows import STATUS, counts_of
 from sysid_trib.plots.compared import FAR
-from sysid_trib.plots.declared import figures_of
-from sysid_trib.plots.motion_panels import MOST_POINTS
-from sysid_trib.printing import Block, Layer, comparison, discovery, driven, identification
-from sysid_trib.printing.campaign import AGAINST, campaign_blocks, difference_blocks, named_text
-from sysid_trib.printing.layout import value_with_error
+from sysid_trib.plots.figure import figures_of
+from sysid_trib.plots.motions import MOST_POINTS
+from sysid_trib.printing import Block, Layer, campaign, comparison, discovery, driven, identification, layout
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups
 
@@ -40,7 +38,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
     "driven": ("Forces of a driven record", driven.driven_blocks),
     "compare": (f"{TITLE}, method by method", comparison.comparison_blocks),
-    "difference": ("Two samples held against each other", difference_blocks),
+    "difference": ("Two samples held against each other", campaign.difference_blocks),
     "discover": ("What a model lacks to explain a free decay", discovery.discovery_blocks),
 }
 
@@ -139,8 +137,8 @@ def campaign_contents(
     figures: dict[str, list[Part]] = {}
     if compared is not None and conditions is not None:
         rows = conditions.iloc[compared["at"].values]
-        figures[AGAINST] = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
-    blocks = campaign_blocks(store, counts_of(store), compared)
+        figures[campaign.AGAINST] = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
+    blocks = campaign.campaign_blocks(store, counts_of(store), compared)
     summary, sections = sections_of(blocks, figures)
     sections.append(_records(store, compared, conditions))
     facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
@@ -192,9 +190,9 @@ def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: lis
         (record.coefficient.sel(force=s).item(), record.standard_error.sel(force=s).item()) for s in symbols
     ]
     errors.append((record.asymptotic_frequency.item(), record.asymptotic_frequency_standard_error.item()))
-    cells = [value_with_error(value, error) for value, error in errors]
+    cells = [layout.value_with_error(value, error) for value, error in errors]
     status = STATUS[int(record.status)]
-    texts = [text for text in (record.verdict.item(), named_text(record)) if text]
+    texts = [text for text in (record.verdict.item(), campaign.named_text(record)) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
     name = str(record.record.item())
     return [name, _thumbnail(record, name), *conditions, *cells, f"{off:.1f}" if off else "", verdict]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from headless import FLAGS, browser_path
 
-from sysid_trib.plots import style
+from sysid_trib.plots.figure import new_figure
 from sysid_trib.reporting.page import IMAGE_DPI, inline_svg
 
 # A browser takes its time.
@@ -117,7 +117,7 @@ def test_a_shortened_figure_looks_as_matplotlib_drew_it(browser):
 
 def drawn_figure():
     """Lines, marks, letters, cells."""
-    made = style.new_figure(4.0, 3.0)
+    made = new_figure(4.0, 3.0)
     lines, cells = made.subplots(1, 2)
     time = np.linspace(0.0, 1.0, 60)
     lines.errorbar(time, np.sin(9.0 * time), 0.1, fmt="o", markersize=3, label="record")

@@ -12,8 +12,8 @@ from command_line import run, write_csv
 from helpers import lengthened, sentences_of
 
 import sysid_trib as st
-from sysid_trib.plots.declared import figures_of
-from sysid_trib.plots.motion_panels import MOST_POINTS
+from sysid_trib.plots.figure import figures_of
+from sysid_trib.plots.motions import MOST_POINTS
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.identification import identification_blocks

@@ -10,8 +10,7 @@ from figure_texts import faults
 import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.cycles.look import look
-from sysid_trib.plots.declared import figures_of
-from sysid_trib.plots.style import new_figure
+from sysid_trib.plots.figure import figures_of, new_figure
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.files import kind_of
 from sysid_trib.validation.profiles import contour, profile

@@ -1,7 +1,7 @@
-"""Figures of Le Bot et al. 2019: motions, envelopes, frequency shifts, half-sines, weights."""
+"""Motions over time: a record with its models; and the figures of Le Bot et al. 2019 (envelopes, weights)."""
 
-from collections.abc import Mapping
-from itertools import cycle
+from collections.abc import Mapping, Sequence
+from itertools import cycle, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -9,9 +9,127 @@ import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.plots import style
-from sysid_trib.plots.motion_panels import RECORD_POINTS, curve
-from sysid_trib.results.variables import signal_label, signal_symbol, signal_units
+from sysid_trib.plots.figure import LEGEND
+from sysid_trib.plots.style import MODEL_LINES, Style
+from sysid_trib.results.effects import tied_name
+from sysid_trib.results.files import kind_of
+from sysid_trib.results.variables import record_groups, signal_label, signal_symbol, signal_units, small_units
+from sysid_trib.validation.findings import LAST_THIRD, failures, is_refitted
+
+# Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
+MOST_POINTS = 3000
+# Effects that a legend names.
+MOST_NAMES = 2
+RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
+
+
+def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
+    """What of the records was held out; empty where nothing was.
+
+    Parameters
+    ----------
+    tree : xr.DataTree
+        Result of a command; of `compare` the figure has it on grey.
+    of_search : bool
+        Whether the figure is of the search itself, which never sees what is held out; models may be fitted to
+        the whole records in the end.
+    """
+    if kind_of(tree) != "discover":
+        return "The part of the record on grey was held out." if kind_of(tree) == "compare" else ""
+    held = str(tree.attrs["held_out"])
+    held += " of the record" * (held == LAST_THIRD)
+    if is_refitted(tree):
+        return f"Held out of the search, {'and of these numbers' if of_search else 'then fitted'}: {held}."
+    return f"Held out, and not in this figure: {held}."
+
+
+def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[str, str]]:
+    """Lines of the models of a run that have a motion, and what legends call all of them, by their names.
+
+    Those of a cross-check, those before and after of a discovery, that which predicts best of a comparison.
+    """
+    data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
+    if kind == "discover":
+        labels = {"before": "start model", "after": f"with {_few(_tied_names(tree))}"}
+    else:
+        checked = tree["comparison"].attrs
+        names = [checked["best"]] if kind == "compare" else [checked["first"], checked["second"]]
+        labels = dict(zip(names, names, strict=True))
+    # A model that broke down must not set a scale.
+    failed = failures(tree) if kind in ("cross_check", "driven") else {}
+    looks = MODEL_LINES[1:] if kind == "compare" else MODEL_LINES
+    lines: dict[str, Style] = {}
+    for name, look in zip(labels, looks, strict=False):
+        there = name not in failed and name in data.get("model", ())
+        if there and np.isfinite(data.simulated_angle.sel(model=name).values).all():
+            lines[name] = look
+    return lines, labels
+
+
+def _tied_names(tree: xr.DataTree) -> list[str]:
+    """The effects of the final model, each with what it cannot be separated from."""
+    count = tree["steps"].attrs["count"]
+    names = [tied_name(tree["steps"].to_dataset().isel(step=at), 1) for at in range(count)]
+    return [f"({name})" if " or " in name and count > 1 else name for name in names]
+
+
+def _few(effects: Sequence[str]) -> str:
+    """Names of effects, the first of many."""
+    if len(effects) > MOST_NAMES:
+        return f"{', '.join(effects[: MOST_NAMES - 1])} and {len(effects) - MOST_NAMES + 1} more"
+    return " and ".join(effects) or "no effect"
+
+
+def drawn_samples(values: Array) -> NDArray[np.intp]:
+    """Samples that draw a curve: the least and the largest of each stretch, so that no peak is lost."""
+    if values.size <= MOST_POINTS:
+        return np.arange(values.size)
+    edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
+    ends = [start + f(values[start:stop]) for start, stop in pairwise(edges) for f in (np.argmin, np.argmax)]
+    return np.unique(ends)
+
+
+def curve(ax: Axes, time: Array, values: Array, look: Style) -> None:
+    """A curve over time, decimated."""
+    shown = drawn_samples(values)
+    ax.plot(time[shown], values[shown], **look)
+
+
+def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Sequence[str]) -> None:
+    """The record and, each in a panel of its own below it, the residuals of models, with one axis of time.
+
+    In one panel a residual would hide another where models agree.
+    """
+    data, (lines, labels) = tree[record_groups(tree)[run]].to_dataset(), drawn_models(tree, run)
+    time, angle, units = data.time.values, data.angle.values, signal_units(data)
+    motions_of = {name: data.simulated_angle.sel(model=name).values for name in lines}
+    curve(panels[0], time, angle, RECORD_POINTS)
+    for name, look in lines.items():
+        curve(panels[0], time, motions_of[name], {"linewidth": 0.8, "label": labels[name], **look})
+    if "holdout_start" in data:
+        panels[0].axvspan(data.holdout_start.item(), time[-1], color="0.93", zorder=0)
+    panels[0].set_ylabel(signal_label(units))
+    # Above the panel: inside there is no room that the oscillation leaves free.
+    panels[0].legend(ncols=3, **LEGEND)
+    factor, unit = small_units(units)
+    width = 2.0 * factor * float(data.noise)
+    for panel, model in zip(panels[1:], models, strict=True):
+        if model in lines:
+            look = {"linewidth": 0.6, **lines[model], "linestyle": "-"}
+            curve(panel, time, factor * (angle - motions_of[model]), look)
+        band = panel.axhspan(-width, width, color="0.85", zorder=0)
+        panel.legend([band], ["± 2 noise levels"], **LEGEND)
+        # Named by the axis where there are several.
+        name = model if len(labels) > 1 else "model"
+        panel.set_ylabel(f"record \N{MINUS SIGN} {name} ({unit})")
+        panel.sharex(panels[0])
+    panels[0].set_xlim(time[0], time[-1])
+    for panel in panels[:-1]:
+        panel.tick_params(labelbottom=False)
+    panels[-1].set_xlabel("time (s)")
+
 
 # Points of a half-sine.
 ARC_POINTS = 40
@@ -43,7 +161,7 @@ def frequency_shift(
         ax.plot(shifts.amplitude.values, shifts.frequency.values, label=named, **style.line(styles[label]))
     units = signal_units(next(iter({**measured, **predicted}.values()), xr.Dataset()))
     ax.set(xlabel=f"amplitude $a$ ({units})", ylabel=r"frequency $\omega$ (rad/s)", xlim=(0.0, None))
-    ax.legend(ncols=4, **style.LEGEND)
+    ax.legend(ncols=4, **LEGEND)
     return ax
 
 
@@ -81,7 +199,7 @@ def motions(
             curve(ax, motion.time.values, sign * motion.amplitude.values, look)
             look |= {"label": ""}
     ax.set(xlabel="time (s)", ylabel=_signal(record), xlim=_ends(record))
-    ax.legend(ncols=4, **style.LEGEND)
+    ax.legend(ncols=4, **LEGEND)
     return ax
 
 
@@ -121,7 +239,7 @@ def draw_weights(
             style.line_with_band(ax, a, value, error, series, style.in_latex(symbol))
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
     ax.set_xlim(a.min(), a.max())
-    ax.legend(ncols=6, **style.LEGEND)
+    ax.legend(ncols=6, **LEGEND)
 
 
 def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:

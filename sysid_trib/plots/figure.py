@@ -1,0 +1,275 @@
+"""What a figure is: it declares what it shows, for `--plot`, pages and tests, and gives its texts room."""
+
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backend_bases import RendererBase
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.layout_engine import LayoutEngine
+from matplotlib.mathtext import MathTextParser
+from matplotlib.text import Text
+from matplotlib.ticker import FixedLocator
+from matplotlib.transforms import Bbox
+
+from sysid_trib.results.files import is_of_driven, kind_of
+from sysid_trib.results.variables import group_names, record_groups
+
+Draw = TypeVar("Draw", bound=Callable[..., Figure])
+# What `kind_of` says of results, and commands that show what is no result.
+RESULT_KINDS = (
+    *("cross_check", "driven", "compare", "difference", "discover"),
+    *("look", "backbone", "plan", "response"),
+)
+NO_CAPTIONS: Mapping[str, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A figure, and what it shows (see `shows`)."""
+
+    draw: Callable[..., Figure]
+    kinds: tuple[str, ...]
+    block: str
+    groups: tuple[str, ...]
+    captions: Mapping[str, str]
+
+    @property
+    def of_each_run(self) -> bool:
+        """True if each run of a result has one."""
+        return "run" in inspect.signature(self.draw).parameters
+
+    def caption(self, tree: xr.DataTree) -> str:
+        """What stands below it on a page: what its docstring says before the parameters."""
+        said = (inspect.getdoc(self.draw) or "").partition("\n\nParameters\n")[0]
+        kind = "driven" if is_of_driven(tree) else kind_of(tree)
+        return self.captions.get(kind, " ".join(said.split()))
+
+    def drawings(self, tree: xr.DataTree) -> Iterator[tuple[str, int, Callable[..., Figure]]]:
+        """Name of the file, run and what draws it, where the result has what is shown."""
+        name = self.draw.__name__
+        if self.groups:
+            of_these = re.compile(rf"(?:{'|'.join(self.groups)})((?:_\d+)?)")
+            ends = dict.fromkeys(match[1] for child in tree.children if (match := of_these.fullmatch(child)))
+            for end in ends:
+                data = [tree[f"{g}{end}"].to_dataset() for g in self.groups if f"{g}{end}" in tree.children]
+                yield f"{name}{end}", int(end[1:] or 1) - 1, partial(self.draw, *data)
+        elif self.of_each_run:
+            for run, label in enumerate(group_names(name, len(record_groups(tree)))):
+                yield label, run, partial(self.draw, tree, run)
+        else:
+            yield name, 0, partial(self.draw, tree if tree.children else tree.to_dataset())
+
+
+_DECLARED: dict[str, Declared] = {}
+
+
+def shows(
+    *kinds: str, block: str = "", groups: tuple[str, ...] = (), captions: Mapping[str, str] = NO_CAPTIONS
+) -> Callable[[Draw], Draw]:
+    """Declare that a function draws a figure of results.
+
+    It takes the result, and `run` if each run has one of its own; or the datasets of `groups`, of each run if
+    they are numbered by runs, where the result has any of them.
+
+    Parameters
+    ----------
+    *kinds : str
+        Kinds of result, of `RESULT_KINDS`.
+    block : str
+        Title of the section of a page that has it; without one `--plot` alone draws it.
+    groups : tuple of str
+        Groups of the result that are drawn.
+    captions : mapping of str to str
+        Captions of kinds of result of which the docstring says too much.
+    """
+    if others := {*kinds, *captions} - set(RESULT_KINDS):
+        raise ValueError(f"No result is of the kind {', '.join(sorted(others))}; there are {RESULT_KINDS}.")
+
+    def declare(draw: Draw) -> Draw:
+        _DECLARED[draw.__name__] = Declared(draw, kinds, block, groups, captions)
+        return draw
+
+    return declare
+
+
+def figures_of(kind: str) -> list[Declared]:
+    """The figures of a kind of result."""
+    from sysid_trib import plots
+
+    # A figure is known once its module is imported.
+    names = [name for name in dir(plots) if getattr(plots, name)]
+    return [_DECLARED[name] for name in names if name in _DECLARED and kind in _DECLARED[name].kinds]
+
+
+# Of figures of many panels, and of the smallest sign, points: exponents too.
+FONT_SIZE, SMALLEST_SIGN = 7.5, 6.0
+# Of a figure over the whole page, and the least at which two panels stand side by side, inch.
+FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
+# Of a figure that has a caption below it on a page, inch.
+TALLEST = 9.0
+# Times that a figure is laid out anew, and points between a title and a legend.
+LAYOUTS, BETWEEN_TEXTS = 3, 6.0
+# Points between the numbers of ticks.
+BETWEEN_TICKS = 3.0
+LEGEND: dict[str, Any] = {
+    "frameon": False,
+    "fontsize": FONT_SIZE,
+    "columnspacing": 0.9,
+    "handlelength": 1.6,
+    "handletextpad": 0.3,
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "borderaxespad": 0.1,
+}
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, its size in inches, that keeps labels apart."""
+    return LiteralFigure(figsize=(width, min(height, TALLEST)), layout="constrained")
+
+
+class LiteralFigure(Figure):
+    """A figure that gives texts room, and draws one of a file as it is where it only looks like mathematics.
+
+    What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels
+    longer than their panel are broken, a legend above a panel has the columns that fit beside its title. A
+    text with exponents is larger where they would be smaller than any text.
+    """
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the figure."""
+        for ax in self.axes:
+            # Labels of ticks are written when they are asked for.
+            _ = ax.get_xticklabels(), ax.get_yticklabels()
+        for text in self.findobj(Text):
+            part = _smallest_part(text.get_text())
+            if not part:
+                text.set_parse_math(False)
+            elif part * float(text.get_fontsize()) < SMALLEST_SIGN:
+                text.set_fontsize(SMALLEST_SIGN / part)
+        engine = self.get_layout_engine()
+        if engine is not None and self._drawn != self._texts():
+            self._give_room(engine, renderer)
+            for ax in self.axes:
+                _thin_ticks(ax.xaxis, renderer)
+                _thin_ticks(ax.yaxis, renderer)
+            self._drawn = self._texts()
+        super().draw(renderer)
+
+    # Size and texts when they were given room.
+    _drawn: tuple[object, ...] = ()
+
+    def _texts(self) -> tuple[object, ...]:
+        return *self.get_size_inches(), *(text.get_text() for text in self.findobj(Text))
+
+    def _give_room(self, engine: LayoutEngine, renderer: RendererBase) -> None:
+        """Break labels and legends, first in panels of short labels: a long one would squeeze them all."""
+        labels = [label for ax in self.axes for label in _labels(ax)]
+        texts = [_words(text.get_text()) for _, text, _ in labels]
+        legends = [(ax, legend) for ax in self.axes if (legend := ax.get_legend()) is not None]
+        for _, text, _ in labels:
+            text.set_text("x" if text.get_text().strip() else "")
+        for _, legend in legends:
+            legend.set_in_layout(False)
+        engine.execute(self)
+        for _, legend in legends:
+            legend.set_in_layout(True)
+        for _ in range(LAYOUTS):
+            before = self._texts()
+            for (ax, text, side), words in zip(labels, texts, strict=True):
+                _fill(text, words, getattr(ax.get_window_extent(renderer), side), renderer)
+            for ax, _ in legends:
+                _fit_legend(ax, renderer)
+            if self._texts() == before:
+                break
+            engine.execute(self)
+
+
+def _thin_ticks(axis: Axis, renderer: RendererBase) -> None:
+    """Hide numbers of ticks that would run into others, those of the minor ones first; names stay."""
+    if isinstance(axis.get_major_locator(), FixedLocator):
+        return
+    low, high = sorted(axis.get_view_interval())
+    kept, between = list[Bbox](), float(renderer.points_to_pixels(BETWEEN_TICKS))  # type: ignore[arg-type]
+    for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+        if tick.label1.get_visible() and tick.label1.get_text() and low <= tick.get_loc() <= high:
+            box = tick.label1.get_window_extent(renderer)
+            tick.label1.set_visible(not box.count_overlaps(kept))
+            kept += [box.padded(between)] if tick.label1.get_visible() else []
+
+
+def _titles(ax: Axes) -> list[Text]:
+    return [child for child in ax.get_children() if isinstance(child, Text) and child not in ax.texts]
+
+
+def _labels(ax: Axes) -> list[tuple[Axes, Text, str]]:
+    """Labels and titles of a panel, with the side that has room for each."""
+    across = [ax.xaxis.label, *_titles(ax)]
+    return [(ax, ax.yaxis.label, "height"), *((ax, text, "width") for text in across)]
+
+
+def _words(text: str) -> list[str]:
+    """The words of a text; mathematics is one."""
+    return re.findall(r"(?:\$[^$]*\$|[^\s$]|\$)+", text)
+
+
+def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> None:
+    """Write words in as few lines as have room, a unit on lines of its own."""
+
+    def fits(line: str) -> bool:
+        text.set_text(line)
+        extent = text.get_window_extent(renderer)
+        return max(extent.width, extent.height) <= room
+
+    lines, whole = [""], fits(" ".join(words))
+    for word in words:
+        joined = f"{lines[-1]} {word}".strip()
+        if whole or not lines[-1] or (not word.startswith("(") and fits(joined)):
+            lines[-1] = joined
+        else:
+            lines.append(word)
+    text.set_text("\n".join(lines))
+
+
+def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
+    """Give the legend above a panel the columns that fit beside the title, or put the title above it."""
+    legend, box = ax.get_legend(), ax.get_window_extent(renderer)
+    scale = float(renderer.points_to_pixels(1.0))  # type: ignore[arg-type]
+    if legend is None or legend.get_window_extent(renderer).y0 < box.y0 + 0.9 * box.height:
+        return
+    titles = [title for title in _titles(ax) if title.get_text()]
+    room = box.width - max((title.get_window_extent(renderer).width for title in titles), default=0.0)
+    room -= BETWEEN_TEXTS * scale
+    labels = [text.get_text() for text in legend.get_texts()]
+    spacing = ("columnspacing", "handlelength", "handletextpad")
+    look: dict[str, Any] = LEGEND | {name: getattr(legend, name) for name in spacing}
+    look["fontsize"] = legend.get_texts()[0].get_fontsize()
+    for count in range(legend._ncols - 1, 0, -1):  # type: ignore[attr-defined]
+        if legend.get_window_extent(renderer).width <= room:
+            return
+        handles = [handle for handle in legend.legend_handles if handle is not None]
+        legend = ax.legend(handles, labels, ncols=count, **look)
+    extent = legend.get_window_extent(renderer)
+    for title in titles if extent.width > room else ():
+        pad, size = extent.height / scale, title.get_fontsize()
+        ax.set_title(title.get_text(), loc="left", fontsize=size, pad=pad)
+
+
+@lru_cache(maxsize=1000)
+def _smallest_part(text: str) -> float:
+    """Size of an exponent in a text over that of the text; 0 if matplotlib cannot write its mathematics."""
+    size: float = FontProperties().get_size_in_points()
+    try:
+        lines = [MathTextParser("path").parse(line) for line in text.split("\n") if "$" in text]
+    except ValueError:
+        return 0.0
+    return min((sign[1] for line in lines for sign in line.glyphs), default=size) / size
