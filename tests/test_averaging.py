@@ -4,15 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers import (
-    FIVE,
-    SIX,
-    Run,
-    W,
-    library_of_formulas,
-    paper_run,
-    values,
-)
+from helpers import FIVE, SIX, Run, W, library_of_formulas, paper_run, values
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError

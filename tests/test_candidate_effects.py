@@ -267,12 +267,7 @@ def test_a_force_is_the_same_with_another_reference_frequency(symbol):
     }
     c, time = 2e-3, np.linspace(0.0, 6.0, 400)
     here = Model(library, {"alpha": 0.0, symbol: c}, W, defaults)
-    there = Model(
-        library,
-        {"alpha": factor**-2 - 1.0, symbol: c * factor ** powers[""]},
-        factor * W,
-        scaled,
-    )
+    there = Model(library, {"alpha": factor**-2 - 1.0, symbol: c * factor ** powers[""]}, factor * W, scaled)
     one, other = (trajectory(model, time, 0.3, 0.0).angle for model in (here, there))
     np.testing.assert_allclose(one, other, rtol=0.0, atol=2e-8)
 

@@ -102,8 +102,7 @@ def test_what_is_integrated_is_the_motion(tmp_path, unit, power):
 
 
 @pytest.mark.parametrize(
-    ("unit", "size", "signal"),
-    [("mm", 900.0, "displacement"), ("g", 40.0, "acceleration")],
+    ("unit", "size", "signal"), [("mm", 900.0, "displacement"), ("g", 40.0, "acceleration")]
 )
 def test_what_is_no_angle_is_not_called_degrees_nor_taken_for_rad(tmp_path, unit, size, signal):
     time, values = swing()

@@ -11,13 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import DecayError
-from sysid_trib.methods import (
-    FeenyLiang,
-    FrequencyShift,
-    WindowedERA,
-    WuDecrement,
-    feeny_liang_decrement,
-)
+from sysid_trib.methods import FeenyLiang, FrequencyShift, WindowedERA, WuDecrement, feeny_liang_decrement
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()

@@ -3,18 +3,7 @@
 import numpy as np
 import pytest
 from candidates import CANDIDATES
-from helpers import (
-    FIVE,
-    NOISE,
-    SIX,
-    Run,
-    W,
-    decay,
-    over_seeds,
-    paper_run,
-    rms,
-    values,
-)
+from helpers import FIVE, NOISE, SIX, Run, W, decay, over_seeds, paper_run, rms, values
 
 from sysid_trib import Model
 from sysid_trib.forces.library import parse_library

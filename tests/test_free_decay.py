@@ -12,11 +12,7 @@ from scipy.integrate import solve_ivp
 
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records.free_decay import free_decay
-from sysid_trib.records.half_periods import (
-    find_half_periods,
-    quantisation_step,
-    smooth,
-)
+from sysid_trib.records.half_periods import find_half_periods, quantisation_step, smooth
 from sysid_trib.records.read import read_record
 
 OMEGA = 9.91

@@ -11,8 +11,7 @@ MARKS = {"fast": (), "slow": (pytest.mark.slow,)}
 
 
 @pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, id=c.name, marks=MARKS[c.part]) for c in CASES if c.part in MARKS],
+    "case", [pytest.param(c, id=c.name, marks=MARKS[c.part]) for c in CASES if c.part in MARKS]
 )
 def test_answers_are_those_that_are_kept(case):
     if case.needs is not None and not case.needs.is_dir():

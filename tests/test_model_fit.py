@@ -2,13 +2,7 @@
 
 import numpy as np
 import pytest
-from discovery import (
-    EVERY,
-    deviations,
-    library,
-    start_model,
-    with_effect,
-)
+from discovery import EVERY, deviations, library, start_model, with_effect
 
 
 @pytest.mark.slow

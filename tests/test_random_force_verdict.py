@@ -48,11 +48,7 @@ def test_a_random_force_alone_depends_on_nothing():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("symbol", "coefficient", "on"),
-    [
-        ("lambda", 1e-3, "speed"),
-        ("damping_drift", 2e-3, "time"),
-    ],
+    ("symbol", "coefficient", "on"), [("lambda", 1e-3, "speed"), ("damping_drift", 2e-3, "time")]
 )
 def test_a_force_that_is_left_out_shows_on_what_it_depends(symbol, coefficient, on):
     whole = {f.symbol: f for name in ("contact_forces", "candidate_effects") for f in st.load_library(name)}

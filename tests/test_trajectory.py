@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 from candidates import CANDIDATES
-from helpers import (
-    FIVE,
-    NOISE,
-    SIX,
-    W,
-    decay,
-    library_of_formulas,
-    paper_run,
-    values,
-)
+from helpers import FIVE, NOISE, SIX, W, decay, library_of_formulas, paper_run, values
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
