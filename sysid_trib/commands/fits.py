@@ -17,7 +17,8 @@ from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
-from sysid_trib.printing import campaign, comparison, discovery, driven, exported, identification, sureness
+from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
+from sysid_trib.printing.campaign import difference_blocks
 from sysid_trib.printing.layout import mapped
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
@@ -128,8 +129,7 @@ def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) 
     """What is printed of an identification, of free decays or with inputs."""
     sentences = _record_sentences(tree, sources)
     of_kind = driven.driven_blocks if kind_of(tree) == "driven" else identification.identification_blocks
-    said = of_kind(tree, sentences)
-    return [*said, Block(driven.prediction_sentences(predicted), ALWAYS)]
+    return [*of_kind(tree, sentences), driven.prediction_block(predicted)]
 
 
 def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
@@ -215,7 +215,7 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
     method = with_random_force(usual[-1], asked.random_force)
     how = {"constraints": asked.constraints, "tell": tell}
     tree = held_against(first, second, asked.library, method, **how)
-    blocks = partial(campaign.difference_blocks, tree, [*of_first, *of_second])
+    blocks = partial(difference_blocks, tree, [*of_first, *of_second])
     says = blocks, partial(mapped, tree.to_dataset(), "difference")
     return deliver(given, tell, says, tree, _texts(given, tree))
 

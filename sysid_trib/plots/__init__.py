@@ -5,32 +5,24 @@ from typing import Any
 
 from sysid_trib._lazy import public_names
 
-# Figures that are part of another now.
+# Figures that are part of another now, by its name.
 _MERGED = {
-    "against_conditions": "against_condition",
-    "averaged_decay": "motions",
-    "contour": "profile",
-    "disagreement": "story",
-    "disagreement_map": "story",
-    "discovery": "story",
-    "driven": "overview",
-    "forecast": "ranking",
-    "forecasts": "ranking",
-    "half_periods": "overview",
-    "half_sines": "motions",
-    "identification": "overview",
-    "prediction_bands": "innovations",
-    "random_force": "innovations",
-    "rankings": "ranking",
-    "residual_surface": "overview",
+    "against_condition": ("against_conditions",),
+    "innovations": ("prediction_bands", "random_force"),
+    "motions": ("averaged_decay", "half_sines"),
+    "overview": ("driven", "half_periods", "identification", "residual_surface"),
+    "profile": ("contour",),
+    "ranking": ("forecast", "forecasts", "rankings"),
+    "story": ("disagreement", "disagreement_map", "discovery"),
 }
 
 _public, __dir__, __all__ = public_names(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MERGED:
-        return _public(name)
-    message = f"sysid_trib.plots.{name} is part of sysid_trib.plots.{_MERGED[name]} now."
-    warnings.warn(message, DeprecationWarning, stacklevel=2)
-    return _public(_MERGED[name])
+    for merged, names in _MERGED.items():
+        if name in names:
+            message = f"sysid_trib.plots.{name} is part of sysid_trib.plots.{merged} now."
+            warnings.warn(message, DeprecationWarning, stacklevel=2)
+            return _public(merged)
+    return _public(name)

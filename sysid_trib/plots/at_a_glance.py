@@ -103,7 +103,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
             if curves is not None:
                 draw_curve(panels[panel], curves[0], name, curves[1])
         main = next(reversed(list(results.values())), None)
-        weighed = _weighed(main, record)
+        weighed = None if main is None else _weighed(main, record)
         units = signal_units(record)
         _shares(panels["C"], weighed, "decay_share", f"amplitude ({units})", "share of decay (%)")
         _shares(panels["D"], weighed, "frequency_share", f"amplitude ({units})", "share of shift (%)")
@@ -137,10 +137,8 @@ def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
     return dict(sorted(results, key=lambda pair: pair[0] == answer_of(tree))), holds(tree)
 
 
-def _weighed(result: xr.Dataset | None, record: xr.Dataset) -> xr.Dataset | None:
+def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
     """Weights of the forces over the amplitudes of a decay, each at its own time; None of what has none."""
-    if result is None:
-        return None
     with suppress(SysidTribError):
         halves = envelope(record[["angle"]]).sortby("amplitude")
         amplitude = halves.amplitude.values

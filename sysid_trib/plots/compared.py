@@ -163,7 +163,6 @@ def _symbol(tree: xr.DataTree, quantity: str) -> str:
     return library_of(result, whole=True)[quantity].latex_symbol
 
 
-ACROSS = 2
 # Beyond these runs bars hide the marks.
 MANY_RUNS = 300
 # Runs that stand out are drawn in another colour: standard deviations.
@@ -189,7 +188,7 @@ def against_condition(
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     quantities = compared.quantity.values.tolist()
-    figure, panels = style.grid(len(quantities), ACROSS, width, 2.2)
+    figure, panels = style.grid(len(quantities), 2, width, 2.2)
     for quantity, panel in zip(quantities, panels, strict=True):
         _of_quantity(panel, compared, quantity, name, condition)
     return figure
@@ -205,20 +204,16 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
         value, error = of_quantity.value.values[chosen], of_quantity.standard_error.values[chosen]
         bars = {"yerr": error, "elinewidth": 0.8} if few else {}
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
-    if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
-        _name_runs(ax, of_quantity.isel(run=far), at[far])
+    named, middle = of_quantity.isel(run=far), np.mean(ax.get_xlim())
+    for x, value, run in zip(at[far], named.value.values, named.run.values, strict=True):
+        # Beside its mark, towards the middle, where there is room.
+        if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
+            side, end = (5, "left") if x < middle else (-5, "right")
+            ax.annotate(str(run), (x, value), (side, 0), ha=end, fontsize=6, **style.LABEL_OFFSET)
     if ticks:
         ax.set_xticks(range(len(ticks)), ticks)
     unit = str(of_quantity.unit.item()).removeprefix("1") if "unit" in of_quantity.coords else ""
     ax.set(xlabel=name, ylabel=f"{quantity} ({style.unit_label(unit)})" if unit else quantity)
-
-
-def _name_runs(ax: Axes, named: xr.Dataset, at: np.ndarray) -> None:
-    """The name of each run beside its mark, towards the middle, where there is room."""
-    middle = np.mean(ax.get_xlim())
-    for x, value, name in zip(at, named.value.values, named.run.values, strict=True):
-        side, end = (5, "left") if x < middle else (-5, "right")
-        ax.annotate(str(name), (x, value), (side, 0), ha=end, fontsize=6, **style.LABEL_OFFSET)
 
 
 def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:

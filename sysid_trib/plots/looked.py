@@ -131,10 +131,9 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         panels[1].plot(decay.instant_time, decay.amplitude, **style.line(MODEL_LINES[0]))
         panels[2].plot(decay.frequency_line, decay.spectrum, color=ORANGE, linewidth=0.8)
     panels[0].set(xlabel="time (s)", ylabel=f"{records[0].angle.attrs['long_name']} ({unit})")
-    panels[1].set(xlabel="time (s)")
-    style.logarithmic_amplitude(panels[1], unit)
+    panels[1].set(xlabel="time (s)", ylabel=f"amplitude ({unit})", yscale="log")
     panels[2].set(xlabel="frequency (Hz)", ylabel=f"density ({unit}$^2$/Hz)", xscale="log", yscale="log")
-    for axis in (panels[2].xaxis, panels[2].yaxis):
+    for axis in (panels[1].yaxis, panels[2].xaxis, panels[2].yaxis):
         style.logarithmic_ticks(axis, *axis.get_view_interval())
     style.letter(panels)
     return figure

@@ -52,7 +52,7 @@ def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[st
     """
     data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
     if kind == "discover":
-        labels = {"before": "start model", "after": f"with {_few(_tied_names(tree))}"}
+        labels = {"before": "start model", "after": f"with {_effects(tree)}"}
     else:
         checked = tree["comparison"].attrs
         names = [checked["best"]] if kind == "compare" else [checked["first"], checked["second"]]
@@ -68,18 +68,14 @@ def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[st
     return lines, labels
 
 
-def _tied_names(tree: xr.DataTree) -> list[str]:
-    """The effects of the final model, each with what it cannot be separated from."""
+def _effects(tree: xr.DataTree) -> str:
+    """The first effects of the final model, each with what it cannot be separated from."""
     count = tree["steps"].attrs["count"]
     names = [tied_name(tree["steps"].to_dataset().isel(step=at), 1) for at in range(count)]
-    return [f"({name})" if " or " in name and count > 1 else name for name in names]
-
-
-def _few(effects: Sequence[str]) -> str:
-    """Names of effects, the first of many."""
-    if len(effects) > MOST_NAMES:
-        return f"{', '.join(effects[: MOST_NAMES - 1])} and {len(effects) - MOST_NAMES + 1} more"
-    return " and ".join(effects) or "no effect"
+    names = [f"({name})" if " or " in name and count > 1 else name for name in names]
+    if count > MOST_NAMES:
+        return f"{', '.join(names[: MOST_NAMES - 1])} and {count - MOST_NAMES + 1} more"
+    return " and ".join(names) or "no effect"
 
 
 def drawn_samples(values: Array) -> NDArray[np.intp]:
@@ -198,7 +194,9 @@ def motions(
         for sign in (1.0, -1.0):
             curve(ax, motion.time.values, sign * motion.amplitude.values, look)
             look |= {"label": ""}
-    ax.set(xlabel="time (s)", ylabel=_signal(record), xlim=_ends(record))
+    units = signal_units(record)
+    name, unit = signal_label(units).split(" ", 1)
+    ax.set(xlabel="time (s)", ylabel=f"{name} ${signal_symbol(units)}$ {unit}", xlim=_ends(record))
     ax.legend(ncols=4, **LEGEND)
     return ax
 
@@ -236,7 +234,9 @@ def draw_weights(
         names = quantity, f"{quantity}_standard_error"
         value, error = (factor * weighed[name].sel(force=symbol).values for name in names)
         if zeros or np.any(np.abs(value) > 0.0):
-            style.line_with_band(ax, a, value, error, series, style.in_latex(symbol))
+            ax.plot(a, value, label=style.in_latex(symbol), **style.line(series))
+            band = {"color": series["color"], "alpha": 0.2, "linewidth": 0}
+            ax.fill_between(a, value - error, value + error, **band)
     ax.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
     ax.set_xlim(a.min(), a.max())
     ax.legend(ncols=6, **LEGEND)
@@ -277,13 +277,6 @@ def _construction(ax: Axes, t: NDArray[np.float64], b: NDArray[np.float64]) -> N
     ax.annotate(r"$2\pi/\omega_i$", (t[1], outside), (0, -4 * side), va=vertical[1], **text)
     room = 1.4 * np.abs(b).max()
     ax.set_ylim(-room, room)
-
-
-def _signal(record: xr.Dataset) -> str:
-    """Label of the axis of a record's signal, with its symbol."""
-    units = signal_units(record)
-    name, unit = signal_label(units).split(" ", 1)
-    return f"{name} ${signal_symbol(units)}$ {unit}"
 
 
 def _ends(record: xr.Dataset) -> tuple[float, float]:

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, NullLocator
 
-from sysid_trib.arrays import Array
 from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, TWO_COLUMNS, new_figure
 from sysid_trib.printing.exported import unit_in_latex
 
@@ -59,12 +58,6 @@ def line(series: Style) -> dict[str, Any]:
 def mark(series: Style) -> dict[str, Any]:
     """Open marks of a series."""
     return {"color": series["color"], "marker": series["marker"], **OPEN_MARKS}
-
-
-def line_with_band(ax: Axes, x: Array, value: Array, error: Array, series: Style, label: str) -> None:
-    """The line of a series in a band of one standard error."""
-    ax.plot(x, value, label=label, **line(series))
-    ax.fill_between(x, value - error, value + error, color=series["color"], alpha=0.2, linewidth=0)
 
 
 def interval(
@@ -187,9 +180,3 @@ def logarithmic_ticks(axis: Axis, low: float, high: float) -> None:
     # Powers of ten and their multiples would leave most of the axis without a tick.
     axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
     axis.set_minor_locator(NullLocator())
-
-
-def logarithmic_amplitude(ax: Axes, units: str = "rad") -> None:
-    """A logarithmic axis of amplitudes, with plain numbers at as many ticks as have room."""
-    ax.set(ylabel=f"amplitude ({units})", yscale="log")
-    logarithmic_ticks(ax.yaxis, *ax.get_ylim())

@@ -98,7 +98,7 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     }
 
 
-def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
+def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
     """How near a free run comes to each record, its start fitted there (see `predict`)."""
     sentences = []
     for record in predicted:
@@ -109,7 +109,7 @@ def prediction_sentences(predicted: Sequence[xr.Dataset]) -> list[str]:
             f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
-    return sentences
+    return Block(sentences, ALWAYS)
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
