@@ -85,9 +85,8 @@ def pysindy_driven(library: ForceLibrary, record: xr.Dataset, w: float) -> np.nd
     features = ForceFeatures(library, reference_frequency=w)
     model = pysindy.SINDy(feature_library=features, optimizer=peers.plain_optimizer())
     target = (acceleration / w**2 + x)[:, None]
-    model.fit(
-        np.column_stack([x, rate / w]), t=time[1] - time[0], x_dot=target, u=record["u"].values[:, None]
-    )
+    states, u = np.column_stack([x, rate / w]), record["u"].values[:, None]
+    model.fit(states, t=time[1] - time[0], x_dot=target, u=u)
     return -model.coefficients()[0]
 
 
@@ -107,9 +106,8 @@ def silverbox() -> None:
     # A result with these coefficients in the place of ours: predicted alike.
     its = st.methods.Direct(w, **OFF).identify(train, library).assign(coefficient=("force", values))
     left = f"{1e3 * st.predict(its, test).residual_rms.item():.4f}"
-    rows.append(
-        ["pysindy.SINDy, u=", f"alpha {' '.join(FIVE)}", str(len(library)), "", left, "", f"{seconds:.0f}"]
-    )
+    words = f"alpha {' '.join(FIVE)}", str(len(library))
+    rows.append(["pysindy.SINDy, u=", *words, "", left, "", f"{seconds:.0f}"])
     heads = ("method", "forces and w", "parameters", "training", "last realisation", "largest", "time (s)")
     shown("Silverbox, RMS of record minus free run (mV)", heads, rows, WIDTH)
 
@@ -246,14 +244,9 @@ def belt_record(seed: int) -> tuple[xr.Dataset, dict[str, float], float, float]:
     faster = np.gradient(clean.angle.values, elapsed) / W / speed - 1.0
     angle = clean.angle.values + NOISE * random.standard_normal(len(elapsed))
     smooth, linear = ({"role": "input", "between": between} for between in ("smooth", "linear"))
-    record = xr.Dataset(
-        {
-            "angle": ("time", angle, {"units": "rad"}),
-            "u": ("time", u, smooth),
-            "surface": ("time", surface, linear | {"units": "rad"}),
-        },
-        {"time": elapsed},
-    )
+    columns_of = {"angle": (angle, {}), "surface": (surface, linear)}
+    data = {name: ("time", values, of | {"units": "rad"}) for name, (values, of) in columns_of.items()}
+    record = xr.Dataset(data | {"u": ("time", u, smooth)}, {"time": elapsed})
     return record, truth, float(np.mean(np.abs(faster) < 0.02)), float(np.mean(faster > 0.1))
 
 

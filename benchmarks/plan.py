@@ -9,6 +9,7 @@ effect is drawn from all candidates, as probabilities suppose. Loops go on until
 
 import itertools
 from argparse import Namespace
+from collections.abc import Callable
 
 import numpy as np
 import xarray as xr
@@ -52,9 +53,8 @@ def odds_came(tree: xr.DataTree, symbol: str, models: list[str]) -> bool:
     step = tree["steps"].to_dataset().isel(step=-1)
     likely = dict(zip(step.candidate.values.tolist(), step.tie_probability.values.tolist(), strict=True))
     right = np.nan_to_num(likely.get(symbol, 0.0))
-    return bool(
-        right > ODDS * max(np.nan_to_num(likely.get(other, 0.0)) for other in models if other != symbol)
-    )
+    others = [np.nan_to_num(likely.get(other, 0.0)) for other in models if other != symbol]
+    return bool(right > ODDS * max(others))
 
 
 def hidden_in(seed: int, drawn: bool) -> tuple[str, st.Model]:
@@ -69,10 +69,7 @@ def hidden_in(seed: int, drawn: bool) -> tuple[str, st.Model]:
     offered = [*library, *st.load_library("candidate_effects")]
     while True:
         force = offered[rng.integers(len(offered))]
-        shapes = {
-            f"{force.symbol}.{name}": float(from_unit(shape, rng.uniform()))
-            for name, shape in force.shape.items()
-        }
+        shapes = {f"{force.symbol}.{n}": float(from_unit(s, rng.uniform())) for n, s in force.shape.items()}
         if force.symbol == "zeta" or not shown.testable.sel(candidate=force.symbol):
             continue
         size = shown.detectable.sel(candidate=force.symbol).item() * np.exp(rng.uniform(*np.log(STRENGTHS)))
@@ -122,12 +119,18 @@ def table_of(said: list[tuple[float, int, int]]) -> None:
             print(f"{words}    {interval:20}  {right[there].mean():.2f}")
 
 
-def plan(asked: Namespace) -> None:
+def over_loops(asked: Namespace, one: Callable[[int], list]) -> list[list]:
+    """A row of each seed: those of the file, then those that are added to it."""
     rows = read(asked.out)
     for seed in range(asked.first + len(rows), asked.first + asked.seeds):
-        rows.append(list(step(seed, bool(asked.drawn))))
+        rows.append(one(seed))
         print(f"{seed}: {rows[-1]}", flush=True)
         added(asked.out, rows[-1])
+    return rows
+
+
+def plan(asked: Namespace) -> None:
+    rows = over_loops(asked, lambda seed: list(step(seed, bool(asked.drawn))))
     for best, words in ((True, "the run that is planned"), (False, "another row of the table")):
         print(f"{words}:")
         table_of([tuple(run[:3]) for _, said in rows for run in said if run[3] == best])
@@ -150,10 +153,6 @@ def runs_needed(seed: int, planned: bool) -> int:
 
 
 def loops(asked: Namespace) -> None:
-    rows = read(asked.out)
-    for seed in range(asked.first + len(rows), asked.first + asked.seeds):
-        rows.append([runs_needed(seed, planned) for planned in (True, False)])
-        print(f"{seed}: {rows[-1]}", flush=True)
-        added(asked.out, rows[-1])
+    rows = over_loops(asked, lambda seed: [runs_needed(seed, planned) for planned in (True, False)])
     for words, counts in zip(("planned", "at random"), zip(*rows, strict=True), strict=True):
         print(f"{words}: median {np.median(counts):g} runs, mean {np.mean(counts):.2f}, {len(counts)} loops")

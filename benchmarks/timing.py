@@ -123,12 +123,11 @@ def searches(quick: bool) -> pd.DataFrame:
 
 def methods(quick: bool) -> pd.DataFrame:
     """Medians of second calls, ms, and their ratios to pysindy."""
-    table = pd.DataFrame(
-        {
-            f"{25 * rate:,.0f} samples (ms)": {n: median_ms(*call) for n, call in calls(rate).items()}
-            for rate in SAMPLING_RATES[: 1 if quick else 2]
-        }
-    )
+    times_at = {
+        f"{25 * rate:,.0f} samples (ms)": {n: median_ms(*call) for n, call in calls(rate).items()}
+        for rate in SAMPLING_RATES[: 1 if quick else 2]
+    }
+    table = pd.DataFrame(times_at)
     for peer in ("pysindy.SINDy.fit", "pysindy.WeakPDELibrary"):
         table.loc[f"Direct / {peer}"] = table.loc["Direct"] / table.loc[peer]
     return table.rename_axis("second call in a process").reset_index()
@@ -176,19 +175,16 @@ def methods_over_scipy():
     peer = median_ms(lambda: reference_motion(FIVE, W, GRID, rtol=1e-10), 5, process_time)
     decay = paper_run().decay(0)
     for method in (Direct, Averaging, Trajectory):
-        ours = median_ms(
-            lambda m=method: m(random_force="off").identify(decay, SIX.select(FIVE)), 5, process_time
-        )
+        identify = partial(method(random_force="off").identify, decay, SIX.select(FIVE))
+        ours = median_ms(identify, 5, process_time)
         print(f"  {method.__name__:<12} {ours:8.2f} ms, {ours / peer:.2f} of scipy's motion")
 
 
 def driven():
     """Motions that an input drives: 2,501 samples with stick and slip, 131,072 of a Duffing oscillator."""
     push = W**2 * (0.2 * np.sin(0.7 * W * GRID) + 0.05 * np.sin(1.7 * W * GRID))
-    for name, coefficients in (
-        ("stick and slip", {"lambda": 0.15, "zeta": 0.01}),
-        ("without", {"zeta": 0.01}),
-    ):
+    for name, friction in (("stick and slip", {"lambda": 0.15}), ("without", {})):
+        coefficients = friction | {"zeta": 0.01}
         model = replace(Model(SIX, coefficients, W), inputs={"input": KnownInput(GRID, push)})
         stuck = np.mean(trajectory(model, GRID, 0.0).rate == 0.0)
         ours = median_ms(lambda m=model: trajectory(m, GRID, 0.0), 31, process_time)

@@ -128,11 +128,10 @@ def _measured(data: pd.DataFrame) -> list[tuple[str, str, str, object]]:
     lines: list[tuple[str, str, str, object]] = []
     for title, wanted, some, what in _bars() if len(data) else ():
         values = data.query(some, engine="python")[what].dropna()
+        hits, count = values.sum(), len(values)
         if what != "size":
-            lines.append(
-                (title, wanted, share(values.sum(), len(values)), f"{values.sum()} of {len(values)}")
-            )
-        elif len(values):
+            lines.append((title, wanted, share(hits, count), f"{hits} of {count}"))
+        elif count:
             lines.append((title, wanted, f"{values.mean():.2f} ± {values.sem(ddof=0):.2f}", len(values)))
     return lines
 
@@ -182,18 +181,12 @@ def _reliability_table(ran: Sequence[Row]) -> str:
     stated = pd.DataFrame(reliability(ran), columns=["stated", "right", "flagged"])
     bins = pd.cut(stated.stated, EDGES, right=False).where(~stated.flagged.astype(bool))
     groups = [("", part) for _, part in stated.groupby(bins, observed=True)]
-    groups += [
-        (f"{title}: ", stated[stated.flagged == flagged]) for title, flagged in (("all", 0), ("flagged", 1))
-    ]
-    rows = [
-        (
-            f"{title}{part.stated.mean():.3f}",
-            share(part.right.sum(), len(part)),
-            f"{part.right.sum()} of {len(part)}",
-        )
-        for title, part in groups
-        if len(part)
-    ]
+    groups += [("all: ", stated[stated.flagged == 0]), ("flagged: ", stated[stated.flagged == 1])]
+    rows = []
+    for title, part in groups:
+        right, count = part.right.sum(), len(part)
+        if count:
+            rows.append((f"{title}{part.stated.mean():.3f}", share(right, count), f"{right} of {count}"))
     return _table("stated probability of the name, mean | right (95 % interval) | names", rows)
 
 
@@ -207,21 +200,13 @@ COVERED = (
 
 def _coverage_table(ran: Sequence[Row]) -> str:
     """95 % intervals of the base coefficients that hold the truth."""
-    cover = pd.DataFrame(
-        [
-            (
-                kind,
-                "yes" if row["experiment"]["wander"] else "no",
-                abs(found["base"][name] - true) < 1.96 * error,
-            )
-            for row in ran
-            if (kind := _covered_kind(row))
-            for found in [row["found"]]
-            for name, true in row["base"].items()
-            for error in [found["base_errors"][name]]
-        ],
-        columns=["of", "pushed", "holds"],
-    )
+    held = []
+    for row in ran:
+        pushed, found = "yes" if row["experiment"]["wander"] else "no", row["found"]
+        for name, true in row["base"].items() if _covered_kind(row) else ():
+            inside = abs(found["base"][name] - true) < 1.96 * found["base_errors"][name]
+            held.append((_covered_kind(row), pushed, inside))
+    cover = pd.DataFrame(held, columns=["of", "pushed", "holds"])
     counted = cover.groupby(["of", "pushed"]).holds.agg(["sum", "size"])
     rows = [(*names, share(hits, n), f"{hits} of {n}") for names, hits, n in counted.itertuples()]
     return _table("95 % intervals of base coefficients | random force | cover | coefficients", rows)

@@ -7,19 +7,7 @@ import numpy as np
 from command_line import write_table
 
 import sysid_trib as st
-from benchmarks.hostile.pieces import (
-    ANGLE,
-    NUMBERS,
-    TIME,
-    WORDS,
-    damaged,
-    formula,
-    number,
-    pick,
-    plain,
-    text,
-    words,
-)
+from benchmarks.hostile.pieces import ANGLE, NUMBERS, TIME, WORDS, damaged, formula, number, pick, plain, text
 
 DELIMITERS = (",", ",", ",", ";", "\t", ";", "\t", " ", "  ", ", ", "|", ",,")
 ENCODINGS = ("utf-8", "utf-8", "utf-8-sig", "utf-16", "latin-1", "utf-32")
@@ -66,12 +54,12 @@ def options(random: np.random.Generator) -> dict[str, object]:
     if random.random() < 0.6:
         return {}
     choices = {
-        "angle": (0.3, (0, 1, -1, 2**70, *words("1 angle ² x*2 1/0"), "atan2(x, 0)", text(random))),
+        "angle": (0.3, (0, 1, -1, 2**70, *["1", "angle", "²", "x*2", "1/0"], "atan2(x, 0)", text(random))),
         "time": (0.2, (0, 1, 99, "0", "time", text(random))),
-        "units": (0.2, (*words("rad deg mm px g rad/s deg/s^2 V"), text(random))),
-        "signal": (0.2, (*words("angle displacement rate acceleration accelerometer"), text(random))),
+        "units": (0.2, (*["rad", "deg", "mm", "px", "g", "rad/s", "deg/s^2", "V"], text(random))),
+        "signal": (0.2, (*["angle", "displacement", "rate", "acceleration", "accelerometer"], text(random))),
         "sampling_rate": (0.2, (number(random),)),
-        "time_units": (0.1, (*words("s ms us min"), text(random))),
+        "time_units": (0.1, (*["s", "ms", "us", "min"], text(random))),
         "length": (0.1, (number(random),)),
     }
     return {name: pick(random, of) for name, (often, of) in choices.items() if random.random() < often}

@@ -34,18 +34,7 @@ from helpers import (
 
 import sysid_trib as st
 from benchmarks import peers
-from benchmarks.study.common import (
-    METHODS,
-    Pushed,
-    W as PUSHED_W,
-    columns,
-    covered,
-    over_seeds,
-    read,
-    shown,
-    timed,
-    uniform,
-)
+from benchmarks.study import common
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_of
@@ -112,7 +101,7 @@ def records_of(runs: Sequence[Run], seed: int):
 
 def estimated(identify: Callable[[], xr.Dataset], truth: dict[str, float], w: float | None = None) -> dict:
     """Errors of the coefficients, and of w if it is given, those stated, the time."""
-    result, seconds = timed(identify, process_time)
+    result, seconds = common.timed(identify, process_time)
     truth = {symbol: value for symbol, value in truth.items() if symbol in result.force.values}
     found, force = result.sel(force=list(truth)), random_force_of(result)
     errors, stated = [*(found.coefficient.values - [*truth.values()])], [*found.standard_error.values]
@@ -148,10 +137,10 @@ def identified(method, runs: Sequence[Run], whole: bool, seed: int) -> dict:
 def of_study(asked: Namespace, title: str, runs: Sequence[Run], method, most: int, bar: float | None):
     """RMS error over the bound, share of 95 % intervals that cover, time."""
     whole, truth = title.startswith("Decided") or len(runs) > 1, runs[0].model.coefficients
-    found = over_seeds(asked, partial(identified, method, runs, whole), seeds=most, case=title)
-    errors, stated, spent = columns(found, "errors", "standard_errors", "seconds")
+    found = common.over_seeds(asked, partial(identified, method, runs, whole), seeds=most, case=title)
+    errors, stated, spent = common.columns(found, "errors", "standard_errors", "seconds")
     bound = bound_of(runs, NOISES[: len(runs)], free="alpha" not in truth and len(runs) == 1)
-    ratio, cover = dict(zip(truth, rms(errors) / bound, strict=True)), covered(errors, stated)
+    ratio, cover = dict(zip(truth, rms(errors) / bound, strict=True)), common.covered(errors, stated)
     worst = max(ratio.values())
     verdict = "" if bar is None else f"{'yes' if worst <= bar else 'NO'} ({bar:g})"
     cells = [f"{ratio[symbol]:.3g}" if symbol in ratio else "" for symbol in SIX]
@@ -171,9 +160,9 @@ def selection(seeds: int) -> str:
 
 
 def shares(p_values: Sequence[float]) -> str:
-    """How many p-values are small, and whether they are uniform."""
+    """How many p-values are small, and whether they are common.uniform."""
     small = ", ".join(f"{100 * np.mean(np.array(p_values) < p):.0f} % < {p:g}" for p in (0.01, 0.05, 0.5))
-    return f"{small}; uniform: p = {uniform(p_values):.2g}"
+    return f"{small}; common.uniform: p = {common.uniform(p_values):.2g}"
 
 
 def checked(averaging: Averaging, seeds: int) -> str:
@@ -204,15 +193,15 @@ OTHERS: dict[str, tuple[int, Callable[[int], str]]] = {
 def precision(asked: Namespace) -> None:
     heads = ("run and method", "seeds", *SIX, "95 % covers (%)", "bar", "ms")
     chosen = [study for study in STUDIES if asked.only in study[0]]
-    shown("RMS error over its Cramér-Rao bound", heads, (of_study(asked, *study) for study in chosen))
+    common.shown("RMS error over its Cramér-Rao bound", heads, (of_study(asked, *study) for study in chosen))
     if any(runs is PAIR for _, runs, *_ in chosen):
         alone = [bound_of(PAIR[at : at + 1], NOISES[at : at + 1]) / bound_of(PAIR, NOISES) for at in (0, 1)]
         rows = [[f"{at + 1}", *(f"{ratio:.2f}" for ratio in each)] for at, each in enumerate(alone)]
-        shown("bounds of one of two runs over that of both", ("run", *FIVE), rows)
+        common.shown("bounds of one of two runs over that of both", ("run", *FIVE), rows)
     others = [
         (title, min(most, asked.seeds), of) for title, (most, of) in OTHERS.items() if asked.only in title
     ]
-    shown(
+    common.shown(
         "", ("statistic", "seeds", "found"), ([title, str(count), of(count)] for title, count, of in others)
     )
 
@@ -235,9 +224,9 @@ def classical(asked: Namespace) -> None:
         found = []
         for run in (paper_run(own, duration=12.0), paper_run(SIX)):
             one = partial(identified, method, (run,), False)
-            found.append(over_seeds(asked, one, case=f"{title}, {run.time[-1]:.0f} s"))
-        own_errors, stated, spent = columns(found[0], "errors", "standard_errors", "seconds")
-        off, errors = columns(found[1], "errors", "standard_errors")
+            found.append(common.over_seeds(asked, one, case=f"{title}, {run.time[-1]:.0f} s"))
+        own_errors, stated, spent = common.columns(found[0], "errors", "standard_errors", "seconds")
+        off, errors = common.columns(found[1], "errors", "standard_errors")
         pull, bias, error = rms(own_errors / stated), np.mean(off, axis=0), rms(errors)
         for at, symbol in enumerate(found[0][0]["names"]):
             true, start = SIX[symbol], ["", ""] if at else [title, f"{1e3 * np.median(spent):.0f}"]
@@ -245,38 +234,38 @@ def classical(asked: Namespace) -> None:
             table.append([*start, symbol, f"{pull[at]:.2f}", *cells, f"{bias[at] / error[at]:+.2g}"])
     heads = ("method", "ms", "force", "own model: RMS error / its standard error", "paper's run: truth")
     heads += ("mean found", "bias", "bias / its standard error")
-    shown(f"Classical methods, {asked.seeds} seeds", heads, table)
+    common.shown(f"Classical methods, {asked.seeds} seeds", heads, table)
 
 
 CASES = [
-    Pushed(wander, friction, per_period, start)
+    common.Pushed(wander, friction, per_period, start)
     for per_period in (20, 200)
     for wander in (1, 5, 20)
     for friction, start in ((0.0, 0.3), (1e-3, 0.3), (1e-3, 0.06))
 ]
-CASES += [Pushed(0, noise=noise) for noise in ("white", "AR(0.8)", "rounded")]
-FOR_AVERAGING = [Pushed(0), Pushed(5), Pushed(20)]
+CASES += [common.Pushed(0, noise=noise) for noise in ("white", "AR(0.8)", "rounded")]
+FOR_AVERAGING = [common.Pushed(0), common.Pushed(5), common.Pushed(20)]
 AVERAGING = {
     f"averaging{given}{off}": Averaging(reference_frequency=w, random_force=option)
-    for given, w in (("", None), (", w given", PUSHED_W))
+    for given, w in (("", None), (", w given", common.W))
     for off, option in (("", "estimated"), ("-off", "off"))
 }
 # Cases with the same kicks and noise would err alike, and a pooled figure rest on few of them.
 SEEDS_OF_A_CASE = 10_000
 
 
-def of_case(case: Pushed, rows: list[dict]) -> list[str]:
+def of_case(case: common.Pushed, rows: list[dict]) -> list[str]:
     """A case in the table; nan are the errors of what a method does not fit."""
     found = [row for row in rows if "failed" not in row]
     counts = [case.title, str(len(rows)), str(len(rows) - len(found))]
     if not found:
         return counts
-    errors, stated, p_values, spent = columns(found, "errors", "standard_errors", "p_value", "seconds")
+    errors, stated, p_values, spent = common.columns(found, "errors", "standard_errors", "p_value", "seconds")
     ends = [f"{100.0 * np.mean(p_values < 0.01):.1f}", f"{np.mean(spent):.2f}"]
     if not case.wander:
         return [*counts, *[""] * 5, *ends]
     known = np.all(stated > 0.0, axis=0)
-    inside, symbols = covered(errors, stated)[known], np.array([*case.model.coefficients, "w"])[known]
+    inside, symbols = common.covered(errors, stated)[known], np.array([*case.model.coefficients, "w"])[known]
     deviation = (inside - 95.0) / np.sqrt(95.0 * 5.0 / len(found))
     worst, ratio = int(np.argmax(np.abs(deviation))), (rms(errors) / case.bound())[known]
     most = int(np.argmax(ratio))
@@ -297,7 +286,7 @@ def pooled(rows: list[dict]) -> str:
     for title, stops in (("all", (True, False)), ("to its stop", (True,)), ("going on", (False,))):
         some = [row for row in rows if "errors" in row and ("stop" in row["case"]) in stops]
         inside = [
-            np.mean(covered(*columns([row], "errors", "standard_errors")))
+            np.mean(common.covered(*common.columns([row], "errors", "standard_errors")))
             for row in some
             if not row["case"].startswith("wander 0")
         ]
@@ -307,7 +296,7 @@ def pooled(rows: list[dict]) -> str:
     return "covered: " + "; ".join(parts) if parts else ""
 
 
-def over_off(method: str, rows: list[dict], free: list[Pushed]) -> list[list[str]]:
+def over_off(method: str, rows: list[dict], free: list[common.Pushed]) -> list[list[str]]:
     """RMS errors over those of the same method without a random force, of records that nothing pushes."""
     table = []
     for case in free:
@@ -324,7 +313,7 @@ def over_off(method: str, rows: list[dict], free: list[Pushed]) -> list[list[str
 
 def pushed(asked: Namespace) -> None:
     name = asked.method or "trajectory"
-    method = {**METHODS, **AVERAGING}[name]
+    method = {**common.METHODS, **AVERAGING}[name]
     cases = FOR_AVERAGING if name.startswith("averaging") else CASES
     rows, table = [], []
     for at, case in enumerate(cases):
@@ -336,16 +325,16 @@ def pushed(asked: Namespace) -> None:
             return case.records([first + seed for seed in seeds])
 
         def one(decay: xr.Dataset, model=model) -> dict:
-            return estimated(lambda: st.identify(decay, model.library, method), model.coefficients, PUSHED_W)
+            return estimated(lambda: st.identify(decay, model.library, method), model.coefficients, common.W)
 
-        found = over_seeds(asked, one, records, case=case.title, method=name)
+        found = common.over_seeds(asked, one, records, case=case.title, method=name)
         table.append(of_case(case, found))
         rows += found
     heads = ("wander, friction, samples a period, noise", "records", "failed", "covered (%)")
     heads += ("worst (binomial errors off)", "RMS error / stated", "/ bound", "worst / bound")
     heads += ("told at 1 % (%)", "time (s)")
-    shown(f"{name}: coverage of 95 % intervals, errors over the Cramér-Rao bound", heads, table, 200)
+    common.shown(f"{name}: coverage of 95 % intervals, errors over the Cramér-Rao bound", heads, table, 200)
     print(pooled(rows))
     heads = ("noise", "records", "RMS error / off", "worst")
     free = [case for case in cases if not case.wander]
-    shown(f"{name}: where nothing pushes", heads, over_off(name, read(asked.out), free))
+    common.shown(f"{name}: where nothing pushes", heads, over_off(name, common.read(asked.out), free))

@@ -226,25 +226,10 @@ def bands(asked: Namespace) -> None:
         if asked.measured
         else ((f"simulated, {c.title}", c.records(range(asked.seeds), (5,)), c.model.library) for c in CASES)
     )
-    coverages = (f"{h} ahead (%; RMS error/stated)" for h in HORIZONS)
-    heads = (
-        "95 % bands",
-        "records",
-        "failed",
-        *coverages,
-        "neighbours' correlation",
-        "p, depends on nothing",
-    )
+    heads = ["95 % bands", "records", "failed", *(f"{h} ahead (%; RMS error/stated)" for h in HORIZONS)]
+    heads += ["neighbours' correlation", "p, depends on nothing"]
     shown("", heads, (row_of(*kind, method) for kind in kinds if asked.only in kind[0]), 140)
     if asked.measured:
-        heads = (
-            "samples",
-            "innovations (mrad)",
-            "autocorrelation",
-            "lag",
-            "Ljung-Box p",
-            "sqrt(q)/w^2",
-            "found",
-        )
+        heads = ["record", "samples", "innovations (mrad)", "autocorrelation", "lag", "Ljung-Box p"]
         rows = (one_ahead(record, asked, method) for record in RECORDS if asked.only in record.title)
-        shown("", ("record", *heads), rows, 160)
+        shown("", [*heads, "sqrt(q)/w^2", "found"], rows, 160)

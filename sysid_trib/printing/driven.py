@@ -1,11 +1,10 @@
 """Driven records, forced responses and runs that may be made next, in words, tables and plain data."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.table import Table
 
 from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
@@ -39,7 +38,15 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
     others = [f"whose motion leaves less than that of {name}" for name in results if name != answer]
     why = (others or ["since no motion by the other method follows the record"])[0]
-    table = _table(results, compared, unit)
+    # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
+    fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
+    tested = dict(compared.z.to_series()) if "z" in compared else {}
+    z = {label: value if value else np.nan for label, value in tested.items()}
+    for name in layout.FREQUENCY_ROWS:
+        z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
+    sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
+    what = {"force": f"left ({unit})", "formula": "RMS of record minus motion"}
+    table = layout.coefficient_table(results, z, [what | sizes])
     return [
         Block([first, f"The answer is {answer}'s, {why}."], ALWAYS),
         Block(record),
@@ -69,19 +76,6 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
         for what, row in layout.by_label(scaled, "quantity").items()
     ]
     return [f"In the unit of the input {name}: {', '.join(parts)}."]
-
-
-def _table(results: dict[str, xr.Dataset], compared: xr.Dataset, unit: str) -> Table:
-    """Coefficients by both methods with their errors."""
-    # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
-    fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
-    tested = dict(compared.z.to_series()) if "z" in compared else {}
-    z = {label: value if value else np.nan for label, value in tested.items()}
-    for name in layout.FREQUENCY_ROWS:
-        z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
-    sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
-    what = {"force": f"left ({unit})", "formula": "RMS of record minus motion"}
-    return layout.coefficient_table(results, z, [what | sizes])
 
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
@@ -171,43 +165,35 @@ MOST_RUNS = 8
 
 def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
     """What is said of runs that may be made next; `stated` is the identification that is known."""
-    return [
-        Block(_sentences(data, stated), ALWAYS),
-        Block(table=layout.text_table(_rows(data, stated)[:MOST_RUNS]), layers=ALWAYS),
-    ]
+    rows = _rows(data, stated)
+    said = [*_next_run(data, stated, data.sizes["run"] - len(rows))]
+    return [Block(said, ALWAYS), Block((), ALWAYS, table=layout.text_table(rows[:MOST_RUNS]))]
 
 
-def _sentences(data: xr.Dataset, stated: xr.Dataset) -> list[str]:
-    """The best run, and what it is expected to tell."""
-    best, unit, repeats = data.isel(run=0), _unit(data), int(data.attrs["repeats"])
+def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]:
+    """The best run, what it is expected to tell, and how many are left out that tell as much as others."""
+    best, unit, repeats = data.isel(run=0), data.amplitude.attrs["units"], int(data.attrs["repeats"])
     run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""
     models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
-    said = []
     if len(models) > 1:
-        said.append(
+        yield (
             f"{run}: of {', '.join(models[:-1])} and {models[-1]} the right one will have odds of "
             f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
-        symbols = [*wanted] or data.force.values.tolist()
         parts = [
             f"{symbol} ± {best.standard_error.sel(force=symbol).item():.2g} "
             f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
-            for symbol in symbols
+            for symbol in [*wanted] or data.force.values.tolist()
         ]
-        said.append(f"{run}: {', '.join(parts)}, by all records together.")
+        yield f"{run}: {', '.join(parts)}, by all records together."
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
-        said.append(f"No run within the limits reaches {asked}; widen them, or repeat the run.")
-    if equal := data.sizes["run"] - len(_rows(data, stated)):
+        yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
+    if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        said.append(f"Left out: {runs} longer than another that tells as much, by the digits shown.")
-    return said
-
-
-def _unit(data: xr.Dataset) -> str:
-    return str(data.amplitude.attrs["units"])
+        yield f"Left out: {runs} longer than another that tells as much, by the digits shown."
 
 
 def _size(run: xr.Dataset) -> str:
@@ -217,11 +203,11 @@ def _size(run: xr.Dataset) -> str:
 
 def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
     """What is printed of each run: release, duration, and what it tells."""
-    several, rows = len(data.attrs["models"]) > 1, []
+    release, several, rows = f"release ({data.amplitude.attrs['units']})", len(data.attrs["models"]) > 1, []
     units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
     heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
     for run in layout.by_label(data, "run").values():
-        row = {f"release ({_unit(data)})": _size(run), "duration (s)": f"{run.duration.item():.3g}"}
+        row = {release: _size(run), "duration (s)": f"{run.duration.item():.3g}"}
         if several:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
         errors = (f"{error:.2g}" for error in run.standard_error.values)

@@ -146,34 +146,6 @@ def number_and_mark(row: Mapping[str, Any]) -> tuple[str, str]:
     return number, MARKS.get(row.get("constraint", ""), " (tied)")
 
 
-def coefficient_rows(results: Mapping[str, xr.Dataset]) -> dict[str, dict[str, str]]:
-    """Rows of a table by the names of quantities: what it is, its formula, and a cell by each identification.
-
-    Parameters
-    ----------
-    results : mapping of str to Dataset
-        Identifications by name.
-    """
-    pairs = [(method, row) for method, result in results.items() for row in quantities(result)]
-    width = max([8, *(len(row["quantity"]) for _, row in pairs if "formula" in row)])
-    rows: dict[str, dict[str, str]] = {}
-    # Forces, then shape parameters, then frequencies, of whichever method.
-    for method, row in sorted(pairs, key=lambda pair: _order(pair[1])):
-        label, name = row["quantity"], row["name"]
-        if "formula" in row:
-            what, formula = f"{label:{width}} {name_and_unit(name, row['unit'])}", row["formula"]
-        elif label in FREQUENCY_ROWS:
-            label, what, formula = name, FREQUENCY_ROWS[label], name
-        else:
-            what, formula = label, "shape parameter"
-        cells = rows.setdefault(label, {"force": what, "formula": formula, **dict.fromkeys(results, "-")})
-        dropped = not row.get("active", True)
-        cells[method] = (
-            f"dropped (± {row['standard_error']:.2g})" if dropped else "".join(number_and_mark(row))
-        )
-    return rows
-
-
 def coefficient_table(
     results: Mapping[str, xr.Dataset],
     z: Mapping[Any, float] = MappingProxyType({}),
@@ -190,15 +162,28 @@ def coefficient_table(
     below : iterable of mapping of str to str
         Further rows.
     """
-    rows = coefficient_rows(results)
-    for label, row in rows.items() if z else ():
+    pairs = [(method, row) for method, result in results.items() for row in quantities(result)]
+    width = max([8, *(len(row["quantity"]) for _, row in pairs if "formula" in row)])
+    rows: dict[str, dict[str, str]] = {}
+    # Forces, then shape parameters, then frequencies, of whichever method.
+    pairs.sort(key=lambda pair: 2 if pair[1]["quantity"] in FREQUENCY_ROWS else int("formula" not in pair[1]))
+    for method, row in pairs:
+        label, name = row["quantity"], row["name"]
+        if "formula" in row:
+            what, formula = f"{label:{width}} {name_and_unit(name, row['unit'])}", row["formula"]
+        elif label in FREQUENCY_ROWS:
+            label, what, formula = name, FREQUENCY_ROWS[label], name
+        else:
+            what, formula = label, "shape parameter"
+        cells = rows.setdefault(label, {"force": what, "formula": formula, **dict.fromkeys(results, "-")})
+        dropped = not row.get("active", True)
+        cells[method] = (
+            f"dropped (± {row['standard_error']:.2g})" if dropped else "".join(number_and_mark(row))
+        )
+    for label, cells in rows.items() if z else ():
         apart = z.get(label, np.nan)
-        row["difference / error"] = f"{apart:+.1f}" if np.isfinite(apart) else ""
+        cells["difference / error"] = f"{apart:+.1f}" if np.isfinite(apart) else ""
     return text_table([*rows.values(), *below], ("force", "formula"))
-
-
-def _order(row: Mapping[str, Any]) -> int:
-    return 2 if row["quantity"] in FREQUENCY_ROWS else int("formula" not in row)
 
 
 def name_and_unit(name: str, unit: str) -> str:
@@ -243,12 +228,13 @@ def mapped(
         What stands at other keys of the table.
     """
     rows = KEYS[table] if isinstance(table, str) else table
-    there = {key: source for key, source in rows.items() if key in computed or not _is_missing(data, source)}
-    return {key: computed[key] if key in computed else _value(data, there[key]) for key in there}
-
-
-def _is_missing(data: Any, source: Source) -> bool:
-    return isinstance(source, str) and source.endswith("?") and source[:-1] not in data
+    made = {}
+    for key, source in rows.items():
+        if key in computed:
+            made[key] = computed[key]
+        elif not (isinstance(source, str) and source.endswith("?") and source[:-1] not in data):
+            made[key] = _value(data, source)
+    return made
 
 
 def _value(data: Any, source: Source) -> Any:
@@ -295,10 +281,8 @@ def csv_of(heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, list(heads), extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    writer.writerows({column: _as_text(cell) for column, cell in row.items()} for row in rows)
+    for row in rows:
+        # A spreadsheet would execute a text that begins as a formula does.
+        formulas = {k: f"'{v}" for k, v in row.items() if isinstance(v, str) and v.startswith(FORMULA_SIGNS)}
+        writer.writerow({**row, **formulas})
     return buffer.getvalue()
-
-
-def _as_text(cell: object) -> object:
-    """A cell of a spreadsheet, which would execute a text that begins as a formula does."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA_SIGNS) else cell
