@@ -1,6 +1,5 @@
 """Types of arrays that all rooms share, variables of a Dataset, and which columns depend on others."""
 
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +13,8 @@ Variables: TypeAlias = dict[str, Variable]
 
 # Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
 DEPENDENCE = 1e-11
+# Of columns of unit length: a smaller weight is rounding.
+SMALLEST_PART = 1e-8
 
 
 def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
@@ -70,7 +71,7 @@ def dependent_columns(table: Array) -> list[tuple[int, ...]]:
     unit = {i: table[:, i] / norm for i, norm in enumerate(norms) if norm > floor}
     groups: list[list[int]] = []
     for i, column in unit.items():
-        like = next((g for g in groups if _residual_norm(column, [unit[g[0]]]) < DEPENDENCE), None)
+        like = next((g for g in groups if _fitted(column, [unit[g[0]]])[1] < DEPENDENCE), None)
         if like is None:
             groups.append([i])
         else:
@@ -78,24 +79,19 @@ def dependent_columns(table: Array) -> list[tuple[int, ...]]:
     basis: list[int] = []
     combined = []
     for i in (group[0] for group in groups):
-        if basis and _residual_norm(unit[i], [unit[j] for j in basis]) < DEPENDENCE:
-            combined.append(tuple(sorted((*_fewest(i, basis, unit), i))))
+        weights, residual = _fitted(unit[i], [unit[j] for j in basis])
+        if residual < DEPENDENCE:
+            # Of columns that do not depend on each other there is one combination.
+            combined.append(tuple(sorted((*np.array(basis)[np.abs(weights) > SMALLEST_PART].tolist(), i))))
         else:
             basis.append(i)
     return [tuple(group) for group in groups if len(group) > 1] + combined
 
 
-def _fewest(i: int, basis: list[int], unit: Mapping[int, Array]) -> list[int]:
-    """Columns of the basis that are needed for column i: the others are dropped one by one."""
-    needed = list(basis)
-    for j in reversed(basis):
-        fewer = [k for k in needed if k != j]
-        if fewer and _residual_norm(unit[i], [unit[k] for k in fewer]) < DEPENDENCE:
-            needed = fewer
-    return needed
-
-
-def _residual_norm(column: Array, others: list[Array]) -> float:
-    """Norm of the residual of a column that is fitted by others."""
+def _fitted(column: Array, others: list[Array]) -> tuple[Array, float]:
+    """Weights of others in a column of unit length, and the norm of what they leave of it."""
+    if not others:
+        return np.zeros(0), 1.0
     matrix = np.column_stack(others)
-    return float(np.linalg.norm(column - matrix @ np.linalg.lstsq(matrix, column, rcond=None)[0]))
+    weights = np.asarray(np.linalg.lstsq(matrix, column, rcond=None)[0], dtype=float)
+    return weights, float(np.linalg.norm(column - matrix @ weights))

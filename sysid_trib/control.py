@@ -148,9 +148,8 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
         return np.stack([natural, ratio, poles.real, poles.imag])[:, order]
 
     if isinstance(model, Model):
-        return xr.Dataset(
-            {name: variable("pole", v, *POLE[name]) for name, v in zip(POLE, modes(model), strict=True)}
-        )
+        of_poles = zip(POLE.items(), modes(model), strict=True)
+        return xr.Dataset({name: variable("pole", v, *meaning) for (name, meaning), v in of_poles})
     estimate = model_estimate(model)
     values, errors = propagate(lambda z: modes(estimate.model(z)), estimate.values, estimate.covariance)
     data: Variables = {}

@@ -180,7 +180,7 @@ def test_a_tie_of_several_and_forces_unseen():
         zeta="2*v", alpha="x", epsilon="x**3", mixture="v - x + 5*x**3", bias="1", even="x**2", bent="x*v"
     )
     assert indistinguishable(forces, 0.02, 0.3) == [("zeta", "alpha", "epsilon", "mixture")]
-    assert without_signature(forces, 0.02, 0.3) == ("bias", "even", "bent")
+    assert without_signature(forces, 0.3, None) == ("bias", "even", "bent")
 
 
 def test_forces_that_are_the_same_function():

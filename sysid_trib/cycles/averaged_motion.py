@@ -7,7 +7,6 @@ f cos W t, to first order (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from math import floor, log2
 from typing import TypeAlias
 
@@ -197,7 +196,8 @@ def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Ar
         if half:
             nodes = middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
             weights = np.asarray(BarycentricInterpolator(nodes, np.eye(NODES))(ratio))
-        parts.append(([_at_rate(force, node) for node in nodes.tolist()], weights))
+        # Their time runs faster: v is so many times that of the cycle.
+        parts.append(([force.with_instead("v", f"{node!r}*v", node) for node in nodes.tolist()], weights))
 
     def described(amplitude: Array, frequency: Index | None = None) -> Array:
         sums = []
@@ -277,39 +277,3 @@ def crossings(values: Array, amplitude: Array) -> tuple[Index, Array]:
     row, at = np.nonzero(np.signbit(values[:, :-1]) != np.signbit(values[:, 1:]))
     low, high = values[row, at], values[row, at + 1]
     return row, amplitude[at] + (amplitude[at + 1] - amplitude[at]) * low / (low - high)
-
-
-def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
-    """Numbers of the motions in a sweep up, in one down, and of an unstable one, (3, frequency); -1 of none.
-
-    A sweep begins with the smallest stable motion, and goes on with the nearest one.
-    """
-    of_each = np.split(np.arange(len(frequency)), np.searchsorted(frequency, np.arange(1, count)))
-    chosen = np.full((3, count), -1)
-    for row, order in enumerate((range(count), range(count - 1, -1, -1))):
-        before = 0.0
-        for at in order:
-            there = of_each[at][stable[of_each[at]]]
-            if len(there):
-                chosen[row, at] = there[np.argmin(np.abs(amplitude[there] - before))]
-                before = amplitude[chosen[row, at]]
-    for at, every in enumerate(of_each):
-        if len(unstable := every[~stable[every]]):
-            chosen[2, at] = unstable[-1]
-    return chosen
-
-
-def picked(values: Array, numbers: Index) -> Array:
-    """Values (motion,) by their numbers, nan where that is -1."""
-    return np.asarray(np.append(values, np.nan)[numbers])
-
-
-def _at_rate(force: Force, ratio: float) -> Force:
-    """The force with a time that runs faster: its v is `ratio` times that of the cycle."""
-    faster = f"{ratio!r}*v"
-    return replace(
-        force,
-        formula=force.formula.with_instead("v", faster),
-        state={name: formula.with_instead("v", faster, ratio) for name, formula in force.state.items()},
-        memory={name: formula.with_instead("v", faster) for name, formula in force.memory.items()},
-    )

@@ -166,9 +166,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "sensor_step": variable((), step, "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
     }
-    kept = curve[["amplitude", "instant_time", "frequency"]].assign(
-        amplitude=("instant", amplitude, curve.amplitude.attrs | {"units": unit})
-    )
+    kept = curve[["instant_time", "frequency"]].assign(amplitude=curve.amplitude.copy(data=amplitude))
     facts = kept.assign({**scalars, **_spectrum(time, angle, unit)})
     return facts.assign_attrs({**decay.attrs, **_pointers(decay)})
 

@@ -91,10 +91,8 @@ def averages(
     times = np.broadcast_to(np.asarray(time, dtype=float), a.shape)
     cuts = range(CHUNK, a.size, CHUNK)
     with np.errstate(all="ignore"):
-        parts = [
-            cycle_averages(force, *rows, shape_values)
-            for rows in zip(np.split(a, cuts), np.split(times, cuts), strict=True)
-        ]
+        rows = zip(np.split(a, cuts), np.split(times, cuts), strict=True)
+        parts = [cycle_averages(force, *some, shape_values) for some in rows]
     sine, cosine = zip(*parts, strict=True)
     return np.concatenate(sine), np.concatenate(cosine)
 
@@ -188,11 +186,9 @@ def indistinguishable(
     return [tuple(forces[i].symbol for i in group) for group in dependent_columns(table)]
 
 
-def without_signature(
-    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
-) -> tuple[str, ...]:
-    """Forces that averaging neglects, even ones for instance (see `indistinguishable`)."""
-    forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
+def without_signature(library: ForceLibrary, amplitude: float, shapes: ShapeValues | None) -> tuple[str, ...]:
+    """Forces that averaging neglects up to an amplitude (rad), even ones for instance."""
+    forces, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
     return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
 
 
@@ -213,10 +209,9 @@ def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValu
     pair = ForceLibrary("", (first, second))
     if any(force.kind == "sensor" for force in pair):
         return False
-    silent = without_signature(pair, 0.02 * amplitude, amplitude, shapes=shapes)
-    return bool(exactly_dependent(pair, amplitude, shapes=shapes)) or not (
-        silent or averages_decide(pair, amplitude, shapes=shapes)
-    )
+    silent = without_signature(pair, amplitude, shapes)
+    decided = silent or averages_decide(pair, amplitude, shapes=shapes)
+    return not decided or bool(exactly_dependent(pair, amplitude, shapes=shapes))
 
 
 def exactly_dependent(

@@ -159,6 +159,15 @@ class Force:
         given = shapes or {}
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
+    def with_instead(self, name: str, text: str, over: float = 1.0) -> "Force":
+        """The force with an expression in the place of a name; rates of states are divided by a number."""
+        state, memory, start = (
+            {key: formula.with_instead(name, text, by) for key, formula in table.items()}
+            for table, by in ((self.state, over), (self.memory, 1.0), (self.start, 1.0))
+        )
+        formula = self.formula.with_instead(name, text)
+        return replace(self, formula=formula, state=state, memory=memory, start=start)
+
     def start_values(self, names: Mapping[str, Any]) -> dict[str, Any]:
         """First value of each state and memory, from x, v, t and the shape parameters in `names`."""
         values = dict.fromkeys((*self.state, *self.memory), 0.0)
@@ -384,15 +393,12 @@ class ForceLibrary:
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
         """The library with a force of its own for each run in the place of each of these: `lambda_1`, ..."""
         own = {self[symbol].symbol for symbol in symbols}
-        copies = [
-            [
-                replace(force, symbol=f"{force.symbol}_{run}", name=f"{force.name}, run {run}", run=run)
-                for run in range(1, runs + 1)
-            ]
-            if force.symbol in own
-            else [force]
-            for force in self
-        ]
+
+        def copy(force: Force, run: int) -> Force:
+            return replace(force, symbol=f"{force.symbol}_{run}", name=f"{force.name}, run {run}", run=run)
+
+        numbers = range(1, runs + 1)
+        copies = [[copy(f, run) for run in numbers] if f.symbol in own else [f] for f in self]
         return replace(self, forces=tuple(itertools.chain.from_iterable(copies)))
 
     def role(self, formula: str) -> Force | None:

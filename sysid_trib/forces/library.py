@@ -118,15 +118,7 @@ def force_counted_from(force: Force, seconds: float) -> Force:
     """One force with `t` of its formulas moved."""
     if seconds == 0.0 or not any("t" in f.names for f in (*force.formulas, *force.start.values())):
         return force
-
-    def delayed(formula: Formula) -> Formula:
-        return formula.with_instead("t", f"t + {seconds!r}")
-
-    tables: dict[str, Any] = {
-        key: {name: delayed(formula) for name, formula in getattr(force, key).items()}
-        for key in ("state", "memory", "start")
-    }
-    return replace(force, formula=delayed(force.formula), **tables)
+    return force.with_instead("t", f"t + {seconds!r}")
 
 
 def _channels(inputs: object, source: str) -> dict[str, Channel]:
@@ -138,13 +130,10 @@ def _channels(inputs: object, source: str) -> dict[str, Channel]:
         known = ", ".join(kind for kind in INPUT_KINDS if kind)
         raise LibraryError(f"{source}: an input is {known}, or any other quantity, '', not '{strange[0]}'.")
     every = [Channel(name, n, kind) for name, kind in ({USUAL_INPUT: ""} | kinds).items() for n in ORDERS]
+    names = [channel.name for channel in every]
     for channel in every:
-        names = [other.name for other in every]
-        if (
-            not SHORT_WORD.fullmatch(channel.input)
-            or channel.name in RESERVED_NAMES
-            or names.count(channel.name) > 1
-        ):
+        fits = SHORT_WORD.fullmatch(channel.input) and channel.name not in RESERVED_NAMES
+        if not fits or names.count(channel.name) > 1:
             raise LibraryError(f"{source}: '{channel.input}' cannot name an input; rename it.")
     return {channel.name: channel for channel in every}
 
@@ -212,9 +201,8 @@ def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
 
 
 def _shape(table: object, where: str) -> Shape:
-    if not isinstance(table, dict) or not {"default", "low", "high"} <= set(table) <= {
-        key.name for key in fields(Shape)
-    }:
+    known = {key.name for key in fields(Shape)}
+    if not isinstance(table, dict) or not {"default", "low", "high"} <= set(table) <= known:
         raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
     numbers = [table[k] for k in ("default", "low", "high")]
     if not all(map(is_number, numbers)):

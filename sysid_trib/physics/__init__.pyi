@@ -1,6 +1,7 @@
 from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.physics.contact import (
     contact_stiffness as contact_stiffness,
+    inertia_with_mass as inertia_with_mass,
     slip_fingerprint as slip_fingerprint,
     sphere_stiffness as sphere_stiffness,
 )
@@ -12,7 +13,6 @@ from sysid_trib.physics.force_weights import (
 from sysid_trib.physics.model_estimate import arrest_time as arrest_time
 from sysid_trib.physics.si_units import (
     in_si_units as in_si_units,
-    inertia_with_mass as inertia_with_mass,
     per_input as per_input,
     physical_units as physical_units,
 )

@@ -1,4 +1,4 @@
-"""The contact: its torsional stiffness, and the fingerprint of partial slip in a six-force model."""
+"""The contact: its stiffness, the inertia that it turns, and the fingerprint of slip in a six-force model."""
 
 import numpy as np
 import xarray as xr
@@ -98,6 +98,51 @@ def sphere_stiffness(
         ("contact_stiffness", "torsional stiffness of the sphere", "N m"),
         ("shear modulus", shear_modulus, shear_modulus_standard_error),
         ("contact radius", contact_radius, contact_radius_standard_error),
+    )
+
+
+def inertia_with_mass(
+    inertia: float,
+    mass: float,
+    radius: float,
+    *,
+    inertia_standard_error: float = 0.0,
+    mass_standard_error: float = 0.0,
+    radius_standard_error: float = 0.0,
+) -> xr.Dataset:
+    """Moment of inertia I0 + m l^2 of a pendulum with a mass fixed to it (Le Bot et al. 2019, Sec. 3).
+
+    Parameters
+    ----------
+    inertia : float, kg m^2
+        Without the mass.
+    mass : float, kg
+        The mass.
+    radius : float, m
+        Distance of the mass from the axis.
+    inertia_standard_error : float, kg m^2
+        Standard error of `inertia`.
+    mass_standard_error : float, kg
+        Standard error of `mass`.
+    radius_standard_error : float, m
+        Standard error of `radius`.
+
+    Returns
+    -------
+    Dataset
+        `inertia` and its standard error, kg m^2.
+
+    Raises
+    ------
+    UsageError
+        A quantity that is not positive.
+    """
+    return of_measured(
+        lambda z: z[0] + z[1] * z[2] ** 2,
+        ("inertia", "moment of inertia", "kg m2"),
+        ("inertia", inertia, inertia_standard_error),
+        ("mass", mass, mass_standard_error),
+        ("radius", radius, radius_standard_error),
     )
 
 

@@ -1,7 +1,6 @@
 """Coefficients in SI units: torques and forces of the contact, friction, and forces as a drive feels them."""
 
 from collections.abc import Set
-from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -15,7 +14,7 @@ from sysid_trib.records.units import METRES
 from sysid_trib.results.variables import described, signal_units, variable
 
 # A value and its standard error.
-Measured: TypeAlias = tuple[float, float]
+Measured = tuple[float, float]
 
 
 def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error: float = 0.0) -> xr.Dataset:
@@ -80,51 +79,6 @@ def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None
     coords = {"force": estimate.symbols, "other_force": estimate.symbols}
     labels = {"unit": ("force", units), "multiplies": ("force", terms)}
     return xr.Dataset(described("si_units", data), {**coords, **labels}, estimate.provenance)
-
-
-def inertia_with_mass(
-    inertia: float,
-    mass: float,
-    radius: float,
-    *,
-    inertia_standard_error: float = 0.0,
-    mass_standard_error: float = 0.0,
-    radius_standard_error: float = 0.0,
-) -> xr.Dataset:
-    """Moment of inertia I0 + m l^2 of a pendulum with a mass fixed to it (Le Bot et al. 2019, Sec. 3).
-
-    Parameters
-    ----------
-    inertia : float, kg m^2
-        Without the mass.
-    mass : float, kg
-        The mass.
-    radius : float, m
-        Distance of the mass from the axis.
-    inertia_standard_error : float, kg m^2
-        Standard error of `inertia`.
-    mass_standard_error : float, kg
-        Standard error of `mass`.
-    radius_standard_error : float, m
-        Standard error of `radius`.
-
-    Returns
-    -------
-    Dataset
-        `inertia` and its standard error, kg m^2.
-
-    Raises
-    ------
-    UsageError
-        A quantity that is not positive.
-    """
-    return estimates.of_measured(
-        lambda z: z[0] + z[1] * z[2] ** 2,
-        ("inertia", "moment of inertia", "kg m2"),
-        ("inertia", inertia, inertia_standard_error),
-        ("mass", mass, mass_standard_error),
-        ("radius", radius, radius_standard_error),
-    )
 
 
 def _stiffness(estimate: estimates.ModelEstimate, values: Array) -> float:
@@ -207,14 +161,10 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
     # The frequency by itself.
     covariance[-1, :-1] = covariance[:-1, -1] = 0.0
     values, errors = estimates.propagate(quantities, estimate.values, covariance)
-    return xr.Dataset(
-        {
-            "value": variable("quantity", values, "in the unit of the input"),
-            "standard_error": variable("quantity", errors, "standard error"),
-        },
-        {"quantity": [MASS, *[STIFFNESS] * bound, *(force.symbol for *_, force in of_rate)]},
-        {"input": estimate.forces[drive].inputs[0]},
-    )
+    data = {"value": variable("quantity", values, "in the unit of the input")}
+    data["standard_error"] = variable("quantity", errors, "standard error")
+    names = [MASS, *[STIFFNESS] * bound, *(force.symbol for *_, force in of_rate)]
+    return xr.Dataset(data, {"quantity": names}, {"input": estimate.forces[drive].inputs[0]})
 
 
 def _is_gain(force: Force) -> bool:

@@ -155,13 +155,8 @@ class Column:
     def is_dated(self) -> bool:
         """True if it holds dates, durations or times of the day, `12:00:01.250`."""
         first = [value for value in self.cells[:5] if value == value and value is not None]
-        return self.cells.dtype.kind in "Mm" or (
-            bool(first)
-            and all(
-                isinstance(value, (datetime, clock_time)) or (isinstance(value, str) and ":" in value)
-                for value in first
-            )
-        )
+        dated = [isinstance(v, (datetime, clock_time)) or (isinstance(v, str) and ":" in v) for v in first]
+        return self.cells.dtype.kind in "Mm" or (bool(dated) and all(dated))
 
     @property
     def is_plain(self) -> bool:

@@ -197,11 +197,8 @@ def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> No
 def _without_smaller_axes(pool: list[Column]) -> list[Column]:
     """Without axes of one sensor that move in phase with a larger one: all see the same motion."""
     largest = max(pool, key=lambda c: c.amplitude)
-    return [
-        c
-        for c in pool
-        if c is largest or not (_are_axes(c.base, largest.base) and _in_phase(c.values, largest.values))
-    ]
+    others = [c for c in pool if _are_axes(c.base, largest.base) and _in_phase(c.values, largest.values)]
+    return [c for c in pool if c not in others]
 
 
 def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
@@ -213,11 +210,8 @@ def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
         # Two columns are one signal twice.
         alike = any(_in_phase(column.values, other.values, 0.9999) for other in kept)
         doubled = any(abs(periods[other] / periods[column] - 2.0) < 0.1 for other in pool)
-        if (
-            not alike
-            and not doubled
-            and not any(_is_rate_of(swings[column][0], swings[other][0]) for other in pool)
-        ):
+        is_rate = any(_is_rate_of(swings[column][0], swings[other][0]) for other in pool)
+        if not (alike or doubled or is_rate):
             kept.append(column)
     return [c for c in pool if c in kept] or pool[:1]
 

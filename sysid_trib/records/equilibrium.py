@@ -77,13 +77,8 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
         return None
     # Mains hum travels far on small ways: the swing is what moves several times as far as the line of the
     # most travel, in some half periods.
-    larger = [
-        swing
-        for swing in swings
-        if swing.run.stop - swing.run.start >= 5
-        and swing.oscillation.period > travels.oscillation.period
-        and _largest(swing) > 2.0 * _largest(travels)
-    ]
+    period, far = travels.oscillation.period, 2.0 * _largest(travels)
+    larger = [s for s in swings if s.peaks.size >= 5 and s.oscillation.period > period and _largest(s) > far]
     return max(larger, key=_largest, default=travels)
 
 

@@ -108,11 +108,9 @@ def read_excel(path: Path) -> Contents:
     tables = []
     for sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).values():
         cells = sheet.dropna(how="all").dropna(axis=1, how="all").to_numpy()
-        lines = [
-            "\t".join("" if cell != cell else " ".join(str(cell).split()) for cell in row) for row in cells
-        ]
+        texts = [["" if cell != cell else " ".join(str(cell).split()) for cell in row] for row in cells]
         with suppress(RecordError):
-            tables.append(table_in("\n".join(lines), path))
+            tables.append(table_in("\n".join(map("\t".join, texts)), path))
     if not tables:
         raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
     return _from_frame(*max(tables, key=lambda table: len(table[0])))

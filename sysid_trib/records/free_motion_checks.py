@@ -85,10 +85,8 @@ def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
     """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest."""
     trough = int(np.argmin(peak))
     before, after = peak[: trough + 1].max(), peak[trough:].max()
-    if (
-        min(before, after) - peak[trough] > TROUGH * peak.max() + 2.0 * scatter
-        and peak[0] > TROUGH * peak.max()
-    ):
+    least = TROUGH * peak.max()
+    if min(before, after) - peak[trough] > least + 2.0 * scatter and peak[0] > least:
         raise DecayError(
             f"{source}: the amplitude falls from {before:.3g} to {peak[trough]:.3g} and rises again to "
             f"{after:.3g}: two modes beat; record one alone, or choose the window of one decay."
@@ -184,7 +182,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
         return 0, ""
     if swing.run.stop - last - 1 < FEWEST_EXTREMA:
         raise DecayError(
-            f"{source}: its half periods are clipped to the end, at {' or '.join(limits)}; widen the range."
+            f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end; widen the range."
         )
     first = int(np.searchsorted(time, swing.halves.crossing[last + 1]))
     cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"

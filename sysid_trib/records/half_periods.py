@@ -288,8 +288,6 @@ def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
 
 def _lines(s: Array, y: Array, half: Index, count: int) -> tuple[Array, Array]:
     """Least-squares line y = level + slope s of each half period."""
-    n, sx, sxx, sy, sxy = (
-        np.bincount(half, weights, count) for weights in (np.ones_like(s), s, s * s, y, s * y)
-    )
+    n, sx, sxx, sy, sxy = (np.bincount(half, w, count) for w in (np.ones_like(s), s, s * s, y, s * y))
     slope = (n * sxy - sx * sy) / (n * sxx - sx**2)
     return (sy - slope * sx) / n, slope

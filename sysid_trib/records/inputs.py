@@ -44,7 +44,7 @@ class KnownInput:
     Raises
     ------
     UsageError
-        Not as many finite numbers as there are samples, or another word for what is between them.
+        Numbers that are not finite, or another word for what is between them.
     """
 
     elapsed: Array
@@ -52,9 +52,6 @@ class KnownInput:
     between: str = "linear"
 
     def __post_init__(self) -> None:
-        given, wanted = np.shape(self.values), np.shape(self.elapsed)
-        if given != wanted or len(wanted) != 1:
-            raise UsageError(f"A known input has one number for each sample; {given} came for {wanted}.")
         if not np.all(np.isfinite(self.values)):
             raise UsageError("A known input must be finite numbers; cut the record where it is not.")
         if (between := self.between) not in BETWEEN_SAMPLES:

@@ -251,9 +251,7 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     factor = lab.METRES[unit] * mass * natural_frequency**2 / load
     scaled = record.copy()
     scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
-    scaled.attrs = record.attrs | {
-        "translation": f"angle = m w0^2 x / P with m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, "
-        f"P = {load:g} N",
-        "translation_factor": factor,
-    }
+    said = f"m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, P = {load:g} N"
+    made = {"translation": f"angle = m w0^2 x / P with {said}", "translation_factor": factor}
+    scaled.attrs = record.attrs | made
     return scaled

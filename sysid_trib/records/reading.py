@@ -146,7 +146,10 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
         name = column.base.replace(" ", "_")
         if name.isidentifier():
             names.setdefault(name, []).append(column)
-    parts = [_parsed(part, names, table.source) for part in _arguments(text.lower())]
+    try:
+        parts = [parse(part, frozenset(names), frozenset(), "--angle") for part in _arguments(text.lower())]
+    except LibraryError as error:
+        raise UsageError(f"{table.source}: {error} Columns that it may hold: {', '.join(names)}.") from None
     used = {name for part in parts for name in part.names & names.keys()}
     held = {name: _single(names[name], name, text) for name in sorted(used)}
     if not held:
@@ -180,13 +183,6 @@ def _arguments(text: str) -> list[str]:
         if letter == "," and depth == 0:
             return [inside[:at], inside[at + 1 :]]
     return [plain]
-
-
-def _parsed(text: str, names: Mapping[str, Sequence[Column]], source: str) -> Formula:
-    try:
-        return parse(text, frozenset(names), frozenset(), "--angle")
-    except LibraryError as error:
-        raise UsageError(f"{source}: {error} Columns that it may hold: {', '.join(names)}.") from None
 
 
 def _single(columns: Sequence[Column], name: str, text: str) -> Column:

@@ -229,11 +229,8 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
     squares fit of splines (knots two periods apart) times 1, cos and sin. Without the waves the ends of the
     swing would pass for drift.
     """
-    spline = (
-        make_interp_spline(time, signal - np.median(signal), 5)
-        if time.size > 6
-        else CubicSpline(time, signal)
-    )
+    centred = signal - np.median(signal)
+    spline = make_interp_spline(time, centred, 5) if time.size > 6 else CubicSpline(time, signal)
     whole = np.asarray(spline.antiderivative()(time), dtype=float)
     return whole - _drift(time, whole, period)
 

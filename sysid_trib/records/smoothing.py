@@ -258,9 +258,8 @@ def sensor_noise(decay: xr.Dataset) -> float:
     if integrations and "measured" in decay:
         measured = decay["measured"].sel(measured_time=slice(*decay.time.values[[0, -1]].tolist()))
         by_spline = sensor_noise(xr.Dataset({"angle": measured.rename(measured_time="time")}))
-        by_differences = half_periods.noise_of_record(
-            measured.measured_time.values.astype(float), measured.values.astype(float)
-        )
+        at, values = (of.values.astype(float) for of in (measured.measured_time, measured))
+        by_differences = half_periods.noise_of_record(at, values)
         # Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
         noise = by_spline if by_spline < 1.2 * by_differences else by_differences
         return float(noise / swing_frequency(decay) ** integrations)

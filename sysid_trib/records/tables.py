@@ -141,11 +141,8 @@ def read_table(path: Path) -> FileTable:
         cells, units, notes = _contents(file)
         check_width(file, len(cells))
         arrays = {name: np.asarray(values) for name, values in cells.items()}
-        columns = tuple(
-            Column.of_file(name, values, source, units.get(name, ""))
-            for name, values in arrays.items()
-            if not _is_nested(values)
-        )
+        kept = [(name, values) for name, values in arrays.items() if not _is_nested(values)]
+        columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
         if not any(column.cells.size for column in columns):
             raise RecordError(f"{file.name}: there are no numbers in it.")
         return FileTable(source, columns, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest())

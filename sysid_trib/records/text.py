@@ -90,10 +90,8 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
     usual = _fields(block[0], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1], delimiter), usual):
         block.pop()
-    cells, sign = StringIO("\n".join(block)), delimiter or r"\s+"
-    frame = pd.read_csv(
-        cells, sep=sign, decimal=decimal, header=None, skipinitialspace=True, low_memory=False
-    )
+    rows, sign = StringIO("\n".join(block)), delimiter or r"\s+"
+    frame = pd.read_csv(rows, sep=sign, decimal=decimal, header=None, skipinitialspace=True, low_memory=False)
     # A delimiter at the end of every line makes an empty last column.
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]

@@ -35,7 +35,7 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
 
     return {
         "averaging_cannot_tell_apart": as_text(indistinguishable(library, 0.02 * size, size, shapes=shapes)),
-        "averaging_cannot_see": ", ".join(without_signature(library, 0.02 * size, size, shapes=shapes)),
+        "averaging_cannot_see": ", ".join(without_signature(library, size, shapes)),
         "no_method_can_tell_apart": as_text(exactly_dependent(library, size, shapes=shapes)),
     }
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.cycles import averaged_motion as steady
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import SimulationError, UsageError
@@ -112,8 +112,8 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     drive = size * (c @ by_force + at_rest)
     amplitudes = steady.balance_grid(described_at, c, ratio, np.abs(drive))
     at_frequency, *motions, stable, by_lines = steady.balances(described_at, c, ratio, drive, amplitudes)
-    chosen = steady.sweeps(len(w), at_frequency, motions[0], stable)
-    amplitude, phase, by_lines = (steady.picked(values, chosen) for values in (*motions, by_lines))
+    chosen = _sweeps(len(w), at_frequency, motions[0], stable)
+    amplitude, phase, by_lines = (_picked(values, chosen) for values in (*motions, by_lines))
     drawn = _drawn(result, model, seed)
     sums, curves = described_at(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
     for at, (reference, coefficients) in enumerate(drawn):
@@ -122,7 +122,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
         surplus = steady.excess(sums, coefficients, other, forcing, amplitudes)
         row, there = steady.crossings(surplus, amplitudes)
         rises = surplus[row, np.searchsorted(amplitudes, there) - 1] < 0.0
-        curves[at] = steady.picked(there, steady.sweeps(len(w), row, there, rises))
+        curves[at] = _picked(there, _sweeps(len(w), row, there, rises))
     checks = _checks(model, w, drive, amplitude, phase)
     there = np.abs(checks[2] / checks[1] - 1.0)
     # A simulated motion that is farther off, as a part of itself, has left its branch.
@@ -141,6 +141,31 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     kept = ("library", "library_source", "record_source", UNIT_ATTR, SIZE_ATTR)
     attrs = {key: result.attrs[key] for key in kept if key in result.attrs}
     return xr.Dataset({"drive": given.drive, **described("response", data)}, coords, attrs)
+
+
+def _sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
+    """Numbers of the motions in a sweep up, in one down, and of an unstable one, (3, frequency); -1 of none.
+
+    A sweep begins with the smallest stable motion, and goes on with the nearest one.
+    """
+    of_each = np.split(np.arange(len(frequency)), np.searchsorted(frequency, np.arange(1, count)))
+    chosen = np.full((3, count), -1)
+    for row, order in enumerate((range(count), range(count - 1, -1, -1))):
+        before = 0.0
+        for at in order:
+            there = of_each[at][stable[of_each[at]]]
+            if len(there):
+                chosen[row, at] = there[np.argmin(np.abs(amplitude[there] - before))]
+                before = amplitude[chosen[row, at]]
+    for at, every in enumerate(of_each):
+        if len(unstable := every[~stable[every]]):
+            chosen[2, at] = unstable[-1]
+    return chosen
+
+
+def _picked(values: Array, numbers: Index) -> Array:
+    """Values (motion,) by their numbers, nan where that is -1."""
+    return np.asarray(np.append(values, np.nan)[numbers])
 
 
 def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
