@@ -31,7 +31,7 @@ from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import with_random_force
 from sysid_trib.physics import model_of
 from sysid_trib.simulation.initial_conditions import first_guess, fit_start
-from sysid_trib.validation.answer import better_of, identifications
+from sysid_trib.validation import cross_check, verdict
 from sysid_trib.validation.residuals import fitted_motion
 
 SIX = load_library()
@@ -237,8 +237,8 @@ def row_of_answer(
 ) -> list[str]:
     """The answer's prediction, that of each method and noise, and what the answer takes."""
     began = process_time()
-    pair = identifications(train, library, [methods["averaging"], methods["direct"]])
-    at, seconds = better_of(*pair), process_time() - began
+    pair = verdict.identifications(train, library, [methods["averaging"], methods["direct"]])
+    at, seconds = cross_check.better_of(*pair), process_time() - began
     answer, others = rest_of(pair[at], unseen), []
     for method in methods.values():
         for option in ("off", "estimated"):
@@ -259,8 +259,8 @@ def predicted(records) -> Iterator[list[str]]:
         if other:
             unseen = st.free_decay(st.read_record(records_folder() / other, **columns))
             yield [f"{title}: another run", *row_of_answer(decay, unseen, library, methods)]
-        pair = identifications(decay, library, [methods["averaging"], methods["direct"]])
-        result = pair[better_of(*pair)]
+        pair = verdict.identifications(decay, library, [methods["averaging"], methods["direct"]])
+        result = pair[cross_check.better_of(*pair)]
         each = zip(result.force.values, result.coefficient.values, result.standard_error.values, strict=True)
         print(f"{title}, whole: {', '.join(f'{s} {c:.3g} ± {e:.1g}' for s, c, e in each)}", flush=True)
 

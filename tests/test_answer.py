@@ -10,8 +10,8 @@ from helpers import measured
 import sysid_trib as st
 from sysid_trib.printing.exported import csv_text, latex_text
 from sysid_trib.printing.identification import identification_json
-from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.findings import error_parts
+from sysid_trib.validation.verdict import identifications
 
 NOISE = 3e-4
 TIME = np.arange(0.0, 20.0, 0.02)

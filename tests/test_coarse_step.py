@@ -7,7 +7,7 @@ from helpers import decay as decay_of, scores
 
 import sysid_trib as st
 from sysid_trib.records.sensor import coarse_step
-from sysid_trib.validation.answer import identifications
+from sysid_trib.validation.verdict import identifications
 
 TRUTH = {"zeta": 0.003, "delta": 0.10}
 STEP = 0.01

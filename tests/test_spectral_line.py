@@ -7,10 +7,10 @@ from helpers import decay
 import sysid_trib as st
 from sysid_trib.methods import Direct
 from sysid_trib.printing.verdict import line_sentences, verdict_sentence
-from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.cross_check import cross_check
 from sysid_trib.validation.findings import verdict_of
 from sysid_trib.validation.lack_of_fit import spectral_line
+from sysid_trib.validation.verdict import identifications
 
 TIME = np.arange(0.0, 30.0, 0.01)
 NOISE = 3e-4

@@ -28,10 +28,10 @@ from sysid_trib.records.read import read_records
 from sysid_trib.results.effects import alternatives_of, tied_name
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.variables import signal_units
-from sysid_trib.validation.answer import identifications
 from sysid_trib.validation.compare import compare, every_method
 from sysid_trib.validation.cross_check import identified_and_checked
 from sysid_trib.validation.findings import failures
+from sysid_trib.validation.verdict import identifications
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]

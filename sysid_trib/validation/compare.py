@@ -19,9 +19,9 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation import answer, cross_check, findings, verdict
+from sysid_trib.validation import cross_check, findings, holdout, verdict
 from sysid_trib.validation.driven import is_driven
-from sysid_trib.validation.holdout import Trial, in_all_runs, method_table, split, up_to_held_out
+from sysid_trib.validation.holdout import Trial, in_all_runs
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -118,7 +118,7 @@ def compare(
     """
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    library = answer.checked_library("compare", library, [method for _, method in pairs])
+    library = verdict.checked_library("compare", library, [method for _, method in pairs])
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
@@ -135,7 +135,7 @@ def _compared(
     tell: Tell,
 ) -> xr.DataTree:
     runs = as_runs(decay, driven=True)
-    parts = [(run, *split(run), envelope(run)) for run in runs]
+    parts = [(run, *holdout.split(run), envelope(run)) for run in runs]
     groups = dict(zip(group_names("envelope", len(runs)), [part[3] for part in parts], strict=True))
     of_records = group_names("record", len(runs))
     if taken := sorted({*groups, *of_records} & set(named)):
@@ -146,9 +146,9 @@ def _compared(
             inputs.inputs_for(run, library)
     # In driven records a random force is asked for, not looked for.
     named = (
-        {label: answer.with_noise(method, "off") for label, method in named.items()}
+        {label: verdict.with_noise(method, "off") for label, method in named.items()}
         if driven
-        else answer.with_common_noise(decay, library, named)
+        else verdict.with_common_noise(decay, library, named)
     )
     trials: dict[str, Trial] = {}
     for at, (label, method) in enumerate(named.items()):
@@ -163,7 +163,7 @@ def _compared(
     periods = [2.0 * np.median(np.diff(half_sines.extremum_time)) for *_, half_sines in parts]
     # Samples of a period.
     blocks = [max(1, round(period / step)) for period, step in zip(periods, steps, strict=True)]
-    table = method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
+    table = holdout.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
     of_best: Sequence[xr.Dataset | None] = trials[best][2].get("residual") or [None] * len(runs)
@@ -204,14 +204,14 @@ def _try_method(
         return None, row | {"reason": reason}, {}
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
-        result = answer.with_model_in_errors(result, method, runs, library)
+        result = verdict.with_model_in_errors(result, method, runs, library)
     motions = {"residual": in_all_runs(runs, result, envelopes)}
     reason = _complaint("its model", motions["residual"]) if forces["damped"] else "its model has no damping"
     if part is None:
         part_reason = f"first two thirds: {part_reason}"
     else:
         motions["train"] = in_all_runs(train, part, envelopes)
-        motions["holdout"] = in_all_runs(rest, part, envelopes, [up_to_held_out(run) for run in runs])
+        motions["holdout"] = in_all_runs(rest, part, envelopes, [holdout.up_to_held_out(run) for run in runs])
         part_reason = _complaint("on the part held out it", motions["holdout"])
     if contactless is not None:
         result = references.with_contactless_frequency(result, *contactless)
@@ -226,7 +226,7 @@ def _failure(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
     if not motions:
         return findings.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
-        if reason := verdict.no_nearer_than_rest(run.angle.values, motion.residual.values):
+        if reason := holdout.no_nearer_than_rest(run.angle.values, motion.residual.values):
             return reason.format(f" of run {at + 1}" if len(runs) > 1 else "")
     return ""
 

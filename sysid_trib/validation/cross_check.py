@@ -9,19 +9,20 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import smoothed_backbone
 from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
-from sysid_trib.errors import DecayError, Tell, silent
+from sysid_trib.errors import DecayError, SysidTribError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods.scope import Method
+from sysid_trib.motion_fit import bands, innovations
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation import findings, simulated_pairs
-from sysid_trib.validation.answer import RESIDUAL_LEVEL, better_of, decided
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
-from sysid_trib.validation.verdict import random_force_groups, verdict_on_record
+from sysid_trib.validation.verdict import RESIDUAL_LEVEL, decided, is_found, tested_runs, verdict_on_record
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
@@ -40,6 +41,11 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     }
 
 
+# Where models are incomplete averaging is immune to most of what they lack: the other method is the answer
+# where it predicts better by more than this.
+CLEARLY_BETTER = 1.1
+# Predictions are this far ahead at most, and this close to each other (periods).
+LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 # Simulated records by which the difference of two methods is judged.
 SIMULATED_RECORDS = 32
 # Significance level below which runs, or methods, are said to disagree.
@@ -179,3 +185,55 @@ def _explained(compared: xr.Dataset) -> str:
     if np.nanmax(compared.residual_p_value.values) >= RESIDUAL_LEVEL:
         return "yes"
     return "partly" if np.any(compared.residual_over_noise.values <= findings.LARGE) else "no"
+
+
+def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
+    """Which of two identifications of a record is the answer: the second, unless the first predicts better.
+
+    Where its model leaves nothing but noise the second is: it is at the statistical bound; else the first
+    where its does. Elsewhere the second must predict the parts that were held out better than the first by
+    more than `CLEARLY_BETTER`.
+    """
+    if "held_out_rms" not in second or "held_out_rms" not in first:
+        return int("held_out_rms" not in second)
+    held_out = [float(result.get("held_out_rms", np.nan)) for result in (first, second)]
+    return 0 if np.isfinite(held_out[0]) and not CLEARLY_BETTER * held_out[1] < held_out[0] else 1
+
+
+def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
+    """What a random force is judged and drawn by, as groups of a tree; none where none is found.
+
+    Parameters
+    ----------
+    followed : FollowedRuns
+        All runs of an identification.
+
+    Returns
+    -------
+    dict of str to Dataset
+        `random_force`: over `run` what `random_force_dependence` returns, `reason` where it is nan. And
+        `innovations`, `prediction_bands` of each run (`innovations_1`, ... of several), left out of a run
+        whose motion does not settle, or that is too short.
+    """
+    result, runs = followed.result, followed.runs
+    if not is_found(random_force_of(result)):
+        return {}
+    groups = {"random_force": tested_runs(followed)}
+    names = [group_names(name, len(runs)) for name in ("innovations", "prediction_bands")]
+    for (at, decay), of_innovations, of_bands in zip(runs.items(), *names, strict=True):
+        if groups["random_force"].reason.values[at]:
+            continue
+        tracked = followed.tracked(at)
+        groups[of_innovations] = innovations.innovations_of(decay, tracked)
+        # Of a record too short to predict anything there is no figure.
+        with suppress(SysidTribError):
+            groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
+    return groups
+
+
+def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
+    """Periods ahead for which predictions are made."""
+    period = 2.0 * np.pi / float(result.reference_frequency)
+    length = float(decay.time.values[-1] - decay.time.values[0]) / period
+    longest = min(LONGEST_PREDICTION, 0.5 * (length - bands.SETTLING_PERIODS))
+    return np.asarray(np.arange(1, max(2, int(longest / PREDICTION_STEP))) * PREDICTION_STEP, dtype=float)

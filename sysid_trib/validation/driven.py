@@ -24,7 +24,7 @@ from sysid_trib.results.variables import described, group_names, noise_of_run, v
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation import answer, findings
+from sysid_trib.validation import findings, verdict
 from sysid_trib.validation.residuals import fitted_motion, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
@@ -76,7 +76,7 @@ def identified_driven(
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
     tell("direct")
-    fits = [_followed(runs, answer.with_noise(direct, "off").identify(decay, library))]
+    fits = [_followed(runs, verdict.with_noise(direct, "off").identify(decay, library))]
     # A residual of so many times the noise is more than noise.
     if direct.random_force == "auto" and fits[0][2]["residual_over_noise"] > 1.5:
         fits.append(_followed(runs, replace(direct, random_force="estimated").identify(decay, library)))

@@ -17,9 +17,30 @@ from sysid_trib.results.references import in_model, reference_factors
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation import internal_states
-from sysid_trib.validation.findings import LARGE
+from sysid_trib.validation.findings import DIVERGES, LARGE
 from sysid_trib.validation.refits import scalars_of
 from sysid_trib.validation.residuals import motion_residual
+
+THIRDS_OF_RECORD = ("first", "second", "last")
+NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
+
+
+def no_nearer_than_rest(angle: Array, residual: Array) -> str:
+    """Over which third of a record a model is as far from it as rest, as a text to name the run in; or none.
+
+    Parameters
+    ----------
+    angle, residual : (sample,) array of float, rad
+        The record about its equilibrium, and record minus model.
+    """
+    if not np.all(np.isfinite(residual)):
+        return DIVERGES
+    thirds = zip(THIRDS_OF_RECORD, np.array_split(angle, 3), np.array_split(residual, 3), strict=True)
+    for name, motion, missed in thirds:
+        if np.sum(missed**2) >= np.sum(motion**2):
+            return NO_NEARER.format(name, "{}")
+    return ""
+
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0

@@ -20,12 +20,12 @@ from sysid_trib.results import references, schema
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, chi_square_test, described, with_error
 from sysid_trib.simulation.initial_conditions import MEASURED
-from sysid_trib.validation.answer import checked_library, identifications
 from sysid_trib.validation.cross_check import SIMULATED_RECORDS, agreement_of, identified_and_checked
 from sysid_trib.validation.driven import identified_driven, is_driven
 from sysid_trib.validation.random_effects import weighted_mean
 from sysid_trib.validation.refits import at_reference, refit
 from sysid_trib.validation.simulated_pairs import fewest_records
+from sysid_trib.validation.verdict import checked_library, identifications
 
 
 @overload

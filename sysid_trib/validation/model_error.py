@@ -17,14 +17,18 @@ from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation import initial_conditions
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
-from sysid_trib.validation import holdout, verdict
+from sysid_trib.validation import holdout
 from sysid_trib.validation.refits import between, refit
 from sysid_trib.validation.residuals import fitted_motion
 
 RunList: TypeAlias = Sequence[xr.Dataset]
 # Coefficients, reference frequency and asymptotic frequency.
-NUMBERS = ("coefficient", "reference_frequency", "asymptotic_frequency")
-ERRORS = ("standard_error", "reference_frequency_standard_error", "asymptotic_frequency_standard_error")
+ESTIMATED = ("coefficient", "reference_frequency", "asymptotic_frequency")
+STATED = (
+    "standard_error",
+    "reference_frequency_standard_error",
+    "asymptotic_frequency_standard_error",
+)
 
 
 def with_error_of_model(
@@ -32,7 +36,7 @@ def with_error_of_model(
     method: Method,
     runs: Sequence[xr.Dataset],
     library: ForceLibrary,
-    residual_over_noise: float,
+    widening: float,
 ) -> xr.Dataset:
     """An identification whose errors allow for what its model lacks.
 
@@ -46,8 +50,8 @@ def with_error_of_model(
         `angle(time)`.
     library : ForceLibrary
         The forces offered.
-    residual_over_noise : float
-        RMS of record minus model over the noise of the sensor.
+    widening : float
+        Factor of its errors where no part can be fitted.
 
     Returns
     -------
@@ -82,8 +86,7 @@ def with_error_of_model(
         if missed and np.all(np.isfinite(missed)):
             held_out = float(np.exp(np.mean(np.log(missed))))
     else:
-        excess = np.sqrt(verdict.widening(result, residual_over_noise) ** 2 - 1.0)
-        of_model = np.diag((excess * np.nan_to_num(own)) ** 2)
+        of_model = np.diag((widening**2 - 1.0) * np.nan_to_num(own) ** 2)
     model, count = np.sqrt(np.diag(of_model)), result.sizes["force"]
     total = _with_errors(
         result,
@@ -156,8 +159,8 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
 
 
 def _numbers(result: xr.Dataset) -> tuple[Array, Array]:
-    """`NUMBERS` of an identification, and their errors; nan where one has none."""
-    values, errors = ([np.ravel(result[name].values) for name in names] for names in (NUMBERS, ERRORS))
+    """`ESTIMATED` of an identification, and their errors; nan where one has none."""
+    values, errors = ([np.ravel(result[name].values) for name in names] for names in (ESTIMATED, STATED))
     return np.concatenate(values), np.concatenate(errors)
 
 
@@ -167,7 +170,7 @@ def _with_errors(
     """A result with other errors of the same meaning, those of `_numbers`."""
     changed = {"covariance": covariance, "frequency_covariance": frequency_covariance}
     of_forces, reference, asymptotic = np.split(errors, [-2, -1])
-    for name, values in zip(ERRORS, (of_forces, reference[0], asymptotic[0]), strict=True):
+    for name, values in zip(STATED, (of_forces, reference[0], asymptotic[0]), strict=True):
         changed[name] = result[name].copy(data=values)
     return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
 

@@ -1,42 +1,40 @@
-"""What is said of a record: explained, with a random force, not explained, undetermined, or breaking down."""
+"""What is said of a record, and the answer that predicts: with which noise it is identified, how surely."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
-from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
+from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
-from sysid_trib.motion_fit import bands, innovations
+from sysid_trib.methods import method_of
+from sysid_trib.methods.scope import Method, scope_of, with_random_force
+from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import determines
-from sysid_trib.results.variables import group_names, noise_of_run, text_variable
-from sysid_trib.validation.findings import DIVERGES
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import noise_of_run, text_variable
+from sysid_trib.validation import model_error
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
-from sysid_trib.validation.residuals import FollowedRuns
+from sysid_trib.validation.residuals import FollowedRuns, residuals
 
-PARTS_OF_RECORD = ("first", "second", "last")
-NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
-
-
-def no_nearer_than_rest(angle: Array, residual: Array) -> str:
-    """Over which third of a record a model is as far from it as rest, as a text to name the run in; or none.
-
-    Parameters
-    ----------
-    angle, residual : (sample,) array of float, rad
-        The record about its equilibrium, and record minus model.
-    """
-    if not np.all(np.isfinite(residual)):
-        return DIVERGES
-    thirds = zip(PARTS_OF_RECORD, np.array_split(angle, 3), np.array_split(residual, 3), strict=True)
-    for name, motion, missed in thirds:
-        if np.sum(missed**2) >= np.sum(motion**2):
-            return NO_NEARER.format(name, "{}")
-    return ""
+# Significance level of a residual that is not white noise.
+RESIDUAL_LEVEL = 1e-3
+# Families of methods that fit the motion, and so see a random force in it.
+DECIDING = ("direct", "trajectory")
+# Level at which a random force depends on something, and at which there is one at all.
+DEPENDENCE_LEVEL = 0.01
+# Noise of so many times that of the sensor is more than an error of its estimate.
+MARKED = 1.5
+VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
+# A model is approximate that leaves no more than this part of the motion (RMS).
+APPROXIMATE_PART = 0.05
 
 
 def widening(result: xr.Dataset, residual_over_noise: float) -> float:
@@ -59,51 +57,9 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
 
 
-# Level at which a random force depends on something, and at which there is one at all.
-DEPENDENCE_LEVEL = 0.01
-# Noise of so many times that of the sensor is more than an error of its estimate.
-MARKED = 1.5
-VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
-# A model is approximate that leaves no more than this part of the motion (RMS).
-APPROXIMATE_PART = 0.05
-# Predictions are this far ahead at most, and this close to each other (periods).
-LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
-
-
 def is_found(force: RandomForce) -> bool:
     """True if there is a random force beyond chance; one that was given is there."""
     return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
-
-
-def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
-    """What a random force is judged and drawn by, as groups of a tree; none where none is found.
-
-    Parameters
-    ----------
-    followed : FollowedRuns
-        All runs of an identification.
-
-    Returns
-    -------
-    dict of str to Dataset
-        `random_force`: over `run` what `random_force_dependence` returns, `reason` where it is nan. And
-        `innovations`, `prediction_bands` of each run (`innovations_1`, ... of several), left out of a run
-        whose motion does not settle, or that is too short.
-    """
-    result, runs = followed.result, followed.runs
-    if not is_found(random_force_of(result)):
-        return {}
-    groups = {"random_force": tested_runs(followed)}
-    names = [group_names(name, len(runs)) for name in ("innovations", "prediction_bands")]
-    for (at, decay), of_innovations, of_bands in zip(runs.items(), *names, strict=True):
-        if groups["random_force"].reason.values[at]:
-            continue
-        tracked = followed.tracked(at)
-        groups[of_innovations] = innovations.innovations_of(decay, tracked)
-        # Of a record too short to predict anything there is no figure.
-        with suppress(SysidTribError):
-            groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
-    return groups
 
 
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
@@ -132,14 +88,6 @@ def _tested(followed: FollowedRuns) -> xr.Dataset:
         reasons.append(reason)
     together = xr.concat(tested, "run", combine_attrs="override")
     return together.assign(reason=text_variable("run", reasons, "why not tested"))
-
-
-def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
-    """Periods ahead for which predictions are made."""
-    period = 2.0 * np.pi / float(result.reference_frequency)
-    length = float(decay.time.values[-1] - decay.time.values[0]) / period
-    longest = min(LONGEST_PREDICTION, 0.5 * (length - bands.SETTLING_PERIODS))
-    return np.asarray(np.arange(1, max(2, int(longest / PREDICTION_STEP))) * PREDICTION_STEP, dtype=float)
 
 
 def verdict_on_record(
@@ -209,3 +157,144 @@ def _noise_hides_a_force(followed: FollowedRuns) -> bool:
 def p_value_of_dependence(tested: xr.Dataset) -> float:
     """p-value of a random force that depends on nothing in all runs (Bonferroni); nan if untested."""
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
+
+
+def checked_library(function: str, library: ForceLibrary | None, methods: Iterable[Any]) -> ForceLibrary:
+    """The library that is offered, by default that of the contact forces; what is no method is refused.
+
+    Raises
+    ------
+    UsageError
+        Something else in the place of a library or method, or a class in that of an object.
+    """
+    library = load_library() if library is None else library
+    if not isinstance(library, ForceLibrary):
+        raise UsageError(f"{function} wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    for method in methods:
+        if isinstance(method, type) or not hasattr(method, "identify"):
+            raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
+    return library
+
+
+@in_units_of_the_motion
+def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[xr.Dataset]:
+    """Identify the forces by methods that share one decision on the noise, with errors of the model.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        One decay, or several runs.
+    library : ForceLibrary
+        The forces offered.
+    methods : sequence of Method
+        Those whose `random_force` is `auto` have one where the last of them that fits the motion finds it and
+        its test does not refuse it, and the sensor's noise alone elsewhere.
+
+    Returns
+    -------
+    list of Dataset
+        In the order of the methods. `standard_error` and `covariance` are the total ones;
+        `error_of_noise(force)` and `error_of_model(force)` their parts; `held_out_rms` (rad) where there is
+        an error of the model (see `with_error_of_model`).
+
+    Notes
+    -----
+    A random force frees a fit from following the motion: each half period is an equation of its own, and
+    whatever the model lacks within the cycle moves its coefficients. It is right where it depends on nothing;
+    where its test refuses it, the sensor's noise alone predicts better.
+    """
+    return [followed.result for followed in decided(decay, library, methods)]
+
+
+def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[FollowedRuns]:
+    """`identifications`, each with the runs as its motion follows them."""
+    runs = as_runs(decay, driven=True)
+    together, quiet = dict(enumerate(runs)), [with_noise(method, "off") for method in methods]
+    results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
+    if any(inputs_of(run) for run in runs):
+        return results
+    residual_tests = [_residual(followed) for followed in results]
+    # Decrements neglect forces: the last method of the whole motion decides.
+    places = [at for at, method in enumerate(methods) if _is_open(method)]
+    open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
+    # From here on a residual may be that of a random force, which is then looked for.
+    if open_ones and residual_tests[open_ones[-1]][0] < 0.05:
+        stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
+        results = [stochastic.get(at, followed) for at, followed in enumerate(results)]
+        residual_tests = [(1.0, 1.0) if at in stochastic else test for at, test in enumerate(residual_tests)]
+    return [
+        followed.with_result(with_model_in_errors(followed.result, method, runs, library, residual))
+        for method, followed, residual in zip(quiet, results, residual_tests, strict=True)
+    ]
+
+
+def with_model_in_errors(
+    result: xr.Dataset,
+    method: Method,
+    runs: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    residual: tuple[float, float] | None = None,
+) -> xr.Dataset:
+    """The identification with errors that are those of the model too, where the residual is not noise.
+
+    `residual` : of `_residual`, where it is known.
+    """
+    p_value, over_noise = residual or _residual(FollowedRuns(dict(enumerate(runs)), result))
+    if p_value < RESIDUAL_LEVEL:
+        return model_error.with_error_of_model(result, method, runs, library, widening(result, over_noise))
+    return model_error.with_rounding(result, runs)
+
+
+def with_common_noise(
+    decay: Decays, library: ForceLibrary, methods: Mapping[str, Method]
+) -> dict[str, Method]:
+    """Methods by their name; those that leave it open have the noise that direct identification has.
+
+    Where none of them is direct the first decides; where that cannot identify the record it is the sensor's
+    alone.
+    """
+    open_ones = [method for method in methods.values() if _is_open(method)]
+    direct = [method for method in open_ones if scope_of(method).family == "direct"]
+    option: RandomForceOption = "off"
+    with suppress(SysidTribError, np.linalg.LinAlgError):
+        for method in [*direct, *open_ones][:1]:
+            option = method_of(identifications(decay, library, [method])[0]).random_force
+    return {label: with_noise(method, option) for label, method in methods.items()}
+
+
+def _is_open(method: Method) -> bool:
+    return getattr(method, "random_force", "off") == "auto"
+
+
+def with_noise(method: Method, option: RandomForceOption) -> Method:
+    """A method that leaves its noise open, with this one; any other as it is."""
+    return with_random_force(method, option) if _is_open(method) else method
+
+
+def _residual(followed: FollowedRuns) -> tuple[float, float]:
+    """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
+    whole = residuals({"": followed}, followed.result)
+    return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
+
+
+def _stochastic(
+    decay: Decays, library: ForceLibrary, methods: Mapping[int, Method]
+) -> dict[int, FollowedRuns]:
+    """Identifications with a random force or coloured noise, by their place; none where that is refused."""
+    stochastic: dict[int, FollowedRuns] = {}
+    runs, last = dict(enumerate(as_runs(decay, driven=True))), [*methods][-1]
+    for at, method in methods.items():
+        try:
+            result = with_random_force(method, "estimated").identify(decay, library)
+            stochastic[at] = FollowedRuns(runs, result)
+            refused = False
+            if at == last:
+                refused = _residual(stochastic[at])[0] < RESIDUAL_LEVEL or not is_random(stochastic[at])
+            elif scope_of(method).family == "averaging" and is_found(random_force_of(result)):
+                # What the quicker methods refuse is not looked for by the slower ones.
+                refused = not is_random(stochastic[at])
+        except (SysidTribError, np.linalg.LinAlgError):
+            refused = at == last
+        if refused:
+            return {}
+    return stochastic
