@@ -12,7 +12,7 @@ from sysid_trib.methods import Direct
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import integrate
-from sysid_trib.validation.residuals import motion_residual
+from sysid_trib.validation.residuals import fitted_motion, motion_residual
 
 
 def shape(**defaults):
@@ -130,6 +130,6 @@ def test_friction_of_a_belt_is_identified_about_the_place_to_which_it_pulls():
     record = free_decay(xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": time}))
     found = Direct().identify(record, LIBRARY.select(["mu", "viscous"]))
     assert np.all(np.abs(found.coefficient.values - [0.02, 0.02]) < 4.0 * found.standard_error.values)
-    left = motion_residual(record, found, envelope(record))
+    left = motion_residual(record, fitted_motion(record, found), envelope(record))
     assert np.sqrt(np.mean(left.residual**2)) == pytest.approx(2e-4, rel=0.1)
     assert left.phase_error < 0.2

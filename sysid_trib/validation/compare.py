@@ -22,6 +22,7 @@ from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation import cross_check, findings, holdout, verdict
 from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.holdout import Trial, in_all_runs
+from sysid_trib.validation.residuals import FollowedRuns
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -202,16 +203,18 @@ def _try_method(
     row["bias"] = _bias(result)
     if result is None:
         return None, row | {"reason": reason}, {}
+    followed = FollowedRuns(dict(enumerate(runs)), result)
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
-        result = verdict.with_model_in_errors(result, method, runs, library)
-    motions = {"residual": in_all_runs(runs, result, envelopes)}
+        followed = verdict.with_model_in_errors(followed, method, library)
+    result, motions = followed.result, {"residual": in_all_runs(runs, followed.motions, envelopes)}
     reason = _complaint("its model", motions["residual"]) if forces["damped"] else "its model has no damping"
     if part is None:
         part_reason = f"first two thirds: {part_reason}"
     else:
-        motions["train"] = in_all_runs(train, part, envelopes)
-        motions["holdout"] = in_all_runs(rest, part, envelopes, [holdout.up_to_held_out(run) for run in runs])
+        of_train = FollowedRuns(dict(enumerate(train)), part)
+        motions["train"] = in_all_runs(train, of_train.motions, envelopes)
+        motions["holdout"] = in_all_runs(rest, holdout.motions_held_out(part, runs), envelopes)
         part_reason = _complaint("on the part held out it", motions["holdout"])
     if contactless is not None:
         result = references.with_contactless_frequency(result, *contactless)

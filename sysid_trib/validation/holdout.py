@@ -17,9 +17,10 @@ from sysid_trib.results.references import in_model, reference_factors
 from sysid_trib.results.schema import library_of, model_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation import internal_states
+from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation.findings import DIVERGES, LARGE
 from sysid_trib.validation.refits import scalars_of
-from sysid_trib.validation.residuals import motion_residual
+from sysid_trib.validation.residuals import fitted_motion, motion_residual
 
 THIRDS_OF_RECORD = ("first", "second", "last")
 NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
@@ -68,35 +69,25 @@ def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
     return decay.isel(time=slice(0, first_held_out(decay.time.values.astype(float)) + 1))
 
 
-def in_all_runs(
-    runs: Sequence[xr.Dataset],
-    result: xr.Dataset,
-    envelopes: Sequence[xr.Dataset],
-    before: Sequence[xr.Dataset] | None = None,
-) -> list[xr.Dataset]:
-    """`motion_residual` of an identified model in each run; nothing where it diverges in one.
+def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[FittedMotion | None]:
+    """Motion in the last third of each run of a model that was identified from the rest."""
+    library = library_of(result, whole=True)
+    later = [carried_on(result, library, up_to_held_out(run)) for run in runs]
+    rest = [split(run)[1] for run in runs]
+    return [fitted_motion(rest[at], of_run, at) for at, of_run in enumerate(later)]
 
-    Parameters
-    ----------
-    runs : sequence of Dataset
-        The runs it is from, or later parts of these.
-    result : Dataset
-        The identification.
-    envelopes : sequence of Dataset
-        Of the whole runs, whose extrema give their phase.
-    before : sequence of Dataset, optional
-        Of later parts: the run up to the part's first sample, and with it (see `carried_on`).
+
+def in_all_runs(
+    runs: Sequence[xr.Dataset], motions: Sequence[FittedMotion | None], envelopes: Sequence[xr.Dataset]
+) -> list[xr.Dataset]:
+    """`motion_residual` of a model in each run, or part of it; nothing where it diverges in one.
+
+    `envelopes` : of the whole runs.
     """
-    motions = []
-    for at, (run, envelope) in enumerate(zip(runs, envelopes, strict=True)):
-        later = result
-        if before is not None:
-            later = carried_on(result, library_of(result, whole=True), before[at])
-        motion = motion_residual(run, later, envelope, at)
-        if motion is None or not np.all(np.isfinite(motion.residual)):
-            return []
-        motions.append(motion)
-    return motions
+    triples = zip(runs, motions, envelopes, strict=True)
+    left = [motion_residual(run, motion, whole) for run, motion, whole in triples if motion is not None]
+    moving = len(left) == len(runs) and all(np.all(np.isfinite(of_run.residual)) for of_run in left)
+    return left if moving else []
 
 
 def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) -> xr.Dataset:

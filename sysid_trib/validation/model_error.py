@@ -19,35 +19,25 @@ from sysid_trib.simulation import initial_conditions
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 from sysid_trib.validation import holdout
 from sysid_trib.validation.refits import between, refit
-from sysid_trib.validation.residuals import fitted_motion
+from sysid_trib.validation.residuals import FollowedRuns, fitted_motion
 
 RunList: TypeAlias = Sequence[xr.Dataset]
-# Coefficients, reference frequency and asymptotic frequency.
-ESTIMATED = ("coefficient", "reference_frequency", "asymptotic_frequency")
-STATED = (
-    "standard_error",
-    "reference_frequency_standard_error",
-    "asymptotic_frequency_standard_error",
-)
+FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
+ESTIMATED = ("coefficient", *FREQUENCIES)
+STATED = ("standard_error", *(f"{name}_standard_error" for name in FREQUENCIES))
 
 
 def with_error_of_model(
-    result: xr.Dataset,
-    method: Method,
-    runs: Sequence[xr.Dataset],
-    library: ForceLibrary,
-    widening: float,
+    followed: FollowedRuns, method: Method, library: ForceLibrary, widening: float
 ) -> xr.Dataset:
     """An identification whose errors allow for what its model lacks.
 
     Parameters
     ----------
-    result : Dataset
+    followed : FollowedRuns
         The identification of the whole runs.
     method : Method
         By which it was made.
-    runs : sequence of Dataset
-        `angle(time)`.
     library : ForceLibrary
         The forces offered.
     widening : float
@@ -69,7 +59,8 @@ def with_error_of_model(
     the part and of the whole squared and subtracted (Hausman 1978); what they move beyond that is the error
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
-    (whole, own), limits = _numbers(result), RECORD_PARTS.values()
+    runs, result, limits = [*followed.runs.values()], followed.result, RECORD_PARTS.values()
+    whole, own = _numbers(result)
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
     pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
     missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends)]
@@ -175,26 +166,18 @@ def _with_errors(
     return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
 
 
-def with_rounding(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> xr.Dataset:
+def with_rounding(followed: FollowedRuns) -> xr.Dataset:
     """An identification whose errors allow for the coarse step of a sensor, whose rounding is not white.
 
-    Parameters
-    ----------
-    result : Dataset
-        The identification of the whole runs, its model complete.
-    runs : sequence of Dataset
-        `angle(time)`.
-
-    Notes
-    -----
-    Least squares, to first order, of motions of the model that the sensor rounds with its zero anywhere.
+    Least squares, to first order, of motions of the model, which is complete, that the sensor rounds with its
+    zero anywhere.
     """
-    stated, squares = _numbers(result)[1], []
-    for at, run in enumerate(runs):
+    result, squares = followed.result, []
+    stated, runs = _numbers(result)[1], followed.runs
+    for (at, run), motion in zip(runs.items(), followed.motions, strict=True):
         noise = noise_of_run(result, at)
         step = coarse_step(run, noise)
-        motion = fitted_motion(run, result, at, most_steps=FEW_STEPS_A_PERIOD) if step else None
-        if motion is not None:
+        if step and motion is not None:
             squares.append(_squares_by_rounding(result, run, motion, rounded_noise(motion.x, step, noise)))
     if not squares:
         return result

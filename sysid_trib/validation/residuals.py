@@ -253,21 +253,8 @@ def half_period(v: Array) -> int:
     return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(v) // 10)
 
 
-def motion_residual(
-    decay: xr.Dataset, result: xr.Dataset, envelope: xr.Dataset, run: int = 0
-) -> xr.Dataset | None:
-    """Record minus the motion of a model, its start and the sensor's zero fitted there; None if it diverges.
-
-    Parameters
-    ----------
-    decay : Dataset
-        `angle(time)`, of the run that the identification is from.
-    result : Dataset
-        The identification.
-    envelope : Dataset
-        The record's envelope, whose extrema give its phase.
-    run : int
-        Which run it is.
+def motion_residual(decay: xr.Dataset, motion: FittedMotion, envelope: xr.Dataset) -> xr.Dataset:
+    """Record minus the motion of a model, with the envelope of the record, whose extrema give its phase.
 
     Returns
     -------
@@ -275,9 +262,6 @@ def motion_residual(
         `residual(time)` (rad); the largest `phase_error` (rad; nan of a motion that stops early) and
         `stop_time` (s; nan of one that does not stop within the record).
     """
-    motion = fitted_motion(decay, result, run)
-    if motion is None:
-        return None
     time = decay.time.values.astype(float)
     residual = decay.angle.values.astype(float) - motion.offset - motion.x
     stop = motion.stop_time if motion.stop_time < time[-1] else float("nan")

@@ -223,26 +223,26 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
         results = [stochastic.get(at, followed) for at, followed in enumerate(results)]
         residual_tests = [(1.0, 1.0) if at in stochastic else test for at, test in enumerate(residual_tests)]
     return [
-        followed.with_result(with_model_in_errors(followed.result, method, runs, library, residual))
+        with_model_in_errors(followed, method, library, residual)
         for method, followed, residual in zip(quiet, results, residual_tests, strict=True)
     ]
 
 
 def with_model_in_errors(
-    result: xr.Dataset,
+    followed: FollowedRuns,
     method: Method,
-    runs: Sequence[xr.Dataset],
     library: ForceLibrary,
     residual: tuple[float, float] | None = None,
-) -> xr.Dataset:
+) -> FollowedRuns:
     """The identification with errors that are those of the model too, where the residual is not noise.
 
     `residual` : of `_residual`, where it is known.
     """
-    p_value, over_noise = residual or _residual(FollowedRuns(dict(enumerate(runs)), result))
-    if p_value < RESIDUAL_LEVEL:
-        return model_error.with_error_of_model(result, method, runs, library, widening(result, over_noise))
-    return model_error.with_rounding(result, runs)
+    p_value, over_noise = residual or _residual(followed)
+    if p_value >= RESIDUAL_LEVEL:
+        return followed.with_result(model_error.with_rounding(followed))
+    factor = widening(followed.result, over_noise)
+    return followed.with_result(model_error.with_error_of_model(followed, method, library, factor))
 
 
 def with_common_noise(
