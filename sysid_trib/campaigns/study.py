@@ -80,10 +80,6 @@ class Study:
             drawn.setdefault(part, {}).update({k: _draw(value, random) for k, value in names.items()})
         return drawn
 
-    def coefficients_of(self, at: int) -> dict[str, float]:
-        """True coefficients of a record."""
-        return self.drawn(at)["coefficients"]
-
     def decay(self, at: int) -> xr.Dataset:
         """A record, as far as its motion goes on.
 

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import xarray as xr
+from scipy.stats import binned_statistic
 
 from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
@@ -175,7 +176,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
         if isinstance(record, tuple):
             study, at = record
             # What a simulated record was drawn with.
-            truth = study.coefficients_of(at)
+            truth = study.drawn(at)["coefficients"]
             row[stored.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.forces.symbols])
             decays: Sequence[xr.Dataset] = [study.decay(at)]
         else:
@@ -196,12 +197,8 @@ def _outline(decay: xr.Dataset) -> np.ndarray:
     A part without a sample is nan.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    edges = np.full((len(stored.EDGES), stored.OUTLINE_PARTS), np.nan)
-    firsts = np.searchsorted(time, np.linspace(time[0], time[-1], stored.OUTLINE_PARTS + 1)[:-1])
-    holds = np.diff(np.append(firsts, len(time))) > 0
-    for at, of_all in enumerate((np.minimum, np.maximum)):
-        edges[at, holds] = of_all.reduceat(angle, firsts[holds])
-    return edges
+    edges = np.linspace(time[0], time[-1], stored.OUTLINE_PARTS + 1)
+    return np.array([binned_statistic(time, angle, of, bins=edges).statistic for of in ("min", "max")])
 
 
 def checksum_of(record: Any) -> str:

@@ -27,11 +27,6 @@ LISTS = (
 )
 
 
-def as_list(value: Any) -> list[str]:
-    """A list of texts as netCDF gives it back."""
-    return [value] if isinstance(value, str) else np.asarray(value).astype(str).tolist()
-
-
 def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
     """A tree as it was before it was written.
 
@@ -56,7 +51,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
             )
         # A record and its envelope have one source, as one text.
         lists = [name for name in LISTS if name in node.attrs and "source" not in node.attrs]
-        node.attrs |= {name: as_list(node.attrs[name]) for name in lists}
+        node.attrs |= {name: np.ravel(node.attrs[name]).astype(str).tolist() for name in lists}
     return tree
 
 

@@ -219,19 +219,9 @@ def _try_method(
     if contactless is not None:
         result = references.with_contactless_frequency(result, *contactless)
     if not forces["neglects"]:
-        row["failure"] = _failure(runs, motions["residual"])
+        row["failure"] = holdout.failure_of(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
     return result, row | {"reason": reason or part_reason}, motions
-
-
-def _failure(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Why a model that neglects nothing says nothing of the records (see `no_nearer_than_rest`)."""
-    if not motions:
-        return findings.DIVERGES
-    for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
-        if reason := holdout.no_nearer_than_rest(run.angle.values, motion.residual.values):
-            return reason.format(f" of run {at + 1}" if len(runs) > 1 else "")
-    return ""
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:

@@ -22,27 +22,6 @@ from sysid_trib.validation.findings import DIVERGES, LARGE
 from sysid_trib.validation.refits import scalars_of
 from sysid_trib.validation.residuals import fitted_motion, motion_residual
 
-THIRDS_OF_RECORD = ("first", "second", "last")
-NO_NEARER = "over the {} third{} its motion is no nearer to the record than rest"
-
-
-def no_nearer_than_rest(angle: Array, residual: Array) -> str:
-    """Over which third of a record a model is as far from it as rest, as a text to name the run in; or none.
-
-    Parameters
-    ----------
-    angle, residual : (sample,) array of float, rad
-        The record about its equilibrium, and record minus model.
-    """
-    if not np.all(np.isfinite(residual)):
-        return DIVERGES
-    thirds = zip(THIRDS_OF_RECORD, np.array_split(angle, 3), np.array_split(residual, 3), strict=True)
-    for name, motion, missed in thirds:
-        if np.sum(missed**2) >= np.sum(motion**2):
-            return NO_NEARER.format(name, "{}")
-    return ""
-
-
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0
 
@@ -88,6 +67,19 @@ def in_all_runs(
     left = [motion_residual(run, motion, whole) for run, motion, whole in triples if motion is not None]
     moving = len(left) == len(runs) and all(np.all(np.isfinite(of_run.residual)) for of_run in left)
     return left if moving else []
+
+
+def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
+    """Why a model that neglects nothing says nothing of the records, by what `in_all_runs` gives; or none."""
+    if not motions:
+        return DIVERGES
+    for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
+        of_run = f" of run {at + 1}" if len(runs) > 1 else ""
+        thirds = (np.array_split(values, 3) for values in (run.angle.values, motion.residual.values))
+        for name, angle, missed in zip(("first", "second", "last"), *thirds, strict=True):
+            if np.sum(missed**2) >= np.sum(angle**2):
+                return f"over the {name} third{of_run} its motion is no nearer to the record than rest"
+    return ""
 
 
 def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) -> xr.Dataset:

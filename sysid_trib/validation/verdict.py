@@ -70,24 +70,24 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
     followed : FollowedRuns
         All runs of an identification with a random force.
     """
-    return followed.once("random_force", lambda: _tested(followed))
-
-
-def _tested(followed: FollowedRuns) -> xr.Dataset:
-    tested, reasons, nothing = [], [], np.full((len(ASPECTS), len(ON)), np.nan)
+    tested = []
     for at in followed.runs:
+        of_run, reason = _dependence(followed, at, bool(random_force_of(followed.result, at)))
+        tested.append(of_run.assign(reason=text_variable((), reason, "why not tested")))
+    return xr.concat(tested, "run", combine_attrs="override")
+
+
+def _dependence(followed: FollowedRuns, run: int, pushed: bool = True) -> tuple[xr.Dataset, str]:
+    """What `dependence_on_motion` says of a run, tested once; nan where the motion does not settle: why."""
+    nothing = np.full((len(ASPECTS), len(ON)), np.nan)
+    try:
+        followed.tracked(run)
+        if pushed:
+            return followed.once(f"dependence {run}", lambda: dependence_on_motion(followed, run)), ""
         # A run without a random force has none that depends on something.
-        of_run, reason = dependence((1.0, *[np.nan] * 4), nothing), ""
-        try:
-            followed.tracked(at)
-            if random_force_of(followed.result, at):
-                of_run = dependence_on_motion(followed, at)
-        except SysidTribError as error:
-            of_run, reason = dependence([np.nan] * 5, nothing), str(error)
-        tested.append(of_run)
-        reasons.append(reason)
-    together = xr.concat(tested, "run", combine_attrs="override")
-    return together.assign(reason=text_variable("run", reasons, "why not tested"))
+        return dependence((1.0, *[np.nan] * 4), nothing), ""
+    except SysidTribError as error:
+        return dependence([np.nan] * 5, nothing), str(error)
 
 
 def verdict_on_record(
@@ -143,14 +143,10 @@ def _noise_hides_a_force(followed: FollowedRuns) -> bool:
     if "random_force_density" not in followed.result:
         return False
     for at, decay in followed.runs.items():
-        if noise_of_run(followed.result, at) <= MARKED * sensor_noise(decay):
-            continue
-        try:
-            tested = dependence_on_motion(followed, at)
-        except SysidTribError:
-            return True
-        if len(followed.runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
-            return True
+        if noise_of_run(followed.result, at) > MARKED * sensor_noise(decay):
+            tested, reason = _dependence(followed, at)
+            if reason or len(followed.runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
+                return True
     return False
 
 
