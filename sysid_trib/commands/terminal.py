@@ -269,7 +269,7 @@ def print_json(data: Mapping[str, Any]) -> None:
 def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell) -> None:
     """Write the figures of a result, of a width in inches."""
     tell("figures")
-    from sysid_trib.plots.declared import figures_of
+    from sysid_trib.plots.figure import figures_of
     from sysid_trib.results.files import kind_of, write_figure
 
     drawings = [drawn for figure in figures_of(kind or kind_of(tree)) for drawn in figure.drawings(tree)]
