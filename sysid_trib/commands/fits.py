@@ -101,9 +101,10 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
 
 def _measured(given: Asked) -> dict[str, tuple[float, float]]:
     """What gives SI units, with its errors; refused where it is too little for what it is for."""
-    names = ("inertia", "mass", "load", "radius")
-    read = {name: parse_value_with_error(getattr(given, name), f"--{name}") for name in names}
-    known = {name: pair for name, pair in read.items() if pair is not None}
+    known = {}
+    for name in ("inertia", "mass", "load", "radius"):
+        if (pair := parse_value_with_error(getattr(given, name), f"--{name}")) is not None:
+            known[name] = pair
     if known:
         check_measured(known.keys())
     return known

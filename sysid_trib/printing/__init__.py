@@ -33,7 +33,7 @@ class Block:
         The layers that show it.
     title : str
         The heading of its section, which `--explain` and the page have, there with the figures that are
-        declared of it (`plots.declared`); the page has blocks without one at its top.
+        declared of it (`plots.figure`); the page has blocks without one at its top.
     table : Table, optional
         Below the sentences.
     caption : str

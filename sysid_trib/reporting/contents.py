@@ -104,11 +104,11 @@ def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
             attrs, samples = tree[records[run]].attrs, tree[records[run]].sizes["time"]
             source = f" ({attrs['source']})" if attrs.get("source") else ""
             which = f"Run {run + 1}{source}. " if len(records) > 1 and (figure.of_each_run or run) else ""
-            further = [drawn.get_supxlabel()]
+            texts = [f"{which}{caption}", drawn.get_supxlabel()]
             if figure.of_each_run and samples > MOST_POINTS:
-                further.append(DECIMATED.format(points=MOST_POINTS, samples=samples))
-            text = " ".join(filter(None, [f"{which}{caption}", *further]))
-            made.setdefault(figure.block, []).append({"caption": text, "drawn": [drawn]})
+                texts.append(DECIMATED.format(points=MOST_POINTS, samples=samples))
+            part = {"caption": " ".join(filter(None, texts)), "drawn": [drawn]}
+            made.setdefault(figure.block, []).append(part)
     return made
 
 
@@ -138,14 +138,16 @@ def campaign_contents(
     if compared is not None and conditions is not None:
         rows = conditions.iloc[compared["at"].values]
         figures[campaign.AGAINST] = [_against(compared, str(name), rows[name].to_numpy()) for name in rows]
-    blocks = campaign.campaign_blocks(store, counts_of(store), compared)
-    summary, sections = sections_of(blocks, figures)
-    sections.append(_records(store, compared, conditions))
-    facts = [("task", str(store.attrs["task"])), ("version of sysid_trib", __version__)]
-    facts += [("methods", ", ".join(store.method.values.tolist()))]
-    source = {"source": f"{store.sizes['record']:,} records"}
-    page: Part = {"title": "Campaign", "records": [source], "summary": summary, "sections": sections}
-    return page | {"facts": facts, "command": command}
+    summary, sections = sections_of(campaign.campaign_blocks(store, counts_of(store), compared), figures)
+    facts = {"task": str(store.attrs["task"]), "version of sysid_trib": __version__}
+    return {
+        "title": "Campaign",
+        "records": [{"source": f"{store.sizes['record']:,} records"}],
+        "summary": summary,
+        "sections": [*sections, _records(store, compared, conditions)],
+        "facts": [*facts.items(), ("methods", ", ".join(store.method.values.tolist()))],
+        "command": command,
+    }
 
 
 def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
@@ -168,10 +170,10 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     last = store.sel({"method": reported_method(store)}).isel(record=order).load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     names = [] if conditions is None else list(conditions)
-    rows = [
-        _row(last.isel(record=place), symbols, largest[at], _conditions_of(conditions, at))
-        for place, at in enumerate(order)
-    ]
+    rows = []
+    for place, at in enumerate(order):
+        here = [] if conditions is None else [str(value) for value in conditions.iloc[at]]
+        rows.append(_row(last.isel(record=place), symbols, largest[at], here))
     heads = ["record", "free decay", *names, *symbols, "w_inf (rad/s)", "off by", "verdict"]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
@@ -181,16 +183,9 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     return {"title": "Records, those that stand out first", "sentences": said, "tables": [table]}
 
 
-def _conditions_of(conditions: pd.DataFrame | None, at: int) -> list[str]:
-    return [] if conditions is None else [str(value) for value in conditions.iloc[at]]
-
-
 def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
-    errors = [
-        (record.coefficient.sel(force=s).item(), record.standard_error.sel(force=s).item()) for s in symbols
-    ]
-    errors.append((record.asymptotic_frequency.item(), record.asymptotic_frequency_standard_error.item()))
-    cells = [layout.value_with_error(value, error) for value, error in errors]
+    cells = [layout.quantity(record.sel(force=symbol), "coefficient") for symbol in symbols]
+    cells.append(layout.quantity(record, "asymptotic_frequency"))
     status = STATUS[int(record.status)]
     texts = [text for text in (record.verdict.item(), campaign.named_text(record)) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"

@@ -65,12 +65,8 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
     _rename(root, name)
     inches = figure.get_size_inches()[0]
     size = f"min-width:{LEAST_PIXELS * inches:.0f}px;max-width:{MOST_PIXELS * inches:.0f}px"
-    root.attrib = {
-        "viewBox": root.attrib["viewBox"],
-        "role": "img",
-        "aria-labelledby": caption,
-        "style": size,
-    }
+    root.attrib = {"viewBox": root.attrib["viewBox"], "role": "img"}
+    root.attrib |= {"aria-labelledby": caption, "style": size}
     return ElementTree.tostring(root, encoding="unicode")
 
 

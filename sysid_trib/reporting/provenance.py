@@ -69,8 +69,8 @@ def libraries(tree: xr.DataTree) -> dict[str, str]:
     """Libraries whole, as text by title."""
     first = next(iter(identifications_of(tree).values())).attrs
     attrs: Mapping[Any, Any] = tree.attrs if "library" in tree.attrs else first
-    candidates = {"Candidates": tree.attrs["candidates"]} if "candidates" in tree.attrs else {}
-    return {f"Force library ({attrs['library_source']})": attrs["library"]} | candidates
+    texts = {f"Force library ({attrs['library_source']})": attrs["library"]}
+    return texts | ({"Candidates": tree.attrs["candidates"]} if "candidates" in tree.attrs else {})
 
 
 def _options(text: str) -> str:
@@ -81,16 +81,12 @@ def _options(text: str) -> str:
 
 def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Attributes as terms and texts; an empty one says nothing."""
-    texts = {str(key): _plain_text(value) for key, value in attrs.items()}
-    return [
-        (prefix + PROVENANCE_TERMS.get(k, k.replace("_", " ")), text) for k, text in texts.items() if text
-    ]
-
-
-def _plain_text(value: Any) -> str:
-    if isinstance(value, list):
-        return "; ".join(filter(None, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    terms = []
+    for key, value in attrs.items():
+        text = "; ".join(filter(None, value)) if isinstance(value, list) else str(value)
+        text = f"{value:g}" if isinstance(value, float) else text
+        terms += [(prefix + PROVENANCE_TERMS.get(key, key.replace("_", " ")), text)] if text else []
+    return terms
 
 
 def python_text(tree: xr.DataTree) -> str:
@@ -157,8 +153,7 @@ def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     timeless = attrs["time_column"].startswith("none, ")
     options: dict[str, Any] = {} if timeless else {"time": attrs["time_column"]}
     options |= {"angle": attrs["angle_column"], "units": attrs["angle_unit_in_file"].removesuffix("/s")}
-    if attrs["signal"] != "angle":
-        options["signal"] = attrs["signal"]
+    options |= {"signal": attrs["signal"]} if attrs["signal"] != "angle" else {}
     if timeless:
         options["sampling_rate"] = float(attrs["time_column"].removeprefix("none, ").removesuffix(" Hz"))
     elif attrs["time_unit_in_file"] != "s":
