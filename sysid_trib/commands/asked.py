@@ -9,16 +9,10 @@ import xarray as xr
 
 from sysid_trib.commands.app import MOST, Asked, assigned, parse_number, parse_value_with_error
 from sysid_trib.errors import UsageError
+from sysid_trib.forces import selection
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import (
-    forces_to_identify,
-    further_forces,
-    load_system,
-    viscous_model,
-    with_shipped,
-)
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
 from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.results.files import kind_of
@@ -37,7 +31,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
     symbols = list(whole.symbols)
     if forces is not None:
         symbols = [s.strip() for s in forces.split(",") if s.strip()]
-        whole = with_shipped(whole, symbols)
+        whole = selection.with_shipped(whole, symbols)
     if not symbols:
         raise UsageError(f"--forces '{forces}' names no force; the library has {', '.join(whole.symbols)}.")
     stiffness = whole.role("x")
@@ -65,7 +59,7 @@ def asked_model(given: Asked) -> Asked:
         It with the `library` of the forces, the `shapes` that are held, `constraints` and the `random_force`
         as methods take them, and `contactless`, the frequency without contact and its error (rad/s) or None.
     """
-    moving = load_system(given.system)
+    moving = selection.load_system(given.system)
     contactless, held = parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
@@ -75,7 +69,7 @@ def asked_model(given: Asked) -> Asked:
     unconstrained = set(offered.symbols) - set(constraints.names)
     always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
-    constraints.formulas(forces_to_identify(offered, held, sensors=True))
+    constraints.formulas(selection.forces_to_identify(offered, held, sensors=True))
     random_force = parse_random_force(given.random_force)
     asked = {"library": offered, "shapes": shapes, "constraints": constraints.table}
     return given.but(**asked, contactless=contactless, random_force=random_force)
@@ -134,15 +128,15 @@ def asked_search(
         A level that is none, a time limit that leaves no time, or a candidate with the symbol of another
         force of the model: a name would then say nothing.
     """
-    held, moving, forces = given.reference_frequency, load_system(given.system), given.forces
+    held, moving, forces = given.reference_frequency, selection.load_system(given.system), given.forces
     if not 0.0 < given.level < 1.0:
         raise UsageError(f"--level '{given.level:g}' must lie between 0 and 1, such as 0.01.")
     if forces is None:
-        forces = ",".join(viscous_model(load_library(given.library), inputs).symbols)
+        forces = ",".join(selection.viscous_model(load_library(given.library), inputs).symbols)
     start = offered_forces(given.library, moving.with_held(forces), held is not None)
     offered = load_library(given.candidates or given.library)
     if given.candidates is None:
-        offered = further_forces(offered, start, inputs)
+        offered = selection.further_forces(offered, start, inputs)
     offered = offered.select(symbol for symbol in offered.symbols if symbol not in moving.impossible)
     for force in offered:
         if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:

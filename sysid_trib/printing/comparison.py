@@ -125,7 +125,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
     return [
         Block([_prediction(tree)], ALWAYS),
         Block(sources),
-        Block(_effective(tree), ALWAYS),
+        Block([*_effective(tree, table)], ALWAYS),
         Block(title="At a glance"),
         Block((), ALWAYS, BY_METHOD, _coefficient_table(table), "Coefficients"),
         Block((), details, BY_METHOD, _difference_table(table), DIFFERENCES),
@@ -156,13 +156,12 @@ def _prediction(tree: xr.DataTree) -> str:
     )
 
 
-def _effective(tree: xr.DataTree) -> list[str]:
+def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
     """What coefficients are where no method explains the record."""
-    if ratio_of_best(tree["comparison"].to_dataset()) <= LARGE:
-        return []
-    if stochastic := _with_random_force(tree):
-        return [STOCHASTIC_METHODS.format(", ".join(stochastic))]
-    return [f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."]
+    stochastic = _with_random_force(tree)
+    if not ratio_of_best(table) <= LARGE:
+        effective = f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."
+        yield STOCHASTIC_METHODS.format(", ".join(stochastic)) if stochastic else effective
 
 
 def ratio_of_best(table: xr.Dataset) -> float:

@@ -102,13 +102,12 @@ def formula_text(step: xr.Dataset) -> str:
     """The formula of an effect with its shape parameters and their errors."""
     symbol = step.symbol.item()
     shapes, errors = (effects.shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
-    texts = (f"{name} = {_shape_text(value, errors.get(name, np.nan))}" for name, value in shapes.items())
-    return ", ".join([step.formula.item(), *texts])
-
-
-def _shape_text(value: float, error: float) -> str:
-    """A fitted shape parameter; one at an end of its range has no error that a record tells."""
-    return layout.value_with_error(value, error) if error != 0.0 else f"{value:.3g} (end of its range)"
+    texts = [step.formula.item()]
+    for name, value in shapes.items():
+        # One at an end of its range has no error that a record tells.
+        error, at_end = errors.get(name, np.nan), f"{value:.3g} (end of its range)"
+        texts.append(f"{name} = {layout.value_with_error(value, error) if error != 0.0 else at_end}")
+    return ", ".join(texts)
 
 
 def ranking_table(tree: xr.DataTree) -> Table:
@@ -120,21 +119,15 @@ def ranking_table(tree: xr.DataTree) -> Table:
     for symbol in dict.fromkeys([*named, *effects.strongest(ranking, ROWS), *last]):
         candidate = ranking.sel(candidate=symbol)
         cells = (f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values)
-        words = {"candidate": symbol, "name": candidate["name"].item()}
-        end = {"detectable": _detectable(detectable, symbol)}
-        rows.append(words | dict(zip(heads, cells, strict=True)) | end)
+        words, found = {"candidate": symbol, "name": candidate["name"].item()}, "-"
+        if symbol in detectable.candidate and np.isfinite(detectable.detectable.sel(candidate=symbol)):
+            # At which it would stand out beside the final model.
+            one = detectable.sel(candidate=symbol)
+            found = layout.with_unit(f"{one.detectable.item():.2g}", one.unit.item())
+        rows.append(words | dict(zip(heads, cells, strict=True)) | {"detectable": found})
     cells = (f"{z:.3g}" for z in ranking.threshold.values)
     rows.append({"candidate": "threshold", **dict(zip(heads, cells, strict=True))})
     return layout.text_table(rows, ("candidate", "name"), ("candidate",))
-
-
-def _detectable(detectable: xr.Dataset, symbol: str) -> str:
-    """The coefficient at which a candidate would stand out beside the final model."""
-    if symbol not in detectable.candidate:
-        return "-"
-    candidate = detectable.sel(candidate=symbol)
-    value = candidate.detectable.item()
-    return layout.with_unit(f"{value:.2g}", candidate.unit.item()) if np.isfinite(value) else "-"
 
 
 def residual_text(tree: xr.DataTree) -> str:

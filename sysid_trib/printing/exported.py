@@ -177,13 +177,10 @@ def unit_in_latex(unit: str) -> str:
     for part in unit.split():
         match = re.fullmatch(r"(.*?[^\d^.-])\^?(-?[\d.]+)?", part)
         base, power = match.groups() if match else (part, None)
-        parts.append(rf"\mathrm{{{_escaped(base)}}}" + (f"^{{{power}}}" if power else ""))
+        # A unit is a text of a file: none of its letters is a command.
+        escaped = "".join(LATEX_ESCAPES.get(letter, letter) for letter in base)
+        parts.append(rf"\mathrm{{{escaped}}}" + (f"^{{{power}}}" if power else ""))
     return "$" + r"\,".join(parts) + "$"
-
-
-def _escaped(text: str) -> str:
-    """A text of a file within mathematics of LaTeX: none of its letters is a command."""
-    return "".join(LATEX_ESCAPES.get(letter, letter) for letter in text)
 
 
 def methods_text(tree: xr.DataTree) -> str:

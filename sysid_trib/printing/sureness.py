@@ -108,14 +108,6 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     return layout.mapped(tree, {name: (name, tables[name]) for name in tables if name in tree.children})
 
 
-def random_force_test(tree: xr.DataTree) -> list[str]:
-    """The test of a random force, where one is found."""
-    if "random_force" not in tree.children or not_followed(tree):
-        return []
-    p_value = p_value_of_dependence(tree["random_force"].to_dataset())
-    return [f"A random force that depends on nothing: p {layout.p_value_text(p_value)}."]
-
-
 def not_followed(tree: xr.DataTree) -> list[str]:
     """Why the record could not be followed with a random force, by run; none where it could."""
     return [reason for reason in tree["random_force"].reason.values.tolist() if reason]

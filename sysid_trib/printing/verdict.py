@@ -8,10 +8,11 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing import layout
-from sysid_trib.printing.sureness import NOT_FOLLOWED, not_followed, random_force_test
+from sysid_trib.printing.sureness import NOT_FOLLOWED, not_followed
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation import findings, lack_of_fit
+from sysid_trib.validation.verdict import p_value_of_dependence
 
 # The test of each model of a discovery, and its variables in the JSON.
 GROUP = "homogeneity"
@@ -135,8 +136,11 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 def test_sentences(tree: xr.DataTree) -> Iterator[str]:
     """The tests behind the verdict, and the two parts of each error of the answer."""
     p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
-    yield " ".join([f"The residual as white noise: p {p_value}.", *random_force_test(tree)])
-    result = answer_result(tree)
+    said, result = f"The residual as white noise: p {p_value}.", answer_result(tree)
+    if "random_force" in tree.children and not not_followed(tree):
+        p_value = layout.p_value_text(p_value_of_dependence(tree["random_force"].to_dataset()))
+        said += f" A random force that depends on nothing: p {p_value}."
+    yield said
     if result is not None and "error_of_model" in result:
         yield error_parts_sentence(findings.answer_of(tree), result)
 
