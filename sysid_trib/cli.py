@@ -74,9 +74,7 @@ def _outcome() -> tuple[int, str]:
         except MemoryError:
             return 1, OUT_OF_MEMORY
         except Exception as error:
-            if _memory_is_short():
-                return 1, OUT_OF_MEMORY
-            return 1, _internal(error)
+            return 1, OUT_OF_MEMORY if _memory_is_short() else _internal(error)
 
 
 def _run() -> tuple[int, str]:

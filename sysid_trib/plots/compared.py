@@ -99,7 +99,11 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     height = PANEL_HEIGHT + METHOD_HEIGHT * len(marks)
     figure, panels = style.grid(len(names) + 1, across if wide else 2 * across, width, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
-        _coefficients(panel, table, name, marks, _symbol(tree, name))
+        holding = (node.ds for node in tree.children.values() if name in node.ds.get("force", ()))
+        symbol = r"\omega_\infty"
+        if name != ASYMPTOTIC:
+            symbol = library_of(next(holding), whole=True)[name].latex_symbol
+        _coefficients(panel, table, name, marks, symbol)
     _prediction(panels[-1], table, marks)
     style.letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
@@ -153,14 +157,6 @@ def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     ax.tick_params(labelsize=7, which="both")
     ax.xaxis.label.set_fontsize(8)
     style.row_lines(ax)
-
-
-def _symbol(tree: xr.DataTree, quantity: str) -> str:
-    """A force or the frequency as LaTeX writes it."""
-    if quantity == ASYMPTOTIC:
-        return r"\omega_\infty"
-    result = next(node.ds for node in tree.children.values() if quantity in node.ds.get("force", ()))
-    return library_of(result, whole=True)[quantity].latex_symbol
 
 
 # Beyond these runs bars hide the marks.

@@ -199,12 +199,6 @@ def _against_release(ax: Axes, data: xr.Dataset) -> None:
         rows = data.isel(run=np.flatnonzero(data.duration.values == length)).sortby("amplitude")
         shade = str(0.75 * (1.0 - (at + 1) / len(durations)))
         ax.plot(rows.amplitude, rows.shown, color=shade, marker="o", markersize=3, label=f"{length:.3g} s")
-    ring: dict[str, Any] = {
-        "color": ORANGE,
-        "marker": "o",
-        "markersize": 7,
-        "fillstyle": "none",
-        "linestyle": "",
-    }
-    ax.plot(data.amplitude[0], data.shown[0], **ring, label="best")
+    ring: dict[str, Any] = {"color": ORANGE, "marker": "o", "fillstyle": "none", "linestyle": ""}
+    ax.plot(data.amplitude[0], data.shown[0], **ring, markersize=7, label="best")
     ax.set_xlabel(f"release ({data.amplitude.attrs['units']})")

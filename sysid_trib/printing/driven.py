@@ -25,7 +25,7 @@ DRIVEN_VERDICTS = {
 }
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
 PRINTED = 4
-CURVE_VALUES = ("frequency", "frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
+CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
@@ -149,14 +149,10 @@ def _row(motion: xr.Dataset, sweep: str) -> dict[str, str]:
 
 def response_csv(response: xr.Dataset) -> str:
     """A row for each sweep and frequency."""
-    columns = ("frequency_rad_s", *CURVE_VALUES[1:])
-    rows = []
-    for sweep, curve in layout.by_label(response, "sweep").items():
-        motions = curve.dropna("frequency", subset=["amplitude"])
-        words = {"sweep": sweep, "unit": response.amplitude.attrs["units"]}
-        table = zip(*(motions[name].values.tolist() for name in CURVE_VALUES), strict=True)
-        rows += [words | dict(zip(columns, values, strict=True)) for values in table]
-    return layout.csv_of(["sweep", *columns[:2], "unit", *columns[2:]], rows)
+    table = response[[*CURVE_VALUES]].to_dataframe(dim_order=["sweep", "frequency"]).reset_index()
+    table = table.dropna(subset="amplitude").rename(columns={"frequency": "frequency_rad_s"})
+    rows = table.assign(unit=response.amplitude.attrs["units"]).to_dict("records")
+    return layout.csv_of(["sweep", "frequency_rad_s", CURVE_VALUES[0], "unit", *CURVE_VALUES[1:]], rows)
 
 
 # Runs that the table has.
