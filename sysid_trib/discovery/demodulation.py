@@ -108,15 +108,16 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
     first, at = min((time, run) for run, time in enumerate(np.nan_to_num(departures, nan=np.inf).tolist()))
     spans, of_runs = zip(*(_demodulated(at, run) for at, run in enumerate(runs)), strict=True)
     values: dict[str, Any] = {name: np.concatenate([of_run[name] for of_run in spans]) for name in spans[0]}
-    terms = dict(zip(DEMODULATED, np.concatenate(of_runs).transpose(2, 1, 0), strict=True))
+    pairs = zip(DEMODULATED, np.concatenate(of_runs).transpose(2, 1, 0), strict=True)
+    terms: dict[str, tuple[Array, Array]] = {name: (of, error) for name, (of, error) in pairs}
     a, run, tau = values["amplitude"], values["run"], runs[0].model.reference_frequency * values["time"]
     # Errors of frequency and decay as trends through those of phase and amplitude, and where they act.
-    loss = terms["amplitude_error"] / a
+    loss = [of / a for of in terms["amplitude_error"]]
     slipping, where_phase = trend(*terms["phase_error"], run, tau, a)
     decaying, where_amplitude = trend(-loss[0], loss[1], run, tau, a)
     parts = _parts(terms, a)
     where = {"phase": where_phase, "amplitude": where_amplitude}
-    values |= {name: tuple(pair) for name, pair in terms.items()} | mean_missing_force(runs)
+    values |= terms | mean_missing_force(runs)
     values |= {"frequency_error": slipping, "decay_error": decaying}
     values |= {"departure_time": first if np.isfinite(first) else np.nan, "departure_run": at}
     place = where.get(parts[0], _place_of_rms(a, values["rms"])) if parts else ""
@@ -165,7 +166,7 @@ def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tu
     return values, errors
 
 
-def _parts(terms: Mapping[str, Array], amplitude: Array) -> list[str]:
+def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[str]:
     """Parts of the residual that noise would not make, and that are not small compared with the largest."""
     size = {}
     for part in dict.fromkeys(part for _, part in DEMODULATED.values()):

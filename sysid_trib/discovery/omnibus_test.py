@@ -112,8 +112,7 @@ def omnibus(
     With and without trial forces both variances of each run take their most likely values: what a random
     force has been blamed for is found.
     """
-    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
-    aside = [trial_columns(rows.path) for rows in possible]
+    aside = [trial_columns(rows.path) for rows in model.possible_rows()]
     tested = known_finely(model, along, aside) & testable
     base, count = range(1, 1 + model.columns), products[0].products.shape[1]
     deviance, coefficients, _, rows = each_column(products, base, range(count - len(tested), count), whole)

@@ -112,13 +112,9 @@ def error_of_model(model: FittedModel) -> Array:
 
     By how much they move between parts of the record beyond what less data does; shapes are held.
     """
-    count = len(model.trials)
-    tables, shapes = model.white_tables(), len(model.shape_columns)
-    kept = [0, *range(1, 1 + model.columns - shapes)]
-    fits = [
-        _solved([table[_rows(table, *part), :][:, kept] for table in tables])
-        for part in ((0.0, 1.0), *RECORD_PARTS.values())
-    ]
+    count, kept = len(model.trials), 1 + model.columns - len(model.shape_columns)
+    tables = [table[:, :kept] for table in model.white_tables()]
+    fits = [_solved(_in_part(tables, *part)) for part in ((0.0, 1.0), *RECORD_PARTS.values())]
     values, variances = (np.array(part)[:, : count + 1] for part in zip(*fits, strict=True))
     expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
     movement = np.mean((values[1:] - values[0]) ** 2, axis=0)
@@ -128,8 +124,9 @@ def error_of_model(model: FittedModel) -> Array:
     return error
 
 
-def _rows(table: Array, low: float, high: float) -> slice:
-    return slice(round(low * len(table)), round(high * len(table)))
+def _in_part(of_runs: Sequence[Array], low: float, high: float) -> Array:
+    """What of each run is in a part of the record."""
+    return np.concatenate([run[round(low * len(run)) : round(high * len(run))] for run in of_runs])
 
 
 def _deviances(model: FittedModel) -> Array:
@@ -139,15 +136,14 @@ def _deviances(model: FittedModel) -> Array:
     logarithms = [2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance) for rows, ratio, variance in runs]
     deviances = []
     for part in RECORD_PARTS.values():
-        inside = np.concatenate([table[_rows(table, *part)] for table in tables])
+        inside = _in_part(tables, *part)
         squares, _ = squares_left(inside[:, 1:], inside[:, 0], 1e-10)
-        deviances.append(squares + sum(float(np.sum(of_run[_rows(of_run, *part)])) for of_run in logarithms))
+        deviances.append(squares + float(np.sum(_in_part(logarithms, *part))))
     return np.array(deviances)
 
 
-def _solved(tables: Sequence[Array]) -> tuple[Array, Array]:
-    """Coefficients by least squares of white rows, and their variances."""
-    whole = np.concatenate(tables)
+def _solved(whole: Array) -> tuple[Array, Array]:
+    """Coefficients by least squares of white rows, the target first, and their variances."""
     size = np.maximum(np.linalg.norm(whole[:, 1:], axis=0), 1e-300)
     design = whole[:, 1:] / size
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-10, hermitian=True)

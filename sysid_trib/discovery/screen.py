@@ -248,7 +248,7 @@ def _tried(
 ) -> tuple[list[TrialEffect], list[Array]]:
     """Candidates at grids of their shapes, refined, and where several are climbed; columns in each run."""
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
-    trials, columns, scores = refined(model, trials, [rows.coarse_columns(trials) for rows in model.rows])
+    trials, columns, scores = refined(model, trials)
     drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
     gains = np.where(drives, 0.0, scores**2)
     # Of a few of its values, and with one that may be as far off.

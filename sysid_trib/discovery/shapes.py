@@ -21,56 +21,44 @@ from sysid_trib.likelihood.trials import (
 
 
 def refined(
-    model: FittedModel, trials: Sequence[TrialEffect], columns: Sequence[Array]
+    model: FittedModel, trials: Sequence[TrialEffect]
 ) -> tuple[list[TrialEffect], list[Array], Array]:
-    """Trials with values of their shapes between those whose columns are not alike, and all their columns.
+    """Trials with values of their shapes between those whose columns are not alike, and columns of each run.
 
     And the root of what these gain in the model's own noises, with the sign of its coefficient, (trial,).
-
-    Parameters
-    ----------
-    model : FittedModel
-    trials : sequence of TrialEffect
-    columns : sequence of (row, trial) array of float
-        Of each run.
 
     Notes
     -----
     A column halfway between two of correlation c, with the model and in its noise, has the correlation
     ((1 + c) / 2)^(1/2) with either: what it gains is seen but for a part of (1 - c) / 2. That part is the
-    setting `tolerance`. Several shapes of a candidate are climbed instead (`shape_climb`).
+    setting `tolerance`. Several shapes of a candidate are climbed instead (`climbed`).
     """
-    every, tables = list(trials), list(columns)
+    every, new, added = list[TrialEffect](), list(trials), dict[str, int]()
     alike, most = 1.0 - 2.0 * model.settings.tolerance, 2 * model.settings.shape_values
-    added: dict[str, int] = {}
     base = single.base_of(model)
-
-    def directions(columns: Sequence[Array]) -> tuple[Array, Array]:
-        """What of columns is outside of the model's, of unit length or zero, and which part that is."""
-        outside, part = single.outside_of(model, columns, base)
-        return outside / np.maximum(np.linalg.norm(outside, axis=0), 1e-300), part
-
-    outside, part = directions(tables)
-    # Times a cell of a grid is halved at most.
-    for _ in range(4):
+    tables = [np.empty((rows.path.form.rows, 0)) for rows in model.rows]
+    outside, part = np.empty((len(base), 0)), np.empty(0)
+    # The grid, whose cells are halved so often at most.
+    for _ in range(1 + 4):
+        columns = [rows.coarse_columns(new) for rows in model.rows]
+        tables = [np.column_stack(pair) for pair in zip(tables, columns, strict=True)]
+        further, parts = single.outside_of(model, columns, base)
+        unit = further / np.maximum(np.linalg.norm(further, axis=0), 1e-300)
+        outside, part = np.column_stack([outside, unit]), np.append(part, parts)
+        every += new
         pairs = [
             (float(outside[:, at] @ outside[:, other]), trial)
             for at, other, trial in neighbours(every)
             if len(trial.shapes) == 1 and max(part[at], part[other]) >= model.settings.testable
         ]
-        between: list[TrialEffect] = []
+        new = []
         for correlation, trial in sorted(pairs, key=lambda pair: pair[0]):
             symbol = trial.force.symbol
             if correlation < alike and added.get(symbol, 0) < most:
                 added[symbol] = added.get(symbol, 0) + 1
-                between.append(trial)
-        if not between:
+                new.append(trial)
+        if not new:
             break
-        new = [rows.coarse_columns(between) for rows in model.rows]
-        added_outside, added_part = directions(new)
-        outside, part = np.column_stack([outside, added_outside]), np.append(part, added_part)
-        every += between
-        tables = [np.column_stack([table, column]) for table, column in zip(tables, new, strict=True)]
     return every, tables, outside.T @ np.concatenate(model.white_residuals())
 
 

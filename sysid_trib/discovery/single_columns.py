@@ -233,14 +233,11 @@ def base_of(model: FittedModel, effects: Sequence[str] = ()) -> Array:
     return np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
 
 
-def outside_of(
-    model: FittedModel, columns: Sequence[Array], base: Array | None = None
-) -> tuple[Array, Array]:
+def outside_of(model: FittedModel, columns: Sequence[Array], base: Array) -> tuple[Array, Array]:
     """What of columns is outside of the model's, (row, column) in units of the noise, and which part of each.
 
-    `columns` : (row, column) of each run. `base` : of the model's columns, or of some; by default of all.
+    `columns` : (row, column) of each run. `base` : of the model's columns, or of some.
     """
-    base = base_of(model) if base is None else base
     white = np.vstack(
         [
             rows.whitened(np.where(has_products(column), column, 0.0), model.likelihood, at)
@@ -274,7 +271,7 @@ def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect], effects:
     if not np.any(model.likelihood.ratios):
         return np.ones(len(trials), dtype=bool)
     # Drawn again, and not kept with each screening: they are as large as the rows of the model.
-    possible = model.possible_rows(np.random.default_rng(model.settings.seed))
+    possible = model.possible_rows()
     here, aside = ([run.coarse_columns(trials) for run in rows] for rows in (model.rows, possible))
     return known_finely(model, here, aside, effects)
 

@@ -18,7 +18,6 @@ from sysid_trib.discovery.omnibus_test import trial_names
 from sysid_trib.discovery.search import Search
 from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import PAIR, PAIRS
 from sysid_trib.results.variables import described, group_names
@@ -158,7 +157,7 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
         values |= {f"{name}_before": of_each[:-1], f"{name}_after": of_each[1:]}
     coords: dict[str, Any] = {"candidate": list(offered.symbols)}
     values |= _competition(search, list(offered.symbols), error is None) | _pairs(search)
-    if shapes := _shapes(final):
+    if shapes := final.shapes:
         held = {name: widening * its_error for name, its_error in final.shape_errors().items()}
         of_effect = np.array([[name.startswith(f"{s}.") for name in shapes] for s in search.effects])
         pair = [np.where(of_effect, [table[name] for name in shapes], np.nan) for table in (shapes, held)]
@@ -191,22 +190,19 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
     Where the final model leaves more than noise (not `complete`), by the mean of its probabilities over the
     record and its parts.
     """
-    probability, deviance = np.full((2, len(search.effects), len(symbols)), np.nan)
-    by_chance, stands, likeliest = np.zeros(len(search.effects)), [], []
+    probability, by_chance, stands, likeliest = list[list[float]](), list[float](), list[int](), list[str]()
     settings = search.models[0].settings
-    for at, symbol in enumerate(search.effects):
+    for symbol in search.effects:
         rivals, costs = search.rivals[symbol], parts.costs_in_parts(search, symbol)
         likely = (
             probabilities([*rivals.values()]) if complete else parts.probabilities_in_parts(costs, rivals)
         )
-        inside = credible(likely, settings.credible)
-        for name, excess, p, tied in zip(rivals, rivals.values(), likely, inside, strict=True):
-            if not name:
-                by_chance[at] = p if tied else 0.0
-                continue
-            deviance[at, symbols.index(name)] = excess
-            if tied or name == symbol:
-                probability[at, symbols.index(name)] = p
+        of_rivals = dict(zip(rivals, likely.tolist(), strict=True))
+        inside = {
+            name for name, tied in zip(rivals, credible(likely, settings.credible), strict=True) if tied
+        }
+        by_chance.append(of_rivals[""] if "" in inside else 0.0)
+        probability.append([of_rivals[s] if s in inside | {symbol} else np.nan for s in symbols])
         table, names = np.array([*costs.values()]), list(costs)
         stands.append(int(np.sum(table.min(axis=0) > -settings.outside_of_set)))
         # "" for no force in the effect's place.
@@ -215,7 +211,7 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
         "tie_probability": probability,
         "chance_probability": by_chance,
         "credible": np.isfinite(probability),
-        "penalised_deviance": deviance,
+        "penalised_deviance": [[search.rivals[of].get(s, np.nan) for s in symbols] for of in search.effects],
         "stands_in": stands,
         "likeliest_in_parts": likeliest,
     }
@@ -229,17 +225,13 @@ def _pairs(search: Search) -> dict[str, Any]:
     return {"pairs": texts, "pair_odds": np.exp(-0.5 * best)}
 
 
-def _shapes(model: FittedModel) -> dict[str, float]:
-    return {k: value for trial in model.trials for k, value in trial.shapes.items()}
-
-
 def _competing_shapes(search: Search) -> dict[str, Array]:
     """Shape parameters (step,) of the candidates that were fitted in the place of each effect."""
     competing: dict[str, Array] = {}
     for at, symbol in enumerate(search.effects):
         for name in search.rivals[symbol]:
             fitted = search.fits.kept.get(frozenset(search.effects) - {symbol} | {name})
-            shapes = {} if fitted is None else _shapes(fitted)
+            shapes = {} if fitted is None else fitted.shapes
             for key in (key for key in shapes if key.startswith(f"{name}.")):
                 competing.setdefault(key, np.full(len(search.effects), np.nan))[at] = shapes[key]
     return competing

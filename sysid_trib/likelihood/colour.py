@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.signal import welch
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.sensor_noise import NoiseModel, filter_of, filter_slopes, partial_autocorrelations
 from sysid_trib.records.signal import is_uniform
 
 MAX_COLOUR = 3
@@ -131,11 +131,13 @@ def most_likely_colour(
     step = min(COLOUR_STEP, FIRST_STEP_IN_ERRORS / np.sqrt(samples))
 
     def filter_at(parameters: Array) -> Array:
-        return _filter(MOST_CORRELATED * np.tanh(parameters))
+        return filter_of(MOST_CORRELATED * np.tanh(parameters))
 
     while True:
         tolerance = _colour_tolerance(value - least)
-        at = np.arctanh(np.clip(_partial(best) / MOST_CORRELATED, -MOST_CORRELATED, MOST_CORRELATED))
+        at = np.arctanh(
+            np.clip(partial_autocorrelations(best) / MOST_CORRELATED, -MOST_CORRELATED, MOST_CORRELATED)
+        )
         simplex = at + step * np.concatenate([np.zeros((1, order)), np.eye(order)])
         most = MOST_TRIALS * order
         options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": tolerance, "maxfev": most}
@@ -255,8 +257,8 @@ def _whittle(lines: Lines, response: Array, order: int) -> tuple[float, NoiseMod
     def deviance(parameters: Array) -> tuple[float, Array]:
         """And its gradient."""
         partial = np.tanh(parameters[2:])
-        filter_ = _filter(partial)
-        slopes = _filter_slopes(partial) * (1.0 - partial**2)
+        filter_ = filter_of(partial)
+        slopes = filter_slopes(partial) * (1.0 - partial**2)
         transfer = turns @ filter_
         size = np.abs(transfer) ** 2
         sensor, stochastic = np.exp(parameters[0]) / size, np.exp(parameters[1]) * response
@@ -271,51 +273,4 @@ def _whittle(lines: Lines, response: Array, order: int) -> tuple[float, NoiseMod
     limits = [(begin[0] - 12.0, begin[0] + 12.0), (begin[1] - 30.0, begin[1] + 20.0), *[(-4.0, 4.0)] * order]
     best = minimize(deviance, begin, jac=True, method="L-BFGS-B", bounds=limits)
     score = best.fun + order * np.log(float(np.sum(weight)))
-    return score, NoiseModel(float(np.exp(0.5 * best.x[0])), _filter(np.tanh(best.x[2:])))
-
-
-def _filter(partial: Array) -> Array:
-    """Whitening filter of partial autocorrelations (Levinson and Durbin): stable for all within (-1, 1)."""
-    filter_ = np.ones(1)
-    for value in partial:
-        longer = np.append(filter_, 0.0)
-        filter_ = longer - value * longer[::-1]
-    return filter_
-
-
-def of_order(filter_: Array, order: int) -> Array:
-    """Whitening filter of an order that is nearest to one of another order, (order + 1,).
-
-    The leading taps of a longer one need not be stable; its leading partial autocorrelations are.
-    """
-    partial = np.zeros(order)
-    known = _partial(filter_)[:order]
-    partial[: len(known)] = known
-    return _filter(partial)
-
-
-def neighbouring_colours(filter_: Array, step: float) -> list[tuple[Array, Array]]:
-    """Whitening filters of which one partial autocorrelation, each in turn, is a step less and more."""
-    partial = _partial(of_order(filter_, MAX_COLOUR))
-    aside = np.minimum(step, 0.5 * (1.0 - np.abs(partial))) * np.eye(MAX_COLOUR)
-    return [(_filter(partial - off), _filter(partial + off)) for off in aside]
-
-
-def _partial(filter_: Array) -> Array:
-    """Partial autocorrelations of a whitening filter, (order,): the inverse of `_filter`."""
-    partial = []
-    while len(filter_) > 1:
-        last = filter_[-1]
-        partial.append(-last)
-        filter_ = ((filter_ - last * filter_[::-1]) / (1.0 - last**2))[:-1]
-    return np.array(partial[::-1])
-
-
-def _filter_slopes(partial: Array) -> Array:
-    """Derivative of the filter by each partial autocorrelation, (tap, order): it is linear in each."""
-    order = len(partial)
-    slopes = np.empty((order + 1, order))
-    for at in range(order):
-        ends = [_filter(np.where(np.arange(order) == at, value, partial)) for value in (0.0, 1.0)]
-        slopes[:, at] = ends[1] - ends[0]
-    return slopes
+    return score, NoiseModel(float(np.exp(0.5 * best.x[0])), filter_of(np.tanh(best.x[2:])))

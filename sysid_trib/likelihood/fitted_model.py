@@ -9,7 +9,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.likelihood import Likelihood
 from sysid_trib.likelihood.paths import RecordPath, Terms
-from sysid_trib.likelihood.run_rows import RunRows, nuisances
+from sysid_trib.likelihood.run_rows import RunRows
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.trials import Settings, TrialEffect, reference_power, slope_of_unit
 from sysid_trib.records.decay import root_mean_square
@@ -59,6 +59,11 @@ class FittedModel:
     def terms(self) -> Terms:
         """The trials with their coefficients."""
         return list(zip(self.trials, self.coefficients.tolist(), strict=True))
+
+    @property
+    def shapes(self) -> dict[str, float]:
+        """Shape parameters of all trials by their names."""
+        return {name: value for trial in self.trials for name, value in trial.shapes.items()}
 
     @property
     def stiffness(self) -> float:
@@ -226,9 +231,9 @@ class FittedModel:
             paths.append(replace(follower, ratio=float(self.likelihood.ratios[at])))
         return paths
 
-    def possible_rows(self, random: np.random.Generator) -> list[RunRows]:
+    def possible_rows(self) -> list[RunRows]:
         """The rows of each run along a motion that may be the true one as well, drawn by its probability."""
-        rows_of_runs = []
+        rows_of_runs, random = [], np.random.default_rng(self.settings.seed)
         for at, rows in enumerate(self.rows):
             deviation, ratio = np.sqrt(self.likelihood.variances[at]), float(self.likelihood.ratios[at])
             slopes = rows.path.sensor_slopes(self.terms)
@@ -259,7 +264,7 @@ class FittedModel:
 
 
 def table_of(rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect]) -> Array:
-    """Columns of the trials, the nuisances, and the slopes by the shapes of forces of coefficient 1."""
+    """Columns of trials, of the stiffness and of each run's zero, and the slopes by shapes of the trials."""
     # A little aside, towards the middle of its range.
     deviated = [
         (at, name, SHAPE_DIFFERENCE if trial.part(name) < 0.5 else -SHAPE_DIFFERENCE)
@@ -272,4 +277,7 @@ def table_of(rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect]) 
     slopes = [
         (column - columns[:, at]) / step for column, (at, _, step) in zip(aside.T, deviated, strict=True)
     ]
-    return np.column_stack([columns, nuisances(rows, run, runs), *slopes])
+    stiffness = [rows.path.stiffness_column] * rows.path.frequency_free
+    zeros = np.zeros((len(columns), runs))
+    zeros[:, run] = -(rows.operator @ np.ones(len(rows.path.time)))
+    return np.column_stack([columns, *stiffness, zeros, *slopes])

@@ -82,7 +82,6 @@ def cell_averages(
     beside averages would be, of few samples a period, a pattern that no motion has.
     """
     columns = np.empty((len(motion[0]), len(forces)))
-    timed = any(force.holds_time or force.channels for force in forces)
     number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
     parts = number / POINTS_OF_CELL
     errors = rate_error * ndtri(np.mod(golden_ratio * number + 0.5, 1.0))
@@ -90,11 +89,7 @@ def cell_averages(
     def near(part: Any, error: Any, samples: Sequence[Array]) -> tuple[Array, Array, Array]:
         cell, at, angle, rate, acceleration = samples
         ahead = part * cell
-        x, v = ahead * rate, ahead * acceleration
-        x += angle
-        v += rate
-        v += error
-        return x, v, at + ahead / frequency if timed else at
+        return angle + ahead * rate, rate + ahead * acceleration + error, at + ahead / frequency
 
     def value(force: Force, point: tuple[Array, Array, Array]) -> Array:
         return force.value(*point, shapes=shapes, hidden=given(force, point[2]))
@@ -138,8 +133,7 @@ STEEP = 0.2
 
 
 def derivatives_along(
-    terms: Iterable[tuple[Force, float]],
-    shapes: Mapping[str, float],
+    terms: Iterable[tuple[Force, float, ShapeValues]],
     motion: tuple[Array, Array, Array],
     given: Mapping[str, Array] | None = None,
     kind: str = "force",
@@ -148,9 +142,8 @@ def derivatives_along(
 
     Parameters
     ----------
-    terms : iterable of (Force, float)
-        Each with its coefficient; what depends on history is left out.
-    shapes : mapping of str to float
+    terms : iterable of (Force, float, mapping of str to float)
+        Each with its coefficient and shape parameters; what depends on history is left out.
     motion : three (sample,) arrays of float
         Time since the first sample (s), x and v (rad).
     given : mapping of str to (sample,) array of float, optional
@@ -167,7 +160,7 @@ def derivatives_along(
     """
     time, x, v = motion
     slopes = np.zeros((2, len(x)))
-    for force, coefficient in terms:
+    for force, coefficient, shapes in terms:
         if force.kind != kind or not force.memoryless or coefficient == 0.0:
             continue
         names = {"x": x, "v": v, "t": time} | dict(given or {}) | force.shape_values(shapes)

@@ -11,6 +11,7 @@ simulation is needed; what the path differs from the motion counts in second ord
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -37,8 +38,6 @@ Terms: TypeAlias = Sequence[tuple[TrialEffect, float]]
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
 # Values of forces along a path that are held at once: of long records they would be most of the memory.
 NUMBERS_AT_ONCE = 2**22
-
-
 # Before anything is known of the forces.
 NO_FINE_MOTION = PPoly(np.zeros((3, 1)), [0.0, 1.0])
 
@@ -145,11 +144,6 @@ class RecordPath:
         return GivenMotion(*(np.concatenate([first[:-1], last]) for first, last in pairs))
 
     @cached_property
-    def _held_force(self) -> Array:
-        """Forces that are always there, (point,), rad."""
-        return self._force(self.held)
-
-    @cached_property
     def _forcing(self) -> Array | float:
         """An input that is an acceleration, (point,), rad."""
         known = self.inputs.get(INPUT)
@@ -168,14 +162,16 @@ class RecordPath:
     @cached_property
     def stiffness_column(self) -> Array:
         """Integrals of x and of the forces that are always there, which a frequency scales, (row,)."""
-        return np.asarray(self.integrals @ (self.points[1] + self._held_force))
+        return np.asarray(self.integrals @ (self.points[1] + self._force(self.held)))
 
     def tangent(self, terms: Terms, stiffness: float) -> tuple[Array, Array]:
         """Stiffness and damping of small deviations of the motion from that of a model, (point,) each."""
         acting = [*terms, *((trial, (1.0 + stiffness) * c) for trial, c in self.held)]
         tau, x, v, time = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
-        of_x, of_v = derivatives_along(*_forces_of(acting), (time, x, v), given)
+        of_x, of_v = derivatives_along(
+            ((trial.force, c, trial.shapes) for trial, c in acting), (time, x, v), given
+        )
         for trial, c in acting:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
                 past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
@@ -216,7 +212,8 @@ class RecordPath:
 
     def sensor_slopes(self, terms: Terms) -> tuple[Array, Array]:
         """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
-        return derivatives_along(*_forces_of(terms), (self.elapsed, *self.at_samples), kind="sensor")
+        forces = ((trial.force, c, trial.shapes) for trial, c in terms)
+        return derivatives_along(forces, (self.elapsed, *self.at_samples), kind="sensor")
 
     def _force(self, terms: Terms) -> Array:
         """Sum of the forces of a model along the path, (point,), rad."""
@@ -235,7 +232,7 @@ class RecordPath:
         for rows in with_past.values():
             force, shapes = trials[rows[0]].force, [trials[at].shapes for at in rows]
             together = values_along(self.motion, force, shapes)
-            together = self._collocated(trials, rows) if together is None else together
+            together = self._collocated(force, shapes) if together is None else together
             values[:, rows] = together[-len(values) :]
         return values
 
@@ -249,24 +246,17 @@ class RecordPath:
         return values
 
     @cached_property
-    def _crossings(self) -> dict[tuple[str, tuple[float, ...]], Mask]:
-        """Cells that begin on one side of a surface and end on the other, by its text and shape values."""
-        return {}
-
-    @cached_property
     def _cells(self) -> dict[bytes, tuple[Index, Array, tuple[Array, Array, Array]]]:
         return {}
 
     def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, Array, tuple[Array, Array, Array]]:
         """Cells in which a force switches, tau, and x, v and time in their parts; of the same cells once."""
         tau, x, v, time = self.points
-        crossed, shapes = np.zeros(len(tau) - 1, dtype=bool), trial.force.shape_values(trial.shapes)
+        shapes = trial.force.shape_values(trial.shapes)
+        names = {"x": x, "v": v, "t": time} | self.given_at([trial], tau) | shapes
+        crossed = np.zeros(len(tau) - 1, dtype=bool)
         for surface in trial.force.surfaces:
-            key = surface.text, tuple(value for name, value in shapes.items() if name in surface.names)
-            if key not in self._crossings:
-                names = {"x": x, "v": v, "t": time} | self.given_at([trial], tau) | shapes
-                self._crossings[key] = np.diff(np.signbit(surface.evaluate(names) + np.zeros(len(tau))))
-            crossed |= self._crossings[key]
+            crossed |= np.diff(np.signbit(surface.evaluate(names) + np.zeros(len(tau))))
         packed = np.packbits(crossed).tobytes()
         if packed not in self._cells:
             cells = np.flatnonzero(np.append(crossed, False) | np.append(False, crossed))
@@ -275,21 +265,19 @@ class RecordPath:
             self._cells[packed] = cells, fine, (x, v, self.elapsed_at(fine))
         return self._cells[packed]
 
-    def _collocated(self, trials: Sequence[TrialEffect], rows: Sequence[int]) -> Array:
-        columns, motion = [], self.motion
-        x, v, time = motion.at_samples["x"], motion.at_samples["v"], motion.time
-        for at in rows:
-            force, shapes = trials[at].force, trials[at].shapes
-            try:
-                hidden = states_along(force, motion.tau, x, v, shapes, time=time)
-                columns.append(force.value(x, v, time, shapes=shapes, hidden=hidden))
-            except SysidTribError:
-                columns.append(np.full(len(x), np.nan))
-        return np.stack(columns, axis=1)
+    def _collocated(self, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array:
+        motion = self.motion
+        x, v = motion.at_samples["x"], motion.at_samples["v"]
+        columns = np.full((len(x), len(shapes)), np.nan)
+        for column, of in zip(columns.T, shapes, strict=True):
+            with suppress(SysidTribError):
+                hidden = states_along(force, motion.tau, x, v, of, time=motion.time)
+                column[:] = force.value(x, v, motion.time, shapes=of, hidden=hidden)
+        return columns
 
     def follow(self, motion: Array, terms: Terms) -> "RecordPath":
         """The path through a motion at the samples, (sample,), with what forces along this path give it."""
-        tau, acceleration = self.points[0], self._forcing - self._force(terms) - self._held_force
+        tau, acceleration = self.points[0], self._forcing - self._force(terms) - self._force(self.held)
         cells = np.concatenate([tau[:1], 0.5 * (tau[1:] + tau[:-1]), tau[-1:]])
         fine = PPoly(acceleration[None], cells).antiderivative(2)
         return replace(self, fine=fine).through(motion)
@@ -308,9 +296,3 @@ class RecordPath:
         tau = self.form.tau
         spline, _ = least_squares_spline(tau, motion - self.fine(tau), self.intervals)
         return replace(self, spline=spline)
-
-
-def _forces_of(terms: Terms) -> tuple[list[tuple[Force, float]], dict[str, float]]:
-    """Forces of a model with their coefficients, and the shape parameters of all by their names."""
-    shapes = {name: value for trial, _ in terms for name, value in trial.shapes.items()}
-    return [(trial.force, c) for trial, c in terms], shapes

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.sensor_noise import colour_variables
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
-from sysid_trib.results.variables import Variables, variable
+from sysid_trib.results.variables import Variables, described
 
 # What a method is asked to do: estimate the random force, leave it out, or take this one-sided density.
 # `auto` leaves it to `identify` and the commands, which decide by what the record tells; the method alone
@@ -103,23 +103,16 @@ def random_force_variables(forces: Sequence[RandomForce], filters: Sequence[Arra
 
     `filters` : that whiten the sensor's noise beside it in each run (see `colour_variables`).
     """
-    densities = np.array([force.density for force in forces])
-    errors = np.array([force.standard_error for force in forces])
-    p_values = np.array([force.p_value for force in forces])
-    mean_error = np.sqrt(np.sum(errors**2)) / len(forces)
-    least = np.minimum(1.0, len(forces) * np.min(p_values))
-    names = {
-        "random_force_density": (densities.mean(), densities, "one-sided density of the random force"),
-        "random_force_standard_error": (mean_error, errors, "standard error of that density"),
-        "random_force_p_value": (least, p_values, "p-value of no random force"),
+    parts = np.array([(force.density, force.standard_error, force.p_value) for force in forces]).T
+    densities, errors, p_values = parts
+    values: dict[str, Any] = {
+        "random_force_density": densities.mean(),
+        "random_force_standard_error": np.sqrt(np.sum(errors**2)) / len(forces),
+        "random_force_p_value": np.minimum(1.0, len(forces) * np.min(p_values)),
     }
-    variables = colour_variables(filters) if filters else {}
-    for name, (mean, of_runs, text) in names.items():
-        units = "1" if name.endswith("p_value") else DENSITY_UNITS
-        variables[name] = variable((), float(mean), text, units)
-        if len(forces) > 1:
-            variables[f"run_{name}"] = variable("run", of_runs, f"{text} in the run", units)
-    return variables
+    if len(forces) > 1:
+        values |= {f"run_{name}": of_runs for name, of_runs in zip(values, parts, strict=True)}
+    return described("random_forces", values) | (colour_variables(filters) if filters else {})
 
 
 def random_force_of(result: xr.Dataset, run: int | None = None) -> RandomForce:

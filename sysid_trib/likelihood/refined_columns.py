@@ -77,13 +77,12 @@ def _refined(
     followed: Runs | None = None
     nearest: tuple[float, Runs, Rows] | None = None
     last, halvings = None, 0
-    sensitivities: list[Array | None] = [None] * len(runs)
+    runs = tuple(replace(run, sensitivity=None) for run in runs)
     for _ in range(MAX_REFINEMENTS):
         try:
-            motions = [simulated(run, active, near) for run, near in zip(runs, sensitivities, strict=True)]
+            runs = tuple(simulated(run, active) for run in runs)
         except SimulationError:
             break
-        runs, sensitivities = tuple(run for run, _ in motions), [near for _, near in motions]
         if any(has_slipped(run) for run in runs):
             # From a motion that follows the record a part of the step is one of less.
             halvings += 1
@@ -142,39 +141,24 @@ def _extrapolation(step: Array, last: Array | None) -> float:
     return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
 
 
-def simulated(
-    run: RunRegression, active: Mask, sensitivity: Array | None
-) -> tuple[RunRegression, Array | None]:
+def simulated(run: RunRegression, active: Mask) -> RunRegression:
     """A run with the motion of its present model as path, the start fitted to the record.
 
-    Parameters
-    ----------
-    run : RunRegression
-    active : (force,) array of bool
-    sensitivity : (sample, 2) array of float or None
-        Of a motion nearby to its start, if it is known (see `fit_start`).
-
-    Returns
-    -------
-    run : RunRegression
-    sensitivity : (sample, 2) array of float or None
-        Of its own motion, if it is known.
+    `active` : forces that are in the model, (force,).
     """
     values = dict(zip(run.library.symbols, run.coefficients.tolist(), strict=True))
     # Where nothing pulls a body back, an error of its start grows.
-    motion = motion_of_run(run, active, sensitivity, near=not is_free_to_move(run.library, values))
+    motion = motion_of_run(run, active, near=not is_free_to_move(run.library, values))
     columns = run.columns_along(motion.x, motion.v, known=motion.hidden)
     path = replace(run, x=motion.x, v=motion.v, columns=columns, exact=True, near=None)
-    after = replace(path, start=(motion.angle, motion.rate), offset=motion.offset)
-    return after, motion.sensitivity
+    start = motion.angle, motion.rate
+    return replace(path, start=start, offset=motion.offset, sensitivity=motion.sensitivity)
 
 
-def motion_of_run(
-    run: RunRegression, active: Mask, sensitivity: Array | None, *, near: bool = False
-) -> FittedMotion:
+def motion_of_run(run: RunRegression, active: Mask, *, near: bool = False) -> FittedMotion:
     """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
     pairs = zip(run.library.symbols, run.coefficients.tolist(), active & run.acts, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
     model = Model(run.library, kept, run.frequency, run.shapes, run.inputs)
-    angle = run.measured + run.offset
-    return fit_start(model, run.time, angle, run.start, offset=run.offset, sensitivity=sensitivity, near=near)
+    angle, offset = run.measured + run.offset, run.offset
+    return fit_start(model, run.time, angle, run.start, offset=offset, sensitivity=run.sensitivity, near=near)

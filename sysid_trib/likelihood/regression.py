@@ -63,6 +63,8 @@ class RunRegression:
         Of an exact motion near a path that is none: theta, and (w/nominal)^2 (x + sum c h) along it. The weak
         form of it vanishes, so that sums need be right of the difference alone. A known input, the same for
         both motions, is no part of it.
+    sensitivity : (sample, 2) array of float or None
+        Of a motion of the model to its start, if one nearby is known (see `fit_start`).
     """
 
     time: Array
@@ -86,6 +88,7 @@ class RunRegression:
     ratio: VarianceRatio | None = None
     exact: bool = False
     near: tuple[Array, Array] | None = None
+    sensitivity: Array | None = None
 
     @property
     def elapsed(self) -> Array:
@@ -164,7 +167,8 @@ class RunRegression:
 
     def along_own_path(self) -> "RunRegression":
         """The run with the columns of its path at its present frequency."""
-        return replace(self, columns=self.columns_along(self.x, self.v), exact=False, near=None)
+        columns = self.columns_along(self.x, self.v)
+        return replace(self, columns=columns, exact=False, near=None, sensitivity=None)
 
 
 Runs: TypeAlias = tuple[RunRegression, ...]

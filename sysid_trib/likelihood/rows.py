@@ -32,9 +32,10 @@ def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
 
     It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made good.
     """
-    k, pairs = run.stiffness_scale, zip(run.library, run.acting.tolist(), strict=True)
+    k, acting = run.stiffness_scale, zip(run.library, run.acting.tolist(), strict=True)
     given = {name: values for force in run.library for name, values in run.given(force, run.elapsed).items()}
-    stiffness, damping = derivatives_along(pairs, run.shapes, (run.elapsed, run.x, run.v), given)
+    terms = ((force, c, run.shapes) for force, c in acting)
+    stiffness, damping = derivatives_along(terms, (run.elapsed, run.x, run.v), given)
     matrix = noise_operator(run.form, k * (1.0 + stiffness), np.sqrt(k) * damping)
     return (matrix @ sp.diags_array(1.0 / gain_of_sensor(run))).tocsr() if run.of_sensor.any() else matrix
 
@@ -42,7 +43,8 @@ def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
 def gain_of_sensor(run: RunRegression) -> Array:
     """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
     pairs = zip(run.library, run.coefficients.tolist(), strict=True)
-    return 1.0 + derivatives_along(pairs, run.shapes, (run.elapsed, run.x, run.v), kind="sensor")[0]
+    terms = ((force, c, run.shapes) for force, c in pairs)
+    return 1.0 + derivatives_along(terms, (run.elapsed, run.x, run.v), kind="sensor")[0]
 
 
 @dataclass(frozen=True)

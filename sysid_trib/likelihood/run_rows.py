@@ -254,11 +254,3 @@ def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> R
     if np.any(gain != 1.0):
         operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()
     return RunRows(path, operator, coloured(operator, path.sensor.filter_), gain)
-
-
-def nuisances(rows: RunRows, run: int, runs: int) -> Array:
-    """Columns of the stiffness and of each run's zero of the sensor, (row, 1 + run)."""
-    zeros = np.zeros((rows.path.form.rows, runs))
-    zeros[:, run] = -(rows.operator @ np.ones(len(rows.path.time)))
-    stiffness = rows.path.stiffness_column[:, None]
-    return np.column_stack([stiffness, zeros]) if rows.path.frequency_free else zeros

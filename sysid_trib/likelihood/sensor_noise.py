@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from scipy.signal import lfilter, oaconvolve
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Index
@@ -73,6 +73,53 @@ def fractional_difference(order: float, taps: int) -> Array:
     return np.concatenate([[1.0], np.cumprod((k - 1.0 - order) / k)])
 
 
+def filter_of(partial: Array) -> Array:
+    """Whitening filter of partial autocorrelations (Levinson and Durbin): stable for all within (-1, 1)."""
+    filter_ = np.ones(1)
+    for value in partial:
+        longer = np.append(filter_, 0.0)
+        filter_ = longer - value * longer[::-1]
+    return filter_
+
+
+def partial_autocorrelations(filter_: Array) -> Array:
+    """Partial autocorrelations of a whitening filter, (order,): the inverse of `filter_of`."""
+    partial = []
+    while len(filter_) > 1:
+        last = filter_[-1]
+        partial.append(-last)
+        filter_ = ((filter_ - last * filter_[::-1]) / (1.0 - last**2))[:-1]
+    return np.array(partial[::-1])
+
+
+def of_order(filter_: Array, order: int) -> Array:
+    """Whitening filter of an order that is nearest to one of another order, (order + 1,).
+
+    The leading taps of a longer one need not be stable; its leading partial autocorrelations are.
+    """
+    partial = np.zeros(order)
+    known = partial_autocorrelations(filter_)[:order]
+    partial[: len(known)] = known
+    return filter_of(partial)
+
+
+def neighbouring_colours(filter_: Array, step: float, order: int) -> list[tuple[Array, Array]]:
+    """Whitening filters of which one partial autocorrelation, each in turn, is a step less and more."""
+    partial = partial_autocorrelations(of_order(filter_, order))
+    aside = np.minimum(step, 0.5 * (1.0 - np.abs(partial))) * np.eye(order)
+    return [(filter_of(partial - off), filter_of(partial + off)) for off in aside]
+
+
+def filter_slopes(partial: Array) -> Array:
+    """Derivative of the filter by each partial autocorrelation, (tap, order): it is linear in each."""
+    order = len(partial)
+    slopes = np.empty((order + 1, order))
+    for at in range(order):
+        ends = [filter_of(np.where(np.arange(order) == at, value, partial)) for value in (0.0, 1.0)]
+        slopes[:, at] = ends[1] - ends[0]
+    return slopes
+
+
 def memory_samples(whitening_filter: Array) -> int:
     """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`.
 
@@ -89,9 +136,6 @@ def memory_samples(whitening_filter: Array) -> int:
 def whitened(values: Array, whitening_filter: Array) -> Array:
     """Values along the first axis after the whitening filter, without the first that have no past."""
     start = NoiseModel(1.0, whitening_filter).warm_up
-    if len(whitening_filter) - 1 > MAX_ORDER:
-        taps = whitening_filter.reshape(-1, *[1] * (values.ndim - 1))
-        return np.asarray(oaconvolve(values, taps, axes=0))[start : len(values)]
     return np.asarray(lfilter(whitening_filter, [1.0], values, axis=0))[start:]
 
 
@@ -164,9 +208,8 @@ def colour_variables(filters: Sequence[Array]) -> Variables:
         return {}
     table = np.stack([np.pad(filter_, (0, taps - len(filter_))) for filter_ in filters])
     text = "autoregression that whitens the sensor's noise"
-    if len(filters) == 1:
-        return {FILTER: variable("tap", table[0], text, "1")}
-    return {FILTER: variable(("run", "tap"), table, text, "1")}
+    several = len(filters) > 1
+    return {FILTER: variable(("run", "tap") if several else "tap", table if several else table[0], text, "1")}
 
 
 def sensor_noise_of(result: xr.Dataset, run: int = 0) -> NoiseModel:

@@ -10,12 +10,11 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Channel, Force
-from sysid_trib.likelihood import colour
+from sysid_trib.likelihood import colour, sensor_noise
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
 from sysid_trib.likelihood.model_fit import fit_model, fitted_along
 from sysid_trib.likelihood.paths import RecordPath, Terms
-from sysid_trib.likelihood.sensor_noise import NoiseModel, fractional_difference
 from sysid_trib.likelihood.trials import DEFAULTS, Settings, TrialEffect, reference_power
 from sysid_trib.likelihood.weak_form import build_weak_form
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
@@ -135,13 +134,13 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
     return model if same else with_sensor_noises(model, sensors)
 
 
-def with_sensor_noises(model: FittedModel, sensors: Sequence[NoiseModel]) -> FittedModel:
+def with_sensor_noises(model: FittedModel, sensors: Sequence[sensor_noise.NoiseModel]) -> FittedModel:
     """The model fitted with other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
     return refitted(fit_model(paths, model.trials, model.estimate))
 
 
-def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> NoiseModel:
+def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> sensor_noise.NoiseModel:
     """Noise of a run of the likeliest colour, of the order that its rows ask for."""
     path = model.rows[run].path
     known, samples = path.sensor.filter_, len(path.time)
@@ -158,7 +157,7 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
     if gain_of_little_colour(deviance_of, known) > np.log(samples):
         best = np.inf
         for order in range(colour.MAX_COLOUR + 1):
-            starts = [colour.of_order(start, order) for start in (np.ones(1), filter_, known)]
+            starts = [sensor_noise.of_order(start, order) for start in (np.ones(1), filter_, known)]
             tried, deviance = colour.most_likely_colour(
                 deviance_of, starts, samples=float(path.form.rows), least=least
             )
@@ -170,7 +169,7 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
     # An autoregression may be the likeliest of its kind where noise is as 1/f.
     if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
-    return NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
+    return sensor_noise.NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
 
 
 def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
@@ -190,7 +189,9 @@ def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], Lik
 def _flicker_filter(path: RecordPath) -> Array:
     """Whitening filter of 1/f noise, (tap,)."""
     per_period = 2.0 * np.pi / float(np.median(np.diff(path.form.tau)))
-    return fractional_difference(FLICKER, max(2 + colour.MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
+    return sensor_noise.fractional_difference(
+        FLICKER, max(2 + colour.MAX_COLOUR, round(FLICKER_PERIODS * per_period))
+    )
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
@@ -199,8 +200,8 @@ def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) ->
     By its slope and its bend there (Rao's score test).
     `deviance` : of a whitening filter, (tap,).
     """
-    here, gains = deviance(colour.of_order(filter_, colour.MAX_COLOUR)), []
-    for less, more in colour.neighbouring_colours(filter_, LITTLE_COLOUR):
+    here, gains = deviance(sensor_noise.of_order(filter_, colour.MAX_COLOUR)), []
+    for less, more in sensor_noise.neighbouring_colours(filter_, LITTLE_COLOUR, colour.MAX_COLOUR):
         below, above = deviance(less), deviance(more)
         slope, bend = above - below, above - 2.0 * here + below
         gains.append(slope**2 / (8.0 * bend) if bend > 0.0 else np.inf)
@@ -212,7 +213,7 @@ def colour_penalty(model: FittedModel) -> float:
     return float(sum(_parameters_of(rows.path.sensor) * np.log(len(rows.path.time)) for rows in model.rows))
 
 
-def _parameters_of(sensor: NoiseModel) -> int:
+def _parameters_of(sensor: sensor_noise.NoiseModel) -> int:
     """Number of parameters of a colour: a filter longer than any autoregression's is 1/f noise, with one."""
     order = len(sensor.filter_) - 1
     return order if order <= colour.MAX_COLOUR else 1
@@ -238,7 +239,7 @@ def path_like(
 
 
 def _path_of(
-    run: xr.Dataset, frequency: float, sensor: NoiseModel, origin: float, settings: Settings
+    run: xr.Dataset, frequency: float, sensor: sensor_noise.NoiseModel, origin: float, settings: Settings
 ) -> RecordPath:
     """A run with its least-squares spline as the path, what drives it, and the rows in which it sticks.
 

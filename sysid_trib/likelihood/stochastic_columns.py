@@ -67,15 +67,13 @@ def regress_stochastic(
     DecayError
         The rows are degenerate.
     """
-    sensitivities: list[Array | None] = [None] * len(runs)
     for turn in range(MAX_SMOOTHED_PATHS):
         # A motion that slipped where both noises were known would slip again, or now and then.
         tried = [turn <= COLOUR_ROUND or run.near is not None for run in runs]
-        anchored = [
-            _about_free_motion(run, active, near) if may_follow else (run.along_own_path(), None)
-            for run, near, may_follow in zip(runs, sensitivities, tried, strict=True)
-        ]
-        runs, sensitivities = tuple(run for run, _ in anchored), [near for _, near in anchored]
+        runs = tuple(
+            _about_free_motion(run, active) if may_follow else run.along_own_path()
+            for run, may_follow in zip(runs, tried, strict=True)
+        )
         # With a density that is given, as in records that are simulated, the sensor's noise is white.
         # What a driven model lacks is no noise of the sensor, whatever its colour.
         driven = any(run.inputs for run in runs)
@@ -100,21 +98,19 @@ def regress_stochastic(
     return runs, rows, settled, (shift, covariance)
 
 
-def _about_free_motion(
-    run: RunRegression, active: Mask, sensitivity: Array | None
-) -> tuple[RunRegression, Array | None]:
+def _about_free_motion(run: RunRegression, active: Mask) -> RunRegression:
     """A run whose path is about a free motion of its present model, where that follows the record."""
     try:
-        free = motion_of_run(run, active, sensitivity, near=True)
+        free = motion_of_run(run, active, near=True)
     except SimulationError:
-        return run.along_own_path(), None
+        return run.along_own_path()
     along = run.columns_along(free.x, free.v)
     force = run.stiffness_scale * (free.x + along @ run.acting)
     # The first path: the free motion itself.
     nearby = replace(run, x=free.x, v=free.v, columns=along, exact=False, near=(free.x, force))
-    nearby = replace(nearby, start=(free.angle, free.rate))
+    nearby = replace(nearby, start=(free.angle, free.rate), sensitivity=free.sensitivity)
     if has_slipped(nearby):
-        return run.along_own_path(), None
+        return run.along_own_path()
     if run.ratio is not None:
         # Friction holds a body that rests with what it takes, no more.
         near = free.x, np.where(free.v == 0.0, run.forcing, force)
@@ -122,7 +118,7 @@ def _about_free_motion(
         expected = run.columns_along(run.x, run.v, error)
         nearby = replace(nearby, x=run.x, v=run.v, columns=expected, near=near)
     # The zero of the sensor is that of the rows, which know the random force.
-    return nearby, free.sensitivity
+    return nearby
 
 
 def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution, at: int) -> RunRegression:

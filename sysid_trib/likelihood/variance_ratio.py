@@ -60,11 +60,16 @@ class WhiteRows:
         """Number of samples beyond the columns."""
         return max(1.0, len(self.target) + self.further - self.design.shape[1])
 
+    @property
+    def _size(self) -> Array:
+        """Length of each column; 1 of one without effect."""
+        size = np.linalg.norm(self.design, axis=0)
+        return np.where(size > 0.0, size, 1.0)
+
     def restricted_deviance(self) -> tuple[float, float]:
         """Minus twice the logarithm of the restricted likelihood, its variance profiled; and the variance."""
         # The triangular factor of the design and the target holds all that is needed.
-        size = np.linalg.norm(self.design, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
+        size = self._size
         # Columns that lie in one piece, as LAPACK wants them, take a third of the time.
         columns = np.concatenate([self.design.T / size[:, None], self.target[None]])
         factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
@@ -85,8 +90,7 @@ class WhiteRows:
 
     def solution(self) -> tuple[Array, Array]:
         """Least squares of the rows: coefficients, and their covariance in units of the variance."""
-        size = np.linalg.norm(self.design, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
+        size = self._size
         q, r = np.linalg.qr(self.design / size)
         # Columns that nothing tells apart have the least solution.
         inverse = np.linalg.pinv(r) if np.linalg.cond(r) > 1e13 else solve_triangular(r, np.eye(len(r)))

@@ -39,8 +39,6 @@ MOST_UNEVEN = 1.5
 ENTRIES = "indptr", "indices"
 # Numbers that are filtered at once.
 MOST_DENSE = 4_000_000
-# Entries that are combined at once: they fit into the cache of a core.
-ENTRIES_AT_ONCE = 2**14
 
 
 @dataclass(frozen=True)
@@ -67,8 +65,7 @@ class WeakForm:
     @cached_property
     def gram(self) -> Array:
         """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
-        weighed = _with_columns_times(self.value, 1.0 / np.gradient(self.tau))
-        return covariance_band(weighed, self.value)
+        return covariance_band(self.value @ sp.diags_array(1.0 / np.gradient(self.tau)), self.value)
 
     @cached_property
     def shares_entries(self) -> bool:
@@ -187,12 +184,6 @@ def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int 
     return rows
 
 
-def _with_columns_times(matrix: sp.csr_matrix, weights: Array) -> sp.csr_matrix:
-    """`matrix @ diag(weights)` without a search for where it has entries."""
-    data = matrix.data * weights[matrix.indices]
-    return sp.csr_array((data, matrix.indices, matrix.indptr), matrix.shape)
-
-
 def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
     """Rows as they act on the noise: of the equation linearised along the trajectory.
 
@@ -209,16 +200,9 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     # int psi d e' = -int (psi d)' e: the derivative is taken of the rows, never of the noise.
     rate = np.gradient(damping, form.tau)
     if form.shares_entries:
-        indices, stiffness = form.value.indices, stiffness - rate
-        data = np.empty(len(indices))
-        # These are the largest tables there are: of a part what is between stays in the cache.
-        for start in range(0, len(data), ENTRIES_AT_ONCE):
-            part = slice(start, start + ENTRIES_AT_ONCE)
-            at = indices[part]
-            sum_ = np.multiply(stiffness[at], form.value.data[part], out=data[part])
-            sum_ += form.curvature.data[part]
-            sum_ -= damping[at] * form.slope.data[part]
-        return sp.csr_matrix((data, indices, form.value.indptr), form.value.shape)
+        at = form.value.indices
+        data = form.curvature.data + (stiffness - rate)[at] * form.value.data - damping[at] * form.slope.data
+        return sp.csr_matrix((data, at, form.value.indptr), form.value.shape)
     turned = form.curvature + form.value @ sp.diags_array(stiffness - rate)
     return (turned - form.slope @ sp.diags_array(damping)).tocsr()
 

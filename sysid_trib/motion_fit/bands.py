@@ -7,12 +7,11 @@ from functools import partial
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
-from sysid_trib.motion_fit.innovations import birge_ratios
 from sysid_trib.motion_fit.linearised import sensor_on
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.schema import covariance_with_frequency
@@ -21,6 +20,8 @@ from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation.motions import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
 
+# Periods that count as recent: as many as the longest predictions that are asked for go ahead.
+RECENT_PERIODS = 10
 # Periods that the filter has for the start and the sensor's zero before the first prediction.
 SETTLING_PERIODS = 2.0
 
@@ -105,15 +106,33 @@ def bands_of(
 def _recent_ratios(
     tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], tuple[Array, ...]]
 ) -> Array:
-    """By how much errors are to be multiplied at each start (start,)."""
+    """By how much errors are to be multiplied at each start (start,), from predictions that came due before.
+
+    Birge ratio (1932) of the last `RECENT_PERIODS` predictions one period ahead where it is above 1 by more
+    than chance (chi-square), else 1.
+
+    Notes
+    -----
+    Errors of a random force are those of a white series: of a model that lacks nothing the sum of their
+    squares is a chi-square. What a model lacks comes and goes with the amplitude, so that predictions of long
+    ago say little of it.
+    """
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
+    factors = np.ones(len(starts))
     # The last predictions to come due at the last start, and those of the periods before.
     earlier = np.arange(time[starts[-1]] - period, time[0] + SETTLING_PERIODS * period, -period)[::-1]
     if not len(earlier):
-        return np.ones(len(starts))
+        return factors
     recent = ahead_of(_origins(tracked, 0.0, list(earlier)), np.ones(1))
     times, predicted, errors, measured = (table[:, 0] for table in recent)
-    return birge_ratios((measured - predicted) / errors, times, time[starts])
+    seen = np.isfinite(measured)
+    squares = ((measured - predicted) / errors)[seen] ** 2
+    for at, due in enumerate(np.searchsorted(times[seen], time[starts], side="right")):
+        last = squares[max(0, due - RECENT_PERIODS) : due]
+        # Significance level of predictions that are worse than they claim.
+        if len(last) and chi2.sf(np.sum(last), len(last)) < 0.01:
+            factors[at] = np.sqrt(np.mean(last))
+    return factors
 
 
 def _predictions(

@@ -2,7 +2,6 @@
 
 import numpy as np
 import xarray as xr
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.likelihood.sensor_noise import autocorrelation, ljung_box_p_value
@@ -11,44 +10,6 @@ from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described
-
-# Periods that count as recent: as many as the longest predictions that are asked for go ahead.
-RECENT_PERIODS = 10
-
-
-def birge_ratios(scores: Array, known_at: Array, origins: Array) -> Array:
-    """By how much bands are to be widened at each of some instants, from predictions that came due before.
-
-    Parameters
-    ----------
-    scores : (prediction,) array of float
-        Errors of predictions one period ahead over the stated ones; nan where nothing was measured.
-    known_at : (prediction,) array of float, s
-        When each came due, ascending.
-    origins : (origin,) array of float, s
-
-    Returns
-    -------
-    (origin,) array of float
-        Birge ratio (1932) of the last `RECENT_PERIODS` predictions where it is above 1 by more than chance
-        (chi-square), else 1.
-
-    Notes
-    -----
-    Errors of a random force are those of a white series: of a model that lacks nothing the sum of their
-    squares is a chi-square. What a model lacks comes and goes with the amplitude, so that predictions of long
-    ago say little of it.
-    """
-    seen = np.isfinite(scores)
-    squares, known_at = scores[seen] ** 2, known_at[seen]
-    factors = np.ones(len(origins))
-    for at, due in enumerate(np.searchsorted(known_at, origins, side="right")):
-        recent = squares[max(0, due - RECENT_PERIODS) : due]
-        # Significance level of predictions that are worse than they claim.
-        if len(recent) and chi2.sf(np.sum(recent), len(recent)) < 0.01:
-            factors[at] = np.sqrt(np.mean(recent))
-    return factors
-
 
 LAGS = 20
 
@@ -159,8 +120,7 @@ def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
     length = tracked.model.reference_frequency * np.diff(tracked.time)
     weights, rest = _impulse_of_step(length, steps.diffusion[:, :2, :2])
     goes_on = np.append(0.0, spans[1:-1] == spans[:-2])
-    selection = np.zeros((len(weights), size + 1, size + 1))
-    selection[:, range(size + 1), range(size + 1)] = 1.0
+    selection = np.tile(np.eye(size + 1), (len(weights), 1, 1))
     selection[:, size, :2] = weights
     diffusion = np.pad(steps.diffusion, ((0, 0), (0, 1), (0, 1)))
     diffusion[:, size, size] = rest

@@ -102,7 +102,7 @@ class Fit:
         return fitted(problem, start, tolerance=HELD_TOLERANCE)
 
 
-def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -> Array:
+def grown(problem: FitProblem, values: Array) -> Array:
     """Extend the fit over the records window by window, unless a motion follows them sooner.
 
     A window may hold too little to tell forces apart: from a motion that is near the record the whole is
@@ -113,11 +113,11 @@ def grown(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED) -
         return values
     # One this near has not slipped out of phase.
     if away < 0.5:
-        tried = fitted(problem, values, tolerance=tolerance).values
+        tried = fitted(problem, values).values
         if _missed(problem, tried) < FOLLOWED:
             return tried
     for part in WINDOWS:
-        values = fitted(problem.first(part), values, tolerance=tolerance, ridge=WINDOW_RIDGE).values
+        values = fitted(problem.first(part), values, ridge=WINDOW_RIDGE).values
     return values
 
 
@@ -127,14 +127,7 @@ def _missed(problem: FitProblem, values: Array) -> float:
     return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)
 
 
-def fitted(
-    problem: FitProblem,
-    values: Array,
-    *,
-    tolerance: float = CONVERGED,
-    evaluations: int = MAX_EVALUATIONS,
-    ridge: float = 0.0,
-) -> Fit:
+def fitted(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, ridge: float = 0.0) -> Fit:
     """Parameters of least whitened residual.
 
     Parameters
@@ -145,8 +138,6 @@ def fitted(
         First guess.
     tolerance : float
         Relative step or fall of the sum of squares at which the fit is done.
-    evaluations : int
-        Most evaluations of the residual.
     ridge : float
         Weight of the distance from the first guess, of the sizes of the sensitivities there (Tikhonov).
     """
@@ -177,7 +168,7 @@ def fitted(
         xtol=tolerance,
         ftol=tolerance,
         gtol=0.01 * tolerance,
-        max_nfev=evaluations,
+        max_nfev=MAX_EVALUATIONS,
     )
     values = parameters.expand(np.asarray(minimum.x, dtype=float))
     return Fit(problem, values, np.asarray(minimum.fun), np.asarray(minimum.jac))

@@ -14,7 +14,7 @@ back and forth between branches. Then path and parameters go only a part of the 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.sensor_noise import NoiseModel, autocorrelation
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
 from sysid_trib.motion_fit.least_squares import Fit
@@ -40,7 +40,7 @@ from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import birge_ratio
-from sysid_trib.results.variables import variable
+from sysid_trib.results.variables import described
 
 PATIENCE = 10
 # By what the relaxation changes where a step turns back, and where it goes on, by the cosine of their angle.
@@ -98,13 +98,12 @@ class Iterate:
     @cached_property
     def rows(self) -> WhiteRows:
         """Normalised innovations of all runs as one regression on the free parameters."""
-        of_runs = [model.rows(ratio.ratio) for model, ratio in zip(self.linear, self.ratios, strict=True)]
-        sizes = [np.sqrt(ratio.variance) for ratio in self.ratios]
-        target = np.concatenate([rows.target / size for rows, size in zip(of_runs, sizes, strict=True)])
-        design = [
-            rows.design @ block / size for rows, block, size in zip(of_runs, self._blocks, sizes, strict=True)
-        ]
-        return WhiteRows(target, np.concatenate(design), 0.0)
+        targets, designs = [], []
+        for linear, ratio, block in zip(self.linear, self.ratios, self._blocks, strict=True):
+            of_run, size = linear.rows(ratio.ratio), np.sqrt(ratio.variance)
+            targets.append(of_run.target / size)
+            designs.append(of_run.design @ block / size)
+        return WhiteRows(np.concatenate(targets), np.concatenate(designs), 0.0)
 
     @cached_property
     def solution(self) -> tuple[Array, Array]:
@@ -151,7 +150,7 @@ class Iterate:
         return self.parameters.expand(np.clip(self.values[free] + step, low, high))
 
     def average_by_ratio(self, run: int) -> tuple[Array, Array]:
-        """The step of the free parameters over the ratios of a run that its record leaves open."""
+        """The step of the free parameters over the ratios that the record of a run leaves open."""
 
         def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
             return replace(self, ratios=[*self.ratios[:run], ratio, *self.ratios[run + 1 :]]).solution
@@ -168,25 +167,22 @@ class Iterate:
         ratios = list(self.ratios)
         for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
             if len(linear.sensor_filter) > 1 and ratio.gain != 0.0:
-                without, least = (self._least_deviance(run, of) for of in (0.0, ratio.ratio))
+                deviances = [partial(self._deviance, run, of) for of in (0.0, ratio.ratio)]
+                start, samples = [linear.sensor_filter], len(linear.record)
+                without, least = (most_likely_colour(of, start, samples=samples)[1] for of in deviances)
                 ratios[run] = replace(ratio, gain=max(0.0, without - least))
         return replace(self, ratios=ratios)
 
-    def _least_deviance(self, run: int, ratio: float) -> float:
-        """Deviance of a run's innovations at a ratio, in the colour of most likelihood."""
-        linear = self.linear[run]
-
-        def deviance(colour: Array) -> float:
-            return self._rows_by_ratio(run, colour)(ratio).restricted_deviance()[0]
-
-        return most_likely_colour(deviance, [linear.sensor_filter], samples=len(linear.record))[1]
+    def _deviance(self, run: int, ratio: float, colour: Array | None = None) -> float:
+        """Deviance of a run's innovations at a ratio."""
+        return self._rows_by_ratio(run, colour)(ratio).restricted_deviance()[0]
 
     def penalised_deviance(self) -> float:
         """Deviance of the innovations with the Bayesian information criterion's price of the colours."""
         total = 0.0
         for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
-            deviance, _ = self._rows_by_ratio(run)(ratio.ratio).restricted_deviance()
-            total += deviance + (len(linear.sensor_filter) - 1) * np.log(len(linear.record))
+            total += self._deviance(run, ratio.ratio)
+            total += (len(linear.sensor_filter) - 1) * float(np.log(len(linear.record)))
         return total
 
     def _rows_by_ratio(self, run: int, colour: Array | None = None) -> Callable[[float], WhiteRows]:
@@ -216,8 +212,8 @@ def fit_random_motion(
         noise.
     values : (parameter,) array of float
         First guess.
-    random_force : "estimated", "off" or float, (rad/s^2)^2/Hz
-        One-sided density; estimated in each run with `estimated`.
+    random_force : "estimated" or float, (rad/s^2)^2/Hz
+        One-sided density; estimated in each run by default.
 
     Raises
     ------
@@ -228,8 +224,7 @@ def fit_random_motion(
     # Each path with the standard error of v on it.
     paths = [(spline_path(model, run.time, run.angle), np.zeros(len(run.time))) for run in problem.records]
     # None where it is to be estimated.
-    held = 0.0 if isinstance(random_force, str) else float(random_force)
-    density = None if random_force == "estimated" else held
+    density = None if isinstance(random_force, str) else float(random_force)
     now: Iterate | None = None
     best: Iterate | None = None
     part = 1.0
@@ -305,8 +300,7 @@ def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iter
     forces = [random_force_of_ratio(ratio, frequency, method.random_force) for ratio in ratios]
     result = result.assign(random_force_variables(forces, filters))
     lags = np.arange(1, 1 + min(20, len(e) - 1))
-    correlation = [float(e[lag:] @ e[:-lag]) / chi_square for lag in lags]
-    name = "autocorrelation of the innovations"
-    result = result.assign(autocorrelation=variable("lag", correlation, name, "1")).assign_coords(lag=lags)
+    white = described("innovations", {"autocorrelation": autocorrelation(e, lags)})
+    result = result.assign(white).assign_coords(lag=lags)
     orders = ", ".join(str(len(filter_) - 1) for filter_ in filters)
     return result.assign_attrs(noise_model=f"autoregression of order {orders}, beside a random force")

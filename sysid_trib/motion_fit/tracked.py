@@ -7,9 +7,8 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood.colour import of_order
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
-from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.likelihood.sensor_noise import of_order, sensor_noise_of
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
 from sysid_trib.records.inputs import inputs_of
