@@ -11,8 +11,7 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force
 from sysid_trib.physics.model_estimate import check_quantity, model_estimate, propagate
-from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import Variables, variable, with_error
+from sysid_trib.results import schema, variables
 from sysid_trib.simulation.model import Model
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def to_nonlinear_system(
     """
     import control
 
-    given = model if isinstance(model, Model) else model_of(model)
+    given = model if isinstance(model, Model) else schema.model_of(model)
     _refuse_memory(given)
     gain = _gain(inertia)
 
@@ -109,7 +108,7 @@ def linearise(
     """
     import control
 
-    given = model if isinstance(model, Model) else model_of(model)
+    given = model if isinstance(model, Model) else schema.model_of(model)
     matrix, names = _at_rest(given) if amplitude is None else _about_a_cycle(given, amplitude)
     size = len(names)
     enters = np.zeros((size, 1))
@@ -149,12 +148,12 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
 
     if isinstance(model, Model):
         of_poles = zip(POLE.items(), modes(model), strict=True)
-        return xr.Dataset({name: variable("pole", v, *meaning) for (name, meaning), v in of_poles})
+        return xr.Dataset({name: variables.variable("pole", v, *meaning) for (name, meaning), v in of_poles})
     estimate = model_estimate(model)
     values, errors = propagate(lambda z: modes(estimate.model(z)), estimate.values, estimate.covariance)
-    data: Variables = {}
+    data: variables.Variables = {}
     for value, error, (name, meaning) in zip(values, errors, POLE.items(), strict=True):
-        data |= with_error(name, "pole", (value, error), *meaning)
+        data |= variables.with_error(name, "pole", (value, error), *meaning)
     return xr.Dataset(data)
 
 
@@ -177,10 +176,8 @@ def _gain(inertia: float | None) -> float:
 def _refuse_memory(model: Model) -> None:
     for force in model.forces:
         if force.memory:
-            raise UsageError(
-                f"Force '{force.symbol}' holds values from its reversals, as python-control cannot; leave it "
-                "out, or linearise at an amplitude."
-            )
+            wrong = f"Force '{force.symbol}' holds values from its reversals, as python-control cannot"
+            raise UsageError(f"{wrong}; leave it out, or linearise at an amplitude.")
 
 
 def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:

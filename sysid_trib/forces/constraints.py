@@ -50,10 +50,8 @@ class Constraints:
                 raise UsageError(f"The bounds {low:g}:{high:g} of {name} must rise from the low to the high.")
         for name, given in self.table.items():
             if name not in self.names:
-                raise UsageError(
-                    f"{name} cannot be constrained by {given!r}; give a number to hold it, a pair "
-                    "(low, high) to bound it, or a formula of others."
-                )
+                wrong = f"{name} cannot be constrained by {given!r}"
+                raise UsageError(f"{wrong}; give a number, a pair (low, high), or a formula of others.")
 
     def __bool__(self) -> bool:
         return bool(self.table)
@@ -238,9 +236,8 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
     names = [word for word in words if word in known]
     strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
     if strangers:
-        raise UsageError(
-            f"The tie '{name}={text}' holds '{strangers[0]}', no parameter; there are {', '.join(known)}."
-        )
+        wrong = f"The tie '{name}={text}' holds '{strangers[0]}', no parameter"
+        raise UsageError(f"{wrong}; there are {', '.join(known)}.")
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")
     # `lambda` and `dahl.s` are no words that can be parsed: until then others stand for them.

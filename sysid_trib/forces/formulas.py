@@ -335,10 +335,8 @@ def _checked(
     match node:
         case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):
             advice = " (write ** for a power, sign for sgn)"
-    raise LibraryError(
-        f"{where} holds something other than numbers, names, + - * / ** and functions "
-        f"{' '.join((*SWITCHING, *SMOOTH))}{advice}."
-    )
+    wrong = f"{where} holds something other than numbers, names, + - * / ** and functions"
+    raise LibraryError(f"{wrong} {' '.join((*SWITCHING, *SMOOTH))}{advice}.")
 
 
 def _is_exponent(node: ast.AST, exponents: frozenset[str]) -> bool:

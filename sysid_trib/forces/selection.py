@@ -86,10 +86,8 @@ def refuse_sensors(library: ForceLibrary) -> None:
     """
     sensors = [force.symbol for force in library if force.kind == "sensor"]
     if sensors:
-        raise DecayError(
-            f"'{sensors[0]}' is a sensor term: it changes what is measured, not the motion; "
-            "methods.Direct and methods.Trajectory identify it, leave it out for others (--forces)."
-        )
+        wrong = f"'{sensors[0]}' is a sensor term: it changes what is measured, not the motion"
+        raise DecayError(f"{wrong}; Direct and Trajectory identify it, leave it out for others (--forces).")
 
 
 def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
@@ -117,10 +115,8 @@ def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceL
     """
     viscous = [library[symbol] for symbol in library.damping_factors]
     if not viscous:
-        raise UsageError(
-            f"Library '{library.title}' has no viscous friction to start from; name the forces of the start "
-            f"model (--forces {','.join(library.symbols[:2])})."
-        )
+        wrong = f"Library '{library.title}' has no viscous friction to start from"
+        raise UsageError(f"{wrong}; name the start's forces (--forces {','.join(library.symbols[:2])}).")
     driving = {force.inputs: force for force in reversed([*load_library(INPUTS)]) if force.inputs}
     first = (force for held, force in driving.items() if set(held) <= set(inputs))
     return replace(library, forces=(*first, viscous[0]))

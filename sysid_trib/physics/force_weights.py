@@ -135,12 +135,10 @@ def shares(terms: Array, unit: Array, covariance: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    terms : (force, amplitude) array of float
-        The terms.
-    unit : (force, amplitude) array of float
-        The terms of coefficients 1.
+    terms, unit : (force, amplitude) array of float
+        The terms, and those of coefficients 1.
     covariance : (force, force) array of float
-        Covariance of the coefficients.
+        Of the coefficients.
     """
     total = np.abs(terms).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -184,7 +182,6 @@ RULES = ("peak force", "averaged")
 ACTS_ON = {"envelope": ("dissipative", "mixed"), "frequency": ("conservative", "mixed")}
 # Of ln a, for the slope of two weights that cross.
 RELATIVE_STEP = 1e-4
-
 Weight = Callable[[Array], Array]
 
 
@@ -205,8 +202,8 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
         that are no power laws the smallest from 1e-4 to pi, of displacements in a unit of their own motion)
         with `amplitude_standard_error`, `crossings`, how many there are, and over `pair` `opposed`, whether
         the two act against each other at the averaged crossover: a pair of which one feeds and one damps then
-        sustains an oscillation there. Signs do not count for the
-        amplitude. History-dependent forces are in both groups.
+        sustains an oscillation there. Signs do not count for the amplitude. History-dependent forces are in
+        both groups.
 
     Raises
     ------
@@ -231,11 +228,8 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
                 tables = [tabulated(i, acts_on if rule == "averaged" else "") for i in pair]
                 rows.append(_crossing(estimate, pair, tables))
     table = np.array(rows, dtype=float).reshape(-1, len(RULES), 4)
-    data = {
-        "amplitude": (table[..., 0], table[..., 1]),
-        "crossings": table[..., 2].astype(int),
-        "opposed": table[:, 1, 3] > 0,
-    }
+    crossings, opposed = table[..., 2].astype(int), table[:, 1, 3] > 0
+    data = {"amplitude": (table[..., 0], table[..., 1]), "crossings": crossings, "opposed": opposed}
     columns = list(np.array(pairs, dtype=str).reshape(-1, 3).T)
     coords = dict(zip(("first", "second", "acts_on"), columns, strict=True))
     coords["pair"] = np.array([" ".join(pair) for pair in pairs], dtype=str)

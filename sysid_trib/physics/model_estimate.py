@@ -196,9 +196,8 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     """
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
     if missing or "library" not in result.attrs:
-        raise UsageError(
-            f"This takes an identification of identify; {', '.join(missing) or 'library'} is missing."
-        )
+        wrong = "This takes an identification of identify"
+        raise UsageError(f"{wrong}; {', '.join(missing) or 'library'} is missing.")
     # A sensor term takes no energy and has no weight.
     library = schema.library_of(result)
     library = library.select(f.symbol for f in library if f.kind == "force")

@@ -200,10 +200,8 @@ def check_measured(names: Set[str]) -> None:
         Not one of inertia and mass, or a radius without inertia and load, or these without it.
     """
     if ("inertia" in names) == ("mass" in names) or ("radius" in names) != ({"inertia", "load"} <= names):
-        raise UsageError(
-            "SI units take the inertia of an angle or the mass of a displacement; the coefficient of "
-            "friction takes the load too, and of an angle the radius at which the contact rubs."
-        )
+        wrong = "SI units take the inertia of an angle or mass of a displacement; the coefficient of friction"
+        raise UsageError(f"{wrong} takes the load too, and of an angle the radius at which the contact rubs.")
 
 
 def in_si_units(
@@ -289,10 +287,8 @@ def check_length_unit(unit: str) -> None:
         With what to give instead.
     """
     if unit not in METRES:
-        raise UsageError(
-            f"A mass makes forces of a displacement in a unit of length; this record is in {unit}. Give its "
-            "unit, --units mm, or for an angle the moment of inertia, --inertia."
-        )
+        wrong = f"A mass makes forces of a displacement in a unit of length; this record is in {unit}"
+        raise UsageError(f"{wrong}. Give its unit, --units mm, or of an angle the inertia, --inertia.")
 
 
 def _unit_of_force(power: float, speed: float) -> str:

@@ -31,10 +31,8 @@ def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tup
         raise _contradicted(time, stated, "time-units", given)
     unit = given or stated or {"millis": "ms", "micros": "us"}.get(time.base)
     if unit and unit not in lab.TIME_UNITS:
-        raise RecordError(
-            f"{time.source}: the unit {unit!r} of column {time.name} is unknown; give --time-units "
-            f"(time_units= in Python): {lab.OFFERED_TIME_UNITS}."
-        )
+        wrong = f"{time.source}: the unit {unit!r} of column {time.name} is unknown"
+        raise RecordError(f"{wrong}; give --time-units (time_units= in Python): {lab.OFFERED_TIME_UNITS}.")
     if unit is None:
         unit, why = _by_steps(table, time)
         return unit, lab.TIME_UNITS[unit or "s"], why
@@ -132,10 +130,8 @@ def unit_of(
         raise _contradicted(column, stated.text, "units", how.units, known)
     if given and not given.known and given.quantity == "angle":
         # In whatever it is, no coefficient would have its size.
-        raise UsageError(
-            f"{table.source}: --units '{how.units}' (units= in Python) is no unit of an angle that is known; "
-            f"give {lab.OFFERED_ANGLES}."
-        )
+        wrong = f"{table.source}: --units '{how.units}' is no unit of an angle that is known"
+        raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
     unit, why = given or stated, ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
@@ -152,10 +148,9 @@ def unit_of(
     # Two whole turns to either side are more than an oscillation.
     swing = 0.5 * float(np.ptp(values)) * unit.factor
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
+        wrong = f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much"
         raise RecordError(
-            f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much for an "
-            "oscillation; if it is in degrees say so with --units deg (units= in Python), if it is no angle "
-            "name its unit."
+            f"{wrong}; if it is in degrees say so, --units deg, if it is no angle name its unit."
         )
     return unit, why
 

@@ -61,9 +61,8 @@ def read_clock(
     if even is None:
         kept = np.append(True, steps != 0.0)
         if 2 * np.count_nonzero(kept) < given.size:
-            raise RecordError(
-                f"{source}: most time stamps repeat: the clock is coarser than the sampling; {GIVE_RATE}"
-            )
+            wrong = f"{source}: most time stamps repeat: the clock is coarser than the sampling"
+            raise RecordError(f"{wrong}; {GIVE_RATE}")
         if not kept.all():
             repeated = int(np.count_nonzero(~kept))
             sentences.append(f"{repeated} row{'s' * (repeated > 1)} with a repeated time stamp left out")
@@ -74,10 +73,8 @@ def read_clock(
         sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
     # s; of shorter steps numbers lose their digits.
     if factor * float(np.mean(np.abs(np.diff(given)))) < 1e-100:
-        raise RecordError(
-            f"{source}: its samples are {factor * (given[1] - given[0]):.3g} s apart: no clock has such "
-            "steps; give its unit (--time-units), or the sampling rate (--sampling-rate HZ)."
-        )
+        apart = f"{factor * (given[1] - given[0]):.3g} s apart: no clock has such steps"
+        raise RecordError(f"{source}: samples are {apart}; give their unit, --time-units, or {GIVE_RATE}")
     time, said = even or _without_rounding(given, decimal_step(given))
     time = time * factor
     # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
@@ -88,9 +85,8 @@ def read_clock(
     if still.size:
         # Numbers so much larger than their steps that these are lost in their digits.
         row = int(rows[still[0] + 1]) + 1
-        raise RecordError(
-            f"{source}: times do not rise in their digits, first in row {row}; correct them, or {GIVE_RATE}"
-        )
+        wrong = f"{source}: times do not rise in their digits, first in row {row}"
+        raise RecordError(f"{wrong}; correct them, or {GIVE_RATE}")
     rate = f"{1.0 / signal.usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
     return time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate)
@@ -102,10 +98,8 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
     back = np.flatnonzero(steps < 0.0) + 1
     if back.size > min(column.MOST_SET_BACK, given.size // 20):
         row = int(back[0])
-        raise RecordError(
-            f"{source}: time must rise, but {given[row - 1]:.9g} s in row {row} is followed by "
-            f"{given[row]:.9g} s, and so {back.size} times; sort the rows, or give the sampling rate instead."
-        )
+        fall = f"{given[row - 1]:.9g} s in row {row} is followed by {given[row]:.9g} s, {back.size} times"
+        raise RecordError(f"{source}: time must rise, but {fall}; sort the rows, or give the sampling rate.")
     shift = np.zeros(given.size)
     shift[back] = np.median(steps) - steps[back - 1]
     return given + np.cumsum(shift), back

@@ -97,10 +97,8 @@ class Column:
                 text = str(value).replace(",", ".").replace(MINUS, "-")
                 values.append(np.nan if is_missing(text) else float(text))
             except ValueError:
-                raise RecordError(
-                    f"{self.source}: row {row} of column {self.name} holds {str(value)[:30]!r}, not a "
-                    "number; correct it or cut it out."
-                ) from None
+                wrong = f"{self.source}: row {row} of column {self.name} holds {str(value)[:30]!r}"
+                raise RecordError(f"{wrong}, not a number; correct it or cut it out.") from None
         return np.array(values)
 
     @cached_property

@@ -98,9 +98,8 @@ def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[
     """
     runs = [(time, [c for c in signals if _time_of(table, c, times) is time]) for time in times]
     # What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
-    patterns = {
-        tuple(re.sub(r"#?\d+|(?<=[ _])[a-d]$", "", c.base) for c in (time, *group)) for time, group in runs
-    }
+    bare = re.compile(r"#?\d+|(?<=[ _])[a-d]$")
+    patterns = {tuple(bare.sub("", c.base) for c in (time, *group)) for time, group in runs}
     fit = all(c.cells.size == time.cells.size for time, group in runs for c in group)
     return runs if len(runs) > 1 and len(patterns) == 1 and fit and runs[0][1] else []
 

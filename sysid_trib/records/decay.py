@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -124,7 +124,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     units = centred_in = unit_of_signal(record)
     equilibrium = swing.equilibrium, swing.standard_error
     measured = record.attrs.get("measured")
-    variables = {}
+    variables: dict[str, Any] = {}
     if measured:
         own_attrs = dict(record[measured].attrs) | {"long_name": f"{measured} as measured, about its mean"}
         at = {"measured_time": ("measured_time", time, {"units": "s", "long_name": "time"})}
@@ -139,12 +139,10 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
         equilibrium, centred_in = (0.0, np.nan), str(record[measured].attrs["units"])
     cut = _on_own_samples(record, time, bare=bool(measured))
     cut["angle"] = ("time", signal, attrs)
-    cut = cut.assign(variables)
-    cut = cut.assign(with_error("equilibrium", (), equilibrium, "equilibrium", units))
+    cut = cut.assign(variables | with_error("equilibrium", (), equilibrium, "equilibrium", units))
     if np.isfinite(swing.stop_time):
         cut["stop_time"] = variable((), swing.stop_time, "time at which it stopped for good", "s")
-    mended = "; ".join(text for text in (said, swing.mended) if text)
-    cut.attrs["free_decay"] = _sentence(swing, centred_in, mended)
+    cut.attrs["free_decay"] = _sentence(swing, centred_in, said)
     return cut
 
 
@@ -157,13 +155,13 @@ def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Datase
     return xr.Dataset(coords={"time": ("time", time, record["time"].attrs)}, attrs=record.attrs)
 
 
-def _sentence(swing: Swing, units: str, mended: str) -> str:
+def _sentence(swing: Swing, units: str, said: str) -> str:
     time = swing.time[swing.free]
     cut = " and ".join(text for text in (swing.before, swing.after) if text)
     kept = f"kept {time[0]:.6g} s to {time[-1]:.6g} s ({time.size} samples)"
     error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
     middle = f"centred on {swing.equilibrium:.6g}{error} {units}"
-    done = f"; {mended}" if mended else ""
+    done = "".join(f"; {text}" for text in (said, swing.mended) if text)
     return f"Free decay: {kept}; cut {cut or 'nothing'}{done}; {middle}."
 
 

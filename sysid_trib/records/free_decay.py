@@ -114,11 +114,9 @@ def free_decays(
     if value is not None and measured.name != "angle":
         raise UsageError(f"{source}: an equilibrium of an integrated angle cannot be given; leave it out.")
     if value is not None and not angle.min() < value < angle.max():
-        raise DecayError(
-            f"{source}: an equilibrium of {value:g} is outside of the record, which runs from "
-            f"{angle.min():.4g} to {angle.max():.4g} {inside['angle'].attrs.get('units', 'rad')}; "
-            "correct it, or let it be found (auto)."
-        )
+        reach = f"{angle.min():.4g} to {angle.max():.4g} {inside['angle'].attrs.get('units', 'rad')}"
+        wrong = f"{source}: an equilibrium of {value:g} is outside of the record, which runs from {reach}"
+        raise DecayError(f"{wrong}; correct it, or let it be found (auto).")
     breaks = np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float))
     pieces, said = _pieces(time, angle, keep_outliers, breaks)
     refused = ""
@@ -212,10 +210,8 @@ def _alike(swing: Swing, first: Swing) -> bool:
 def _first(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
     """The decay that a piece holds, or the reason why it holds none."""
     if cleaning.pulses(signal):
-        raise DecayError(
-            f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier "
-            "does: it is not a displacement, from which a decay could be read; choose another column."
-        )
+        wrong = f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier"
+        raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
     swing = find_swing(time, signal, value)
     if swing is None:
         raise DecayError(f"{source}: no oscillation stands out of the noise; check column and window.")

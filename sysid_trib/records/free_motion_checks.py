@@ -64,16 +64,12 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         _refuse_rise_and_fall(peak, scatter, source)
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
-        raise DecayError(
-            f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed, or the "
-            "forces that act (--forces), to take it as it is."
-        )
+        wrong = f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed"
+        raise DecayError(f"{wrong}, or the forces that act (--forces), to take it as it is.")
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
-        raise DecayError(
-            f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period; "
-            "is it driven? A free decay is needed."
-        )
+        wrong = f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period"
+        raise DecayError(f"{wrong}; is it driven? A free decay is needed.")
     swing = replace(swing, run=slice(run.start + first, run.stop))
     swing = _before_shaking(peak[first:], swing)
     _refuse_rises(peak[first : first + swing.run.stop - swing.run.start], swing, source)
@@ -181,9 +177,8 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     if last < 0:
         return 0, ""
     if swing.run.stop - last - 1 < FEWEST_EXTREMA:
-        raise DecayError(
-            f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end; widen the range."
-        )
+        wrong = f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end"
+        raise DecayError(f"{wrong}; widen the range.")
     first = int(np.searchsorted(time, swing.halves.crossing[last + 1]))
     cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"
     return first, cut

@@ -169,10 +169,8 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
     if time[0] > start or time[-1] < float(record.time.values[-1]):
-        raise DecayError(
-            f"The input {name} reaches from {time[0]:g} to {time[-1]:g} s, the record from {start:g} to "
-            f"{float(record.time.values[-1]):g} s; cut the record (--window), or give all of the input."
-        )
+        reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
+        raise DecayError(f"The input {name} reaches from {reach}; cut the record (--window), or give all.")
     return KnownInput(time - start, given.values.astype(float), str(given.attrs.get("between", "linear")))
 
 
@@ -191,18 +189,14 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
     refuse_unused(inputs, library)
     for force in library:
         if missing := [name for name in force.inputs if name not in inputs]:
-            raise UsageError(
-                f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks; name its "
-                f"column (--input {missing[0]}=COLUMN; input= in Python), or leave the force out."
-            )
+            wrong = f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks"
+            raise UsageError(f"{wrong}; name its column (--input {missing[0]}=COLUMN), or leave it out.")
     for channel in library.channels:
         units = record[channel.input].attrs.get("units")
         wanted = unit_of_signal(record) + PER_KIND.get(channel.kind, "")
         if channel.kind and units not in (None, wanted):
-            raise UsageError(
-                f"The input {channel.input} is in {units}, and these forces take it as {channel.kind} in "
-                f"{wanted}; convert it, or offer forces that take another quantity."
-            )
+            wrong = f"The input {channel.input} is in {units}, and these forces take it as {channel.kind}"
+            raise UsageError(f"{wrong} in {wanted}; convert it, or offer forces that take another quantity.")
     return inputs
 
 
@@ -217,9 +211,8 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
     for name in inputs:
         if name != INPUT and name not in library.inputs:
             held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
-            raise UsageError(
-                f"No force holds the input {name} ({held}); offer one (libraries/inputs.toml), or no input."
-            )
+            wrong = f"No force holds the input {name} ({held})"
+            raise UsageError(f"{wrong}; offer one (libraries/inputs.toml), or no input.")
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
@@ -257,10 +250,8 @@ def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -
         What was measured is a rate or an acceleration, which is fitted of free decays alone.
     """
     if record.attrs.get("integrations"):
-        raise UsageError(
-            "A driven record is an angle or a displacement; this one is integrated. Name a column of these "
-            "(--angle), or leave the input out."
-        )
+        wrong = "A driven record is an angle or a displacement; this one is integrated"
+        raise UsageError(f"{wrong}. Name a column of these (--angle), or leave the input out.")
     low, high = window
     part = record.sel(time=slice(low, high))
     if part.sizes["time"] < FEWEST_SAMPLES:

@@ -82,9 +82,8 @@ def read_record(
     records = read_records(path, how)
     if len(records) > 1:
         names = ", ".join(str(record.attrs["angle_column"]) for record in records)
-        raise UsageError(
-            f"{Path(path).name}: {len(records)} runs side by side ({names}); name one, or read_records."
-        )
+        wrong = f"{Path(path).name}: {len(records)} runs side by side ({names})"
+        raise UsageError(f"{wrong}; name one, or read_records.")
     return records[0]
 
 
@@ -209,10 +208,8 @@ def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict
     felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
     # An accelerometer that feels less of gravity than this part shows no angle.
     if felt < 0.02 * lab.STANDARD_GRAVITY:
-        raise RecordError(
-            f"{source}: at {distance:g} m from the axis an accelerometer feels next to nothing of this swing "
-            f"along its path ({felt:.3g} m/s^2 of 9.81): correct --distance, or choose another axis."
-        )
+        wrong = f"{source}: at {distance:g} m from the axis an accelerometer feels next to nothing of a swing"
+        raise RecordError(f"{wrong} ({felt:.3g} m/s^2 of 9.81): correct --distance, or choose another axis.")
     made = "its angle by the arcsine, as if there were no friction"
     return {"integrations": 0, "distance": distance, "felt_per_sine": felt, "integration": made}
 

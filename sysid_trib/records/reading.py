@@ -85,10 +85,8 @@ class Reading:
                 if not low <= float(value) <= high:
                     raise UsageError(f"{text} {value:g}: give {what}.")
         if (self.signal == lab.ACCELEROMETER) != (self.distance is not None):
-            raise UsageError(
-                "An accelerometer on a pendulum is read by its distance from the axis in m: give both "
-                "--signal accelerometer and --distance M (signal= and distance= in Python), or neither."
-            )
+            wrong = "An accelerometer on a pendulum is read by its distance from the axis"
+            raise UsageError(f"{wrong}: give --signal accelerometer and --distance M, or neither.")
 
     @property
     def quantity(self) -> str | None:
@@ -124,10 +122,8 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
     unit = _agreed(follows, units)
     if unit is None:
         columns = ", ".join(column.name for column in held.values())
-        raise UsageError(
-            f"{table.source}: the unit of --angle '{text}' does not follow from that of its columns "
-            f"({columns}), whose numbers it takes as they are; say it with --units (units= in Python)."
-        )
+        wrong = f"{table.source}: the unit of --angle '{text}' does not follow from its columns ({columns})"
+        raise UsageError(f"{wrong}, whose numbers it takes as they are; say it with --units (units=).")
     base = next(iter(held)) if len(held) == 1 else ""
     made = Column(text, np.where(np.isfinite(signal), signal, np.nan), table.source, base, unit)
     return replace(table, columns=(*table.columns, made))
@@ -188,10 +184,8 @@ def _arguments(text: str) -> list[str]:
 def _single(columns: Sequence[Column], name: str, text: str) -> Column:
     """The column of numbers that alone has a name."""
     if len(columns) > 1:
-        raise UsageError(
-            f"{columns[0].source}: there is no single column '{name}' for --angle '{text}': "
-            f"{', '.join(column.name for column in columns)}; rename one in the file."
-        )
+        wrong = f"{columns[0].source}: there is no single column '{name}' for --angle '{text}'"
+        raise UsageError(f"{wrong}: {', '.join(column.name for column in columns)}; rename one in the file.")
     if not columns[0].is_numeric:
         holds = f"column '{columns[0].name}' of --angle '{text}' holds no numbers."
         raise UsageError(f"{columns[0].source}: {holds}")

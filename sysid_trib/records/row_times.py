@@ -87,11 +87,8 @@ def _check_rate(stamps: Array, given: float, time: Column) -> None:
     distinct = np.unique(stamps).size
     rate = (stamps.size - stamps.size / max(1, distinct)) / max(float(np.ptp(stamps)), 1e-300)
     if distinct > 1 and abs(given / rate - 1.0) > 0.01 + 1.0 / stamps.size:
-        raise UsageError(
-            f"{time.source}: the time stamps of column {time.name} say {rate:.6g} Hz, but --sampling-rate "
-            f"says {given:g} Hz (sampling_rate= in Python); leave the option out, or give "
-            "the unit of the stamps, --time-units."
-        )
+        say = f"time stamps of column {time.name} say {rate:.6g} Hz, but --sampling-rate says {given:g} Hz"
+        raise UsageError(f"{time.source}: {say} (sampling_rate=); leave it out, or give --time-units.")
 
 
 def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -> tuple[Index | None, str]:
@@ -214,14 +211,12 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading)
         else:
             time, values, unit = _of_file(other, wanted, how)
         if not np.all(np.isfinite(values)):
-            raise RecordError(
-                f"{table.source}: the input {name} is not a number at each time; fill it, or cut (--window)."
-            )
+            wrong = f"{table.source}: the input {name} is not a number at each time"
+            raise RecordError(f"{wrong}; fill it, or cut (--window).")
         # An input that varies by less than this part of its size is constant.
         if np.ptp(values) <= 1e-12 * np.max(np.abs(values), initial=0.0):
-            raise RecordError(
-                f"{table.source}: the input {name} is {values[0]:g} throughout; name another column, or none."
-            )
+            wrong = f"{table.source}: the input {name} is {values[0]:g} throughout"
+            raise RecordError(f"{wrong}; name another column, or none.")
         attrs: dict[str, Any] = {"role": ROLE, "between": how.between, "long_name": f"input {name}"}
         if unit is not None:
             is_angle = unit.position == "rad"

@@ -79,9 +79,8 @@ def checked_signal(record: Any, *names: str) -> None:
         angle or a time in a unit of its own.
     """
     if not isinstance(record, xr.Dataset) or "angle" not in record:
-        raise UsageError(
-            f"A decay is a Dataset with angle(time), not {type(record).__name__}: free_decay(record)."
-        )
+        kind = type(record).__name__
+        raise UsageError(f"A decay is a Dataset with angle(time), not {kind}: free_decay(record).")
     source = str(record.attrs.get("source", "record"))
     for name in ("time", "angle", *names):
         variable = record.variables.get(name)
@@ -94,9 +93,8 @@ def checked_signal(record: Any, *names: str) -> None:
         if bad.size:
             first, instant = bad[0], record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
-            raise DecayError(
-                f"{source}: {where} is not a finite number, or vast ({variable.values[first]:g}); cut it out."
-            )
+            wrong = f"{source}: {where} is not a finite number, or vast ({variable.values[first]:g})"
+            raise DecayError(f"{wrong}; cut it out.")
     _check_units(record, source)
     if record.sizes["time"] < FEWEST_SAMPLES:
         raise DecayError(f"{source}: only {record.sizes['time']} samples are no oscillation; record longer.")

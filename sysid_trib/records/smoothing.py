@@ -84,9 +84,8 @@ def _spline_on(knots: Array, tau: Array, values: Array) -> tuple[BSpline, Array]
         basis, factor = kept(tau.tobytes(), knots.tobytes())
         coefficients = cho_solve_banded((factor, True), basis.T @ values, check_finite=False)
     except ValueError:
-        raise DecayError(
-            "The samples of this record do not determine a spline; check its sampling."
-        ) from None
+        wrong = "The samples of this record do not determine a spline"
+        raise DecayError(f"{wrong}; check its sampling.") from None
     return BSpline.construct_fast(knots, coefficients, SPLINE_DEGREE), np.asarray(basis @ coefficients)
 
 

@@ -95,10 +95,8 @@ class FileTable:
         column = self.match(wanted)
         if column is None:
             names = [*(column.name for column in self.columns), *(column.base for column in self.columns)]
-            raise UsageError(
-                f"{self.source}: there is no single column {str(wanted)!r}; its columns are {self.listed}."
-                f"{did_you_mean(str(wanted), names)}"
-            )
+            wrong = f"{self.source}: there is no single column {str(wanted)!r}"
+            raise UsageError(f"{wrong}; its columns are {self.listed}.{did_you_mean(str(wanted), names)}")
         return column
 
     @property
