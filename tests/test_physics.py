@@ -10,13 +10,8 @@ from sysid_trib import Model, load_library
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
-from sysid_trib.physics.contact import (
-    SLIP_RATIO,
-    contact_stiffness,
-    inertia_with_mass,
-    slip_fingerprint,
-    sphere_stiffness,
-)
+from sysid_trib.physics import inertia_with_mass
+from sysid_trib.physics.contact import SLIP_RATIO, contact_stiffness, slip_fingerprint, sphere_stiffness
 from sysid_trib.physics.force_weights import crossovers, dissipated_energy, weights
 from sysid_trib.physics.model_estimate import arrest_time
 from sysid_trib.physics.si_units import physical_units
