@@ -121,16 +121,15 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
                 f"column '{RECORD}' with their names."
             )
         return table
-    names = table.pop(RECORD).astype(str)
-    if names.duplicated().any():
-        raise UsageError(f"{path.name}: '{names[names.duplicated()].iloc[0]}' has two rows.")
-    table.index = pd.Index(names)
-    short = [Path(name).name for name in records if name not in table.index]
+    table.index = pd.Index(table.pop(RECORD).astype(str))
+    if (repeated := table.index[table.index.duplicated()]).size:
+        raise UsageError(f"{path.name}: '{repeated[0]}' has two rows.")
+    known = [name if name in table.index else Path(name).name for name in records]
+    short = [of for of, name in zip(known, records, strict=True) if of != name]
     if twice := [name for name in short if short.count(name) > 1 and name in table.index]:
         raise UsageError(
             f"{path.name}: '{twice[0]}' is the name of several records; give them with their folders."
         )
-    known = [name if name in table.index else Path(name).name for name in records]
     if lacking := [name for name in known if name not in table.index]:
         raise UsageError(f"{path.name}: has no row for record '{lacking[0]}'.")
     return table.loc[known].reset_index(drop=True)

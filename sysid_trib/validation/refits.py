@@ -266,10 +266,6 @@ def _constancy(table: xr.Dataset) -> Variables:
         p_value, trend_p = chi2.sf(square, count - 1), 2.0 * norm.sf(np.abs(trend / trend_error))
     if count < 2:
         p_value, trend_p = np.full((2, len(square)), np.nan)
-    tests = {"mean_coefficient": mean, "chi_square": square, "p_value": p_value}
-    tests |= {
-        "trend": (trend, trend_error),
-        "trend_p_value": trend_p,
-        "degrees_of_freedom": max(count - 1, 0),
-    }
+    tests = {"mean_coefficient": mean, "chi_square": square, "p_value": p_value, "trend_p_value": trend_p}
+    tests |= {"trend": (trend, trend_error), "degrees_of_freedom": max(count - 1, 0)}
     return described("sliding", tests)

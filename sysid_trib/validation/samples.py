@@ -161,13 +161,7 @@ def _run(
 
 
 def _contrast(
-    values: Array,
-    by_noise: Array,
-    by_model: Array,
-    freedoms: Array,
-    *,
-    level: float,
-    of_model: Array | None,
+    values: Array, by_noise: Array, by_model: Array, freedoms: Array, *, level: float, of_model: Array | None
 ) -> Variables:
     """Differences of the forces with their tests; of both samples what `mean_of_runs` gives."""
     contrast, errors = values[0] - values[1], np.diagonal(by_noise + by_model, axis1=1, axis2=2)

@@ -225,10 +225,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
 
 
 def with_model_in_errors(
-    followed: FollowedRuns,
-    method: Method,
-    library: ForceLibrary,
-    residual: tuple[float, float] | None = None,
+    followed: FollowedRuns, method: Method, library: ForceLibrary, residual: tuple[float, float] | None = None
 ) -> FollowedRuns:
     """The identification with errors that are those of the model too, where the residual is not noise.
 
