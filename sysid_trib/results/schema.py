@@ -77,7 +77,8 @@ def identification(
     kept = np.ones(count, bool) if active is None else active
     w = float(estimate.reference_frequency)
     limit, gradient = asymptotic_frequency(library, estimate.coefficients, w)
-    w_error, noise = _root(covariance[count, count]), root_mean_square(estimate.noises)
+    variances = covariance[count, count], gradient @ covariance @ gradient
+    w_error, limit_error = np.sqrt(np.fmax(0.0, variances)).tolist()
     of_force = covariance[:count, :count]
     values_of: dict[str, Any] = {
         "coefficient": np.where(kept, estimate.coefficients, 0.0),
@@ -86,10 +87,10 @@ def identification(
         "active": kept,
         "refers_to": np.full(count, w),
         "frequency_covariance": (covariance @ gradient)[:count],
-        "noise": noise,
+        "noise": root_mean_square(estimate.noises),
         # The error is 0 of one that was given.
         "reference_frequency": (w, w_error),
-        "asymptotic_frequency": (limit, _root(gradient @ covariance @ gradient)),
+        "asymptotic_frequency": (limit, limit_error),
     }
     variables = described("identification", values_of | _shape_values(method, library))
     for name, (values, units, long_name) in {**run_noise(estimate.noises), **estimate.extra}.items():
@@ -127,10 +128,6 @@ def _shape_values(method: Any, library: ForceLibrary) -> dict[str, Any]:
     shapes = library.shape_values(dict(getattr(method, "shapes", {})))
     held = {"shape": list(shapes.values()), "shape_standard_error": np.full(len(shapes), np.nan)}
     return {"shape_parameter": list(shapes), **held} if shapes else {}
-
-
-def _root(variance: Any) -> float:
-    return float(np.sqrt(max(0.0, float(variance))))
 
 
 def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:

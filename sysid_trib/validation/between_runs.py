@@ -170,11 +170,9 @@ def between_runs(
     level = VARIES_LEVEL / len(names)
     runs = [estimates.sel(quantity=name) for name in names]
     of_quantities = [_quantity(of_run, design, laboratory, level) for of_run in runs]
-    dims = ("run", "quantity")
-    values = estimates.value.transpose(*dims).values, estimates.standard_error.transpose(*dims).values
-    both = described("between_runs", {"value": values})
-    both["standard_error"] = both.pop("value_standard_error")
-    together = xr.concat(of_quantities, "quantity", combine_attrs="override").assign(both)
+    both = {name: estimates[name].transpose("run", "quantity").values for name in ("value", "standard_error")}
+    together = xr.concat(of_quantities, "quantity", combine_attrs="override")
+    together = together.assign(described("between_runs", both))
     attrs = estimates.attrs | {"level": VARIES_LEVEL}
     return together.transpose("run", "quantity", ...).assign_coords(estimates.coords).assign_attrs(attrs)
 

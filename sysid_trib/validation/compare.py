@@ -141,16 +141,13 @@ def _compared(
     of_records = group_names("record", len(runs))
     if taken := sorted({*groups, *of_records} & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
-    driven = is_driven(runs)
-    if driven:
+    if driven := is_driven(runs):
         for run in runs:
             inputs.inputs_for(run, library)
-    # In driven records a random force is asked for, not looked for.
-    named = (
-        {label: verdict.with_noise(method, "off") for label, method in named.items()}
-        if driven
-        else verdict.with_common_noise(decay, library, named)
-    )
+        # In driven records a random force is asked for, not looked for.
+        named = {label: verdict.with_noise(method, "off") for label, method in named.items()}
+    else:
+        named = verdict.with_common_noise(decay, library, named)
     trials: dict[str, Trial] = {}
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))

@@ -108,11 +108,8 @@ def posterior(
     tail, ordered = int(min(0.2 * count, 3.0 * np.sqrt(count))), np.sort(weight)
     pareto_k = genpareto.fit((ordered[-tail:] - ordered[-tail - 1]) / ordered[-1], floc=0.0)[0]
     attrs = {"effective_sample_size": 1.0 / float(np.sum(weight**2)), "pareto_k": float(pareto_k)}
-    groups = {
-        "posterior": _dataset(likelihood, kept.reshape(chains, draws, -1)),
-        "sample_stats": xr.Dataset(lp),
-    }
-    return xr.DataTree.from_dict({name: group.assign_attrs(attrs) for name, group in groups.items()})
+    drawn = _dataset(likelihood, kept.reshape(chains, draws, -1)).assign_attrs(attrs)
+    return xr.DataTree.from_dict({"posterior": drawn, "sample_stats": xr.Dataset(lp, attrs=attrs)})
 
 
 def _parts(likelihood: Fit) -> list[ProposalPart]:

@@ -168,7 +168,8 @@ def _held_against_each_other(
     """The cross-check of two methods; of several runs, whether these agree."""
     if len(methods) != 2:
         raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
-    if is_driven(as_runs(decay, driven=True)):
+    runs = as_runs(decay, driven=True)
+    if is_driven(runs):
         direct, trajectory = methods
         if not (isinstance(direct, Direct) and isinstance(trajectory, Trajectory)):
             raise UsageError("A driven record is identified by methods.Direct and methods.Trajectory.")
@@ -176,7 +177,6 @@ def _held_against_each_other(
     slow = any(isinstance(method, Trajectory) for method in methods)
     # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
     draws = min(SIMULATED_RECORDS, fewest_records(len(library) + 1)) if slow else SIMULATED_RECORDS
-    runs = as_runs(decay, driven=True)
     tree = identified_and_checked(one_or_all(list(runs)), library, methods, draws=draws, tell=tell)
     if len(runs) > 1:
         tell("each run by itself")

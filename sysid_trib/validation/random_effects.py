@@ -60,11 +60,6 @@ class RandomEffects:
         """Triangular root of the covariance of the effects, (column, column)."""
         return np.linalg.inv(np.linalg.qr(self.design * np.sqrt(self.weights)[:, None], mode="r"))
 
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the effects, (column, column)."""
-        return self.root @ self.root.T
-
     @cached_property
     def effects(self) -> Array:
         """Effects of the columns, (column,)."""
@@ -113,7 +108,7 @@ class RandomEffects:
 
         Residuals smaller than the errors narrow nothing (Roever et al. 2015).
         """
-        return max(1.0, self.chi_square / self.degrees_of_freedom) * self.covariance
+        return max(1.0, self.chi_square / self.degrees_of_freedom) * (self.root @ self.root.T)
 
     def p_value(self, columns: Index) -> float:
         """p-value of no effect of some columns at all (F)."""
