@@ -213,7 +213,10 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     if not known and not displacements:
         usual = USUAL_ANGLES[0] <= largest <= USUAL_ANGLES[1] or not largest
         wanted = {name: argument for name, argument in given.items() if name != "candidates"}
-        if usual or not all(map(scalable, _forces(wanted))) or _has_ties(wanted):
+        tables = [of for of in given.values() if isinstance(of, dict)]
+        tables += [getattr(argument, "constraints", {}) for argument in given.values()]
+        tied = any(isinstance(value, str) for table in tables for value in table.values())
+        if usual or tied or not all(map(scalable, _forces(wanted))):
             return None
     degrees = _degrees(given)
     inputs = frozenset(c.input for force in _forces(given) for c in force.channels if c.kind)
@@ -229,13 +232,6 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
 def _degrees(given: Any) -> dict[str, notation.Powers]:
     """Degree of each force that is given and has one, by symbol."""
     return {force.symbol: degree for force in _forces(given) if (degree := notation.signal_powers(force))}
-
-
-def _has_ties(given: Mapping[str, Any]) -> bool:
-    """True if a table of constraints, or the methods, tie parameters to others."""
-    tables = [getattr(argument, "constraints", {}) for argument in given.values()]
-    tables += [argument for argument in given.values() if isinstance(argument, dict)]
-    return any(isinstance(value, str) for table in tables for value in table.values())
 
 
 def _changed(given: Any, change: Callable[[Any], Any]) -> Any:

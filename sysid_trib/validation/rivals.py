@@ -46,7 +46,8 @@ class Rival:
     name : str
     model : Model
     directions : (parameter, direction) array of float
-        Of its coefficients, shapes and frequency; their product with their transpose is the covariance.
+        Of its coefficients, shapes and frequency, in this order; their product with their transpose is the
+        covariance.
     probability : float
     """
 
@@ -54,12 +55,6 @@ class Rival:
     model: Model
     directions: Array
     probability: float
-
-    @property
-    def shapes(self) -> slice:
-        """Where the shapes are among the parameters."""
-        first = len(self.model.coefficients)
-        return slice(first, first + len(self.model.shapes))
 
     @property
     def fitted(self) -> list[str]:
@@ -207,7 +202,8 @@ def _explained_space(run: RunPrediction) -> Array:
 
 def _sharpened(rival: Rival, run: RunPrediction) -> float:
     """Half the logarithm by which the covariance of a rival's shapes falls in a run, negative."""
-    shapes, after = rival.directions[rival.shapes], covariance_after(run)
+    # The frequency is the last of its parameters.
+    shapes, after = rival.directions[len(rival.model.coefficients) : -1], covariance_after(run)
     was, becomes = (np.linalg.slogdet(shapes @ c @ shapes.T)[1] for c in (np.eye(len(after)), after))
     return float(0.5 * (becomes - was))
 
