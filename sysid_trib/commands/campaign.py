@@ -76,15 +76,17 @@ def _task(given: Asked) -> task.Task:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
     # How a file is read does not depend on which others there are.
     read = partial(decays_of, given.but(records=[]))
+    of_model = [option for option in GROUPS["model"] if option not in GROUPS["start"]]
+    # What the task would pass over in silence.
+    if idle := given.changed(of_model if name == "discover" else GROUPS["search"]):
+        raise UsageError(f"{idle[0]} is no option of --task {name}; leave it out, or give another task.")
     if name == "discover":
-        _refuse(name, given.changed([option for option in GROUPS["model"] if option not in GROUPS["start"]]))
         if given.methods is not None:
             raise UsageError("--methods are of identify and compare; discover has one of its own.")
         start, offered, how = asked_search(given)
         return task.Task("discover", start, candidates=offered, read=read, options=how)
-    _refuse(name, given.changed(GROUPS["search"]))
-    of_model = asked_model(given)
-    methods = methods_asked(of_model)
+    asked = asked_model(given)
+    methods = methods_asked(asked)
     # The two that `identify` holds against each other.
     wanted = ["averaging", "direct"] if name == "identify" else list(methods)
     if given.methods:
@@ -93,19 +95,13 @@ def _task(given: Asked) -> task.Task:
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
     return task.Task(
         name,
-        of_model.library,
+        asked.library,
         {label: methods[label] for label in wanted},
         judged=name == "identify" and not given.methods,
         read=read,
-        constraints=of_model.constraints,
-        contactless=of_model.contactless,
+        constraints=asked.constraints,
+        contactless=asked.contactless,
     )
-
-
-def _refuse(name: str, flags: Sequence[str]) -> None:
-    """Refuse options that a task would pass over in silence."""
-    if flags:
-        raise UsageError(f"{flags[0]} is no option of --task {name}; leave it out, or give another task.")
 
 
 def _records(patterns: list[Path], study: Path | None, conditions: Path | None) -> Any:

@@ -174,20 +174,21 @@ class LiteralFigure(Figure):
     def _give_room(self, engine: LayoutEngine, renderer: RendererBase) -> None:
         """Break labels and legends, first in panels of short labels: a long one would squeeze them all."""
         labels = [label for ax in self.axes for label in _labels(ax)]
-        texts = [_words(text.get_text()) for _, text, _ in labels]
-        legends = [(ax, legend) for ax in self.axes if (legend := ax.get_legend()) is not None]
+        # Mathematics is one word.
+        texts = [re.findall(r"(?:\$[^$]*\$|[^\s$]|\$)+", text.get_text()) for _, text, _ in labels]
+        legends = [legend for ax in self.axes if (legend := ax.get_legend()) is not None]
         for _, text, _ in labels:
             text.set_text("x" if text.get_text().strip() else "")
-        for _, legend in legends:
+        for legend in legends:
             legend.set_in_layout(False)
         engine.execute(self)
-        for _, legend in legends:
+        for legend in legends:
             legend.set_in_layout(True)
         for _ in range(LAYOUTS):
             before = self._texts()
             for (ax, text, side), words in zip(labels, texts, strict=True):
                 _fill(text, words, getattr(ax.get_window_extent(renderer), side), renderer)
-            for ax, _ in legends:
+            for ax in self.axes:
                 _fit_legend(ax, renderer)
             if self._texts() == before:
                 break
@@ -215,11 +216,6 @@ def _labels(ax: Axes) -> list[tuple[Axes, Text, str]]:
     """Labels and titles of a panel, with the side that has room for each."""
     across = [ax.xaxis.label, *_titles(ax)]
     return [(ax, ax.yaxis.label, "height"), *((ax, text, "width") for text in across)]
-
-
-def _words(text: str) -> list[str]:
-    """The words of a text; mathematics is one."""
-    return re.findall(r"(?:\$[^$]*\$|[^\s$]|\$)+", text)
 
 
 def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> None:

@@ -16,7 +16,6 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
 from sysid_trib.validation.findings import kept_results
 
-CURVE_HEIGHT = 2.6
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
 # Room about the bands, in parts of their extent: single periods may scatter far beyond them.
 MARGIN = 0.15
@@ -39,7 +38,7 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     data, models = curves_of(data, run) if isinstance(data, xr.DataTree) else (data, None)
-    figure, panels = style.grid(2, 2, width, CURVE_HEIGHT)
+    figure, panels = style.grid(2, 2, width, 2.6)
     for ax, name in zip(panels, CURVE_LABELS, strict=True):
         draw_curve(ax, data, name, models)
     style.letter(panels)

@@ -128,32 +128,28 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
             f"A report is of a result of identify, cross_check, compare or discover, not of {_named(result)}."
         )
     try:
-        return _rendered(tree)
+        title, summary, sections = contents_of(tree)
+        following = [f"Next: {tree.attrs['next']}"] if tree.attrs.get("next") else []
+        unkept = [{"source": "; ".join(tree.attrs.get("record_source", []))}]
+        return rendered(
+            {
+                "title": title,
+                "records": provenance.kept_records(tree) or unkept,
+                "summary": [*summary, *following],
+                "sections": sections,
+                "facts": provenance.facts(tree),
+                "methods": provenance.method_table(tree),
+                "texts": provenance.libraries(tree),
+                "command": tree.attrs.get("command", ""),
+                "python": provenance.python_text(tree),
+            }
+        )
     except SysidTribError:
         raise
     # Of a result that was edited any part may be missing, or of another form.
     except Exception as error:
         reason = " ".join(str(error).split())
         raise RecordError(f"The result is not whole ({reason}); make it again with this version.") from error
-
-
-def _rendered(tree: xr.DataTree) -> str:
-    title, summary, sections = contents_of(tree)
-    unkept = [{"source": "; ".join(tree.attrs.get("record_source", []))}]
-    following = [f"Next: {tree.attrs['next']}"] if tree.attrs.get("next") else []
-    return rendered(
-        {
-            "title": title,
-            "records": provenance.kept_records(tree) or unkept,
-            "summary": [*summary, *following],
-            "sections": sections,
-            "facts": provenance.facts(tree),
-            "methods": provenance.method_table(tree),
-            "texts": provenance.libraries(tree),
-            "command": tree.attrs.get("command", ""),
-            "python": provenance.python_text(tree),
-        }
-    )
 
 
 def rendered(content: Part) -> str:
