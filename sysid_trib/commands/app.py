@@ -6,6 +6,7 @@ What works is imported when it runs.
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 from importlib import import_module
@@ -157,10 +158,9 @@ def assigned(texts: list[str], refusal: str) -> dict[str, float]:
 
 def parse_number(text: str, option: str) -> float:
     """A finite number, or a sentence that names the option."""
-    try:
+    value = float("nan")
+    with suppress(ValueError):
         value = float(text)
-    except ValueError:
-        value = float("nan")
     if not isfinite(value):
         raise UsageError(f"{option}: '{text.strip()}' is not a finite number.")
     return value

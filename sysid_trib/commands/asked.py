@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -168,13 +169,11 @@ def held_shapes(texts: list[str], library: ForceLibrary) -> dict[str, float]:
 
 def parse_random_force(text: str) -> RandomForceOption:
     """A word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
-    word = text.strip()
+    word, density = text.strip(), float("nan")
     if word in OPTIONS:
         return word  # type: ignore[return-value]
-    try:
+    with suppress(ValueError):
         density = float(word)
-    except ValueError:
-        density = float("nan")
     if not 0.0 <= density <= MOST:
         raise UsageError(
             f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {MOST:g} "

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -38,16 +39,13 @@ def what_else(path: Path) -> str:
     if path.is_dir():
         # Of either version of Zarr.
         store = any((path / file).is_file() for file in ("zarr.json", ".zgroup"))
-        return (
-            f"{name}: this is the store of a campaign, no record; its page {page} shows it." if store else ""
-        )
+        said = f"{name}: this is the store of a campaign, no record; its page {page} shows it."
+        return said if store else ""
     if not path.is_file():
         return ""
-    try:
-        with path.open("rb") as file:
-            start = file.read(1024).lstrip().lower()
-    except OSError:
-        return ""
+    start = b""
+    with suppress(OSError), path.open("rb") as file:
+        start = file.read(1024).lstrip().lower()
     if start.startswith((b"<!doctype html", b"<html")):
         return f"{name}: this is a page of HTML, no record; a browser shows it."
     if start.startswith(b"{") and _is_printed(path):
@@ -119,9 +117,7 @@ def read_decays(
     """
     named = bool(vars(given).get("forces"))
     sources = read_sources(given, driven=driven)
-    decays: list[xr.Dataset] = []
-    sentences: list[str] = []
-    sums: list[str] = []
+    decays, sentences, sums = list[xr.Dataset](), list[str](), list[str]()
     for source in sources:
         record, runs, _ = source
         checksum = str(runs[0].attrs.get("record_checksum"))
@@ -223,17 +219,14 @@ def _check_frequencies(decays: Sequence[xr.Dataset], given: Mapping[str, Any]) -
     """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
     contactless = parse_value_with_error(given.get("omega0"), OMEGA0)
     asked = {REFERENCE: given.get("reference_frequency"), OMEGA0: contactless[0] if contactless else None}
-    for flag, frequency in asked.items():
-        if frequency is None:
-            continue
-        for decay in decays:
-            try:
-                swing = swing_frequency(decay)
-            except DecayError:
-                # Of too few half periods the methods have their own word to say.
-                continue
-            in_hertz = swing / (2.0 * np.pi)
-            said = ""
+    given_ones = {flag: frequency for flag, frequency in asked.items() if frequency is not None}
+    for decay in decays if given_ones else ():
+        swing = np.nan
+        # Of too few half periods the methods have their own word to say.
+        with suppress(DecayError):
+            swing = swing_frequency(decay)
+        for flag, frequency in given_ones.items():
+            in_hertz, said = swing / (2.0 * np.pi), ""
             # A frequency within this part of the record's own in Hz is meant in Hz.
             if abs(frequency / in_hertz - 1.0) < 0.3:
                 said = f"which is {in_hertz:.4g} Hz; give it in rad/s"

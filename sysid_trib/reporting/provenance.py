@@ -124,9 +124,8 @@ def _decay(tree: xr.DataTree) -> list[str]:
         decays = (_one_decay(tree[group].to_dataset()) for group in record_groups(tree))
         # Stretches of a long record are of one.
         reads = list(dict.fromkeys(decays)) if tree.attrs.get("stretches") else list(decays)
-    if len(reads) == 1:
-        return [f"decay = {reads[0]}"]
-    return ["decay = [", *(f"    {read}," for read in reads), "]"]
+    lines = ["decay = [", *(f"    {read}," for read in reads), "]"]
+    return lines if len(reads) > 1 else [f"decay = {reads[0]}"]
 
 
 def _one_decay(data: xr.Dataset) -> str:
