@@ -131,20 +131,28 @@ def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
 
 
 def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
-    """The force that the model lacks, before and after, in the same colours."""
+    """Mean force over angle and rate that the start model lacks, and the final one, relative to I w^2.
+
+    In the same colours, which end by the start model's, and blank where samples are few.
+    """
     units = signal_units(tree)
-    x = signal_symbol(units)
+    x, (factor, unit) = signal_symbol(units), small_units(units)
+    models = [tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after")]
+    kept = np.abs(models[0].force.values[models[0].samples.values >= FEWEST_IN_CELL])
+    kept = kept[np.isfinite(kept)]
+    limit = factor * float(np.percentile(kept, COLOUR_PERCENT)) if kept.size else 1.0
     panels[1].sharex(panels[0])
     panels[1].sharey(panels[0])
-    for ax, after in zip(panels, (False, True), strict=True):
-        mesh = draw_cells(ax, *missing_force(tree, after=after))
+    for ax, shown in zip(panels, models, strict=True):
+        force = (factor * shown.force).where(shown.samples >= FEWEST_IN_CELL)
+        mesh = draw_cells(ax, force, factor * shown.standard_error, limit)
         ax.set(xlabel=f"{signal_label(units).split()[0]} ${x}$ ({units})")
         ax.set(ylabel=rf"$\dot{{{x}}}/\omega$ ({units})")
     panels[1].set_ylabel("")
     panels[1].tick_params(labelleft=False)
     place = "right" if wide else "bottom"
     bar = panels[0].figure.colorbar(mesh, ax=panels, extend="both", pad=0.02, location=place)
-    bar.set_label(f"missing force over $I\\omega^2$ ({small_units(units)[1]})")
+    bar.set_label(f"missing force over $I\\omega^2$ ({unit})")
 
 
 def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float) -> QuadMesh:
@@ -155,22 +163,6 @@ def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float)
     at_x, at_v = np.nonzero(np.abs(values) > DOT_BEYOND * error.values)
     ax.plot(x[at_x], v[at_v], ".", color="black", markersize=2.5)
     return mesh
-
-
-def missing_force(tree: xr.DataTree, *, after: bool) -> tuple[xr.DataArray, xr.DataArray, float]:
-    """Mean force over angle and rate that the final model lacks, or the start model, relative to I w^2.
-
-    With its standard error, in small units, nan where samples are few; and the force at which the colours of
-    both models end.
-    """
-    first, last = (tree[name].to_dataset() for name in ("discrepancy", "discrepancy_after"))
-    kept = np.abs(first.force.values[first.samples.values >= FEWEST_IN_CELL])
-    kept = kept[np.isfinite(kept)]
-    factor, _ = small_units(signal_units(tree))
-    limit = factor * float(np.percentile(kept, COLOUR_PERCENT)) if kept.size else 1.0
-    shown = last if after else first
-    force = (factor * shown.force).where(shown.samples >= FEWEST_IN_CELL)
-    return force, factor * shown.standard_error, limit
 
 
 # Candidates in a ranking.
@@ -199,35 +191,37 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    steps = sorted(set(_chosen_at(tree)))
-    if not steps or _scores(tree, -1, MOST_CANDIDATES).sizes["candidate"]:
+    # The selection step at which each effect was chosen: 0 before the first.
+    chosen = tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
+    steps = sorted(set(chosen))
+    if not steps or _scores(tree, chosen, -1, MOST_CANDIDATES).sizes["candidate"]:
         steps.append(-1)
     rows = -(-len(steps) // (2 if width >= TWO_COLUMNS else 1))
     room = int((TALLEST - 0.3 - rows * RANKING_HEIGHT) / (rows * CANDIDATE_HEIGHT))
-    drawn = [_scores(tree, step, min(room, MOST_CANDIDATES)) for step in steps]
+    drawn = [_scores(tree, chosen, step, min(room, MOST_CANDIDATES)) for step in steps]
     most = max(FEWEST_CANDIDATES, *(data.sizes["candidate"] for data in drawn))
     figure, panels = style.grid(len(drawn), 2, width, RANKING_HEIGHT + CANDIDATE_HEIGHT * most)
     for data, panel in zip(drawn, panels, strict=True):
         _ranking(panel, data)
-    style.letter(panels, [_title(tree, step) for step in steps])
+    before = (" and ".join(str(at + 1) for at, when in enumerate(chosen) if when == step) for step in steps)
+    last = (-1, tree["ranking"].sizes["selection_step"] - 1)
+    pairs = zip(steps, before, strict=True)
+    style.letter(panels, ["at the end" if step in last else f"before step {n}" for step, n in pairs])
     handles = style.legend_marks(style.CANDIDATE_MARKS | {"threshold": style.THRESHOLD})
     style.legend_above(figure, handles, 4 if width >= TWO_COLUMNS else 2, 8)
     style.footnote(figure, held_out_sentence(tree, of_search=True))
     return figure
 
 
-def _chosen_at(tree: xr.DataTree) -> list[int]:
-    """The selection step at which each effect was chosen: 0 before the first."""
-    return tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
-
-
-def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
+def _scores(tree: xr.DataTree, when: list[int], selection_step: int, most: int) -> xr.Dataset:
     """The candidates of the highest scores at a selection step; those named or competing always.
 
     Parameters
     ----------
     tree : xr.DataTree
         Result of `discover`.
+    when : list of int
+        The selection step at which each effect was chosen.
     selection_step : int
         0 before the first step, 1 before the second, ..., -1 at the end.
     most : int
@@ -241,8 +235,8 @@ def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
     steps = tree["steps"].to_dataset()
-    chosen_here = np.flatnonzero(np.array(_chosen_at(tree)) == selection_step)
-    sets = [list(credible_set(steps.isel(step=at))) for at in chosen_here]
+    here = [at for at, chosen_at in enumerate(when) if chosen_at == selection_step]
+    sets = [list(credible_set(steps.isel(step=at))) for at in here]
     named = [credible[0] for credible in sets]
     competing = [symbol for credible in sets for symbol in credible[1:] if symbol not in named]
     chosen = strongest(scores.expand_dims("selection_step"), most)
@@ -251,14 +245,6 @@ def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
     kinds = list(style.CANDIDATE_MARKS)
     kind = [kinds[0] if s in named else kinds[1] if s in competing else kinds[2] for s in chosen]
     return scores.sel(candidate=chosen).assign(kind=("candidate", np.array(kind, dtype=str)))
-
-
-def _title(tree: xr.DataTree, selection_step: int) -> str:
-    if selection_step in (-1, tree["ranking"].sizes["selection_step"] - 1):
-        return "at the end"
-    steps = tree["steps"].to_dataset().get("selection_step", xr.DataArray([])).values
-    added = " and ".join(str(at + 1) for at in np.flatnonzero(steps == selection_step))
-    return f"before step {added}" if added else f"selection step {selection_step + 1}"
 
 
 def _ranking(ax: Axes, data: xr.Dataset) -> None:

@@ -119,12 +119,12 @@ def ranking_table(tree: xr.DataTree) -> Table:
     for symbol in dict.fromkeys([*named, *effects.strongest(ranking, ROWS), *last]):
         candidate = ranking.sel(candidate=symbol)
         cells = (f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values)
-        words, found = {"candidate": symbol, "name": candidate["name"].item()}, "-"
+        words, least = {"candidate": symbol, "name": candidate["name"].item()}, "-"
         if symbol in detectable.candidate and np.isfinite(detectable.detectable.sel(candidate=symbol)):
             # At which it would stand out beside the final model.
-            one = detectable.sel(candidate=symbol)
-            found = layout.with_unit(f"{one.detectable.item():.2g}", one.unit.item())
-        rows.append(words | dict(zip(heads, cells, strict=True)) | {"detectable": found})
+            coefficient = detectable.sel(candidate=symbol)
+            least = layout.with_unit(f"{coefficient.detectable.item():.2g}", coefficient.unit.item())
+        rows.append(words | dict(zip(heads, cells, strict=True)) | {"detectable": least})
     cells = (f"{z:.3g}" for z in ranking.threshold.values)
     rows.append({"candidate": "threshold", **dict(zip(heads, cells, strict=True))})
     return layout.text_table(rows, ("candidate", "name"), ("candidate",))
