@@ -46,13 +46,8 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
         for name, why in _reasons(store).items()
     ]
     refused = layout.first_and_more(reasons, REFUSALS, ": see `message` in the store")
-    blocks = [Block([*_counts(store, counts)])]
-    if compared is not None:
-        blocks.append(Block((), USUALLY, VARIES, _between_records(compared), SCATTER))
-        collinear = (COLLINEAR.format(*pair) for pair in _collinear(compared).items())
-        blocks.append(Block([*collinear, *_outliers(compared)], title=VARIES))
-        blocks.append(Block(title=AGAINST))
-    return [*blocks, Block(refused, title=WITHOUT_RESULT)]
+    varying = [] if compared is None else [*_varying(compared)]
+    return [Block([*_counts(store, counts)]), *varying, Block(refused, title=WITHOUT_RESULT)]
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
@@ -106,7 +101,7 @@ def named_text(record: xr.Dataset) -> str:
     return f"{', '.join(pairs)}{f'; not to be separated: {tied}' if tied else ''}"
 
 
-def _between_records(compared: xr.Dataset) -> Table:
+def _varying(compared: xr.Dataset) -> Iterator[Block]:
     """Each quantity: mean, effects of the conditions, standard deviation between the records, verdict."""
     terms, conditions = compared.term.values.tolist(), compared.condition.values.tolist()
     deviations = {"between records": "between_run"}
@@ -125,7 +120,10 @@ def _between_records(compared: xr.Dataset) -> Table:
                 "verdict": row.verdict.item(),
             }
         )
-    return layout.text_table(rows, ("quantity", "unit", "verdict"))
+    yield Block((), USUALLY, VARIES, layout.text_table(rows, ("quantity", "unit", "verdict")), SCATTER)
+    collinear = (COLLINEAR.format(*pair) for pair in _collinear(compared).items())
+    yield Block([*collinear, *_outliers(compared)], title=VARIES)
+    yield Block(title=AGAINST)
 
 
 def _interval(of_quantity: xr.Dataset, name: str) -> str:

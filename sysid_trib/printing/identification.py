@@ -21,7 +21,7 @@ from sysid_trib.validation import findings
 BARELY = 0.05
 # More errors than one of several differences that agree as a whole should have without a word.
 AS_A_WHOLE = 2.0
-COEFFICIENTS, BETWEEN_RUNS, CONSEQUENCES = "Coefficients", "Do the runs agree", "What follows from the model"
+COEFFICIENTS, CONSEQUENCES = "Coefficients", "What follows from the model"
 NO_STIFFNESS = (
     "In a single record, {0} cannot be separated from the frequency: give --omega0 (frequency without "
     "contact) to identify {0}."
@@ -40,35 +40,30 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
         What each record is.
     """
     agree, remarks = [*_how_methods_agree(tree)], [*_remarks(tree)]
-    stochastic, main, details = [*random_force_sentences(tree)], findings.main_result(tree), Layer.EXPLAIN
-    blocks = [
+    stochastic, details = [*random_force_sentences(tree)], Layer.EXPLAIN
+    return [
         Block([verdict.verdict_sentence(tree)], ALWAYS),
         Block([*sources, *_own_quantity(tree)]),
         Block([*verdict.line_sentences(tree), *verdict.effective_sentences(tree)], ALWAYS),
         Block(title="At a glance"),
-    ]
-    if main is not None:
-        blocks += [
-            Block([verdict.reference_sentence(findings.second_of(tree))], details, COEFFICIENTS),
-            Block((), ALWAYS, COEFFICIENTS, identification_table(tree)),
-            *si_block(tree),
-            Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS),
-        ]
-    blocks += [
+        *_coefficient_blocks(tree),
         Block([*verdict.error_sentences(tree)], ALWAYS),
         Block([*agree[:1], *stochastic, *remarks, *_weight(tree)], Layer.DEFAULT),
         *sureness_blocks(tree),
         Block([*verdict.test_sentences(tree), *agree, *remarks, *_stiffness(tree)], details),
-    ]
-    if "runs" in tree:
-        data = tree["runs"].to_dataset()
-        blocks.append(Block((), details, BETWEEN_RUNS, verdict.runs_table(data), "Each run alone"))
-        blocks.append(Block([*verdict.runs_sentences(data)], title=BETWEEN_RUNS))
-    return [
-        *blocks,
+        *verdict.runs_blocks(tree),
         Block(stochastic, details, "Random force"),
         Block(consequences(tree), details, CONSEQUENCES),
     ]
+
+
+def _coefficient_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """The coefficients, where a method gave any, and the equation of the answer."""
+    if (main := findings.main_result(tree)) is not None:
+        yield Block([verdict.reference_sentence(findings.second_of(tree))], Layer.EXPLAIN, COEFFICIENTS)
+        yield Block((), ALWAYS, COEFFICIENTS, identification_table(tree))
+        yield from si_block(tree)
+        yield Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS)
 
 
 def estimate_blocks(tree: xr.DataTree) -> list[Block]:

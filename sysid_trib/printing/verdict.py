@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.table import Table
 
-from sysid_trib.printing import layout
+from sysid_trib.printing import Block, Layer, layout
 from sysid_trib.printing.sureness import NOT_FOLLOWED, not_followed
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
 from sysid_trib.results.variables import record_groups, signal_units
@@ -27,14 +26,18 @@ DENSITY_VERDICTS = {
 }
 
 
-def runs_table(runs: xr.Dataset) -> Table:
-    """What each run alone gives, and the p-value of the differences (see `run_agreement`)."""
-    rows = []
+def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """What each run alone gives, and the test of the differences, of several (see `run_agreement`)."""
+    if "runs" not in tree:
+        return
+    runs, rows = tree["runs"].to_dataset(), []
     for name, row in layout.by_label(runs, "quantity").items():
         cells = layout.values_with_errors(row.value, row.standard_error)
         by_run = {f"run {at}": cell for at, cell in enumerate(cells, 1)}
         rows.append({"quantity": name, **by_run, "p": layout.p_value_text(row.p_value.item(), "")})
-    return layout.text_table(rows, ("quantity",))
+    table = layout.text_table(rows, ("quantity",))
+    yield Block((), Layer.EXPLAIN, "Do the runs agree", table, "Each run alone")
+    yield Block([*runs_sentences(runs)], title="Do the runs agree")
 
 
 def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
