@@ -208,7 +208,7 @@ def check_folder(folder: Path | None) -> None:
 def deliver(
     given: Asked,
     tell: Tell,
-    says: tuple[Callable[[], Sequence[Block]], Callable[[], dict[str, Any]]],
+    says: tuple[Callable[[], Iterable[Block]], Callable[[], dict[str, Any]]],
     tree: "xr.DataTree",
     texts: Mapping[Path | None, Callable[[], str]] | None = None,
     *,
@@ -258,7 +258,7 @@ def deliver(
         layer = Layer.QUIET if given.quiet else Layer.EXPLAIN if given.explain else Layer.DEFAULT
     ends = ["More: --explain."] if whole and layer is Layer.DEFAULT else []
     ends += [f"Next: {printable(following)}"] if following else []
-    return partial(print_blocks, says[0](), layer, ends, places)
+    return partial(print_blocks, [*says[0]()], layer, ends, places)
 
 
 def print_json(data: Mapping[str, Any]) -> None:

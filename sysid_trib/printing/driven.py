@@ -23,6 +23,8 @@ DRIVEN_VERDICTS = {
     "approximate": "The model follows the record to {} (RMS); more than noise is left.",
     "not explained": "The model does not explain the record: its motion leaves {} (RMS).",
 }
+BEYOND = "Beyond the amplitudes of the record the forces may have another form."
+NO_MOTION = "With this drive the model has no steady motion here: friction holds it, or it grows."
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
 PRINTED = 4
 CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
@@ -113,7 +115,7 @@ def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     return {"test": [layout.mapped(record, "prediction", of) for record, of in pairs]} if predicted else {}
 
 
-def response_blocks(response: xr.Dataset) -> list[Block]:
+def response_blocks(response: xr.Dataset) -> Iterator[Block]:
     """What the command `response` prints of a result of `forced_response`."""
     rows = []
     for sweep, curve in layout.by_label(response, "sweep").items():
@@ -125,15 +127,13 @@ def response_blocks(response: xr.Dataset) -> list[Block]:
     # By how much simulations differ, and what the bands hold.
     limit, ratio = response.left_open.item(), response.simulated_amplitude / response.check_amplitude
     off = np.abs(ratio - 1.0).values
-    if not len(off):
-        said = ["With this drive the model has no steady motion here: friction holds it, or it grows."]
-    else:
-        said = [
-            f"{np.sum(off <= limit)} of {len(off)} simulated motions keep their amplitude, within "
-            f"{100.0 * limit:.2g} %, which the bands hold in addition to errors of the coefficients.",
-            "Beyond the amplitudes of the record the forces may have another form.",
-        ]
-    return [*([Block(table=layout.text_table(rows, ("sweep",)))] if rows else []), Block(said)]
+    keep = (
+        f"{np.sum(off <= limit)} of {len(off)} simulated motions keep their amplitude, within "
+        f"{100.0 * limit:.2g} %, which the bands hold in addition to errors of the coefficients."
+    )
+    if rows:
+        yield Block(table=layout.text_table(rows, ("sweep",)))
+    yield Block([keep, BEYOND] if len(off) else [NO_MOTION])
 
 
 def _row(motion: xr.Dataset, sweep: str) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """What is shown without a fit: the forces of a library, what a record holds, and its backbone."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from math import pi
 from textwrap import fill
@@ -117,7 +117,7 @@ EXPLANATION = (
 )
 
 
-def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) -> list[Block]:
+def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) -> Iterator[Block]:
     """What the command `look` prints.
 
     Parameters
@@ -129,11 +129,12 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
     next_command : str
         To copy.
     """
-    decays, blocks = _decays(tree), [Block(list(dict.fromkeys(sources)))]
+    decays = _decays(tree)
+    yield Block(list(dict.fromkeys(sources)))
     for count, decay in enumerate(decays, 1):
         heading = [f"Decay {count}:"] * (len(decays) > 1)
-        blocks.append(Block([*heading, str(decay.attrs.get("free_decay", "")), *_sentences(decay)]))
-    return [*blocks, Block([f"Next: {next_command}"])]
+        yield Block([*heading, str(decay.attrs.get("free_decay", "")), *_sentences(decay)])
+    yield Block([f"Next: {next_command}"])
 
 
 def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
@@ -216,7 +217,7 @@ def _law(power: float) -> str:
     )
 
 
-def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str]) -> list[Block]:
+def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str]) -> Iterator[Block]:
     """What the command `backbone` prints.
 
     Parameters
@@ -226,11 +227,10 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
     sources : sequence of str
         What each record is.
     """
-    tables = [
-        Block(table=_table(data), caption=f"Run {run}:" if len(backbones) > 1 else "")
-        for run, data in enumerate(backbones.values(), 1)
-    ]
-    return [Block(list(dict.fromkeys(sources))), *tables, Block([EXPLANATION])]
+    yield Block(list(dict.fromkeys(sources)))
+    for run, data in enumerate(backbones.values(), 1):
+        yield Block(table=_table(data), caption=f"Run {run}:" if len(backbones) > 1 else "")
+    yield Block([EXPLANATION])
 
 
 def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:

@@ -37,22 +37,17 @@ OF_EXPERIMENT = (
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 
-def sureness_blocks(tree: xr.DataTree) -> list[Block]:
+def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
     """What profiles and a sensitivity say, where the result has them."""
-    blocks = []
     if PROFILE in tree.children:
-        lacking = "comparison" in tree.children and findings.verdict_of(tree) in (
-            "approximate",
-            "not explained",
-        )
-        blocks.append(_profiles(tree[PROFILE].to_dataset(), lacking))
+        lacking = findings.verdict_of(tree) in ("approximate", "not explained")
+        yield _profiles(tree[PROFILE].to_dataset(), lacking)
     if CONTOUR in tree.children:
         data = tree[CONTOUR].to_dataset()
         said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
-        blocks.append(Block([said], ALWAYS, "Profiles"))
+        yield Block([said], ALWAYS, "Profiles")
     if SENSITIVITY in tree.children:
-        blocks.append(_sensitivity(tree[SENSITIVITY].to_dataset()))
-    return blocks
+        yield _sensitivity(tree[SENSITIVITY].to_dataset())
 
 
 def _profiles(data: xr.Dataset, lacking: bool) -> Block:
