@@ -66,18 +66,17 @@ def _coefficient_blocks(tree: xr.DataTree) -> Iterator[Block]:
         yield Block([f"{_answer(tree)}Equation: {equation_text(main)}."], title=COEFFICIENTS)
 
 
-def estimate_blocks(tree: xr.DataTree) -> list[Block]:
+def estimate_blocks(tree: xr.DataTree) -> Iterator[Block]:
     """What is shown of one identification alone, a result of `identify`."""
     result = tree.to_dataset()
     method, noise = result.attrs["method"], {"force": f"noise ({signal_units(result)})"}
     noise |= {"formula": "standard deviation", method: f"{result.noise.item():.2g}"}
     table = layout.coefficient_table({method: result}, below=[noise])
-    blocks = [Block([verdict.reference_sentence(result)], title=COEFFICIENTS, table=table)]
+    yield Block([verdict.reference_sentence(result)], title=COEFFICIENTS, table=table)
     # The largest amplitude that is known: an identification without a cross-check keeps no record.
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.array([])
     if np.any(start > 0.0):
-        blocks.append(Block(physics_sentences(result, start), title=CONSEQUENCES))
-    return blocks
+        yield Block(physics_sentences(result, start), title=CONSEQUENCES)
 
 
 def identification_table(tree: xr.DataTree) -> Table:

@@ -1,5 +1,6 @@
 """What follows from an identification, in sentences and as plain data for JSON."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -110,10 +111,10 @@ def weight_sentences(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLik
         return []
 
 
-def si_block(tree: xr.DataTree) -> list[Block]:
+def si_block(tree: xr.DataTree) -> Iterator[Block]:
     """The table of torques or forces in SI units, with errors, of a result that holds them."""
     if (values := si_of(tree)) is None:
-        return []
+        return
     rows = [
         {
             "force": symbol,
@@ -131,7 +132,7 @@ def si_block(tree: xr.DataTree) -> list[Block]:
     )
     caption = f"In SI units, by {values.attrs['of_method']}: {given}"
     table = text_table(rows, ("force", "multiplies", "SI unit"))
-    return [Block((), ALWAYS, "Coefficients", table, caption)]
+    yield Block((), ALWAYS, "Coefficients", table, caption)
 
 
 def _ends(amplitude: ArrayLike, time: ArrayLike) -> list[tuple[float, float]]:
@@ -165,20 +166,20 @@ def _inertia(si: xr.Dataset | None) -> dict[str, float]:
     return {} if si is None or "inertia" not in si else {name: si[name].item() for name in names}
 
 
-def _energy(result: xr.Dataset, amplitude: float, time: float, si: xr.Dataset | None) -> list[str]:
+def _energy(result: xr.Dataset, amplitude: float, time: float, si: xr.Dataset | None) -> Iterator[str]:
+    """The part of the energy that a cycle dissipates; nothing where there is none."""
     inertia = _inertia(si)
     values = dissipated_energy(result, amplitude, time=time, **inertia)
-    if not values.total_energy.item():
-        return []
     percent = quantity(values, "lost_fraction", " %", 100.0)
-    joule = "" if not inertia else f", {quantity(values, 'total_energy', ' J')}"
+    joule = f", {quantity(values, 'total_energy', ' J')}" if inertia else ""
     place = f"{amplitude:.3g} {variables.signal_units(result)}"
-    return [f"A cycle at {place} dissipates {percent} of the energy I w^2 a^2/2{joule}."]
+    if values.total_energy.item():
+        yield f"A cycle at {place} dissipates {percent} of the energy I w^2 a^2/2{joule}."
 
 
-def _crossovers(result: xr.Dataset, ends: list[float]) -> list[str]:
+def _crossovers(result: xr.Dataset, ends: list[float]) -> Iterator[str]:
     """Where two significant forces weigh the same; what the motion does not pass is extrapolated."""
-    sentences, known, unit = [], _significant(result), variables.signal_units(result)
+    known, unit = _significant(result), variables.signal_units(result)
     for pair in by_label(crossovers(result), "pair").values():
         first, second = pair["first"].item(), pair["second"].item()
         finite = [rule for rule in RULE_WORDS if np.isfinite(pair.amplitude.sel(rule=rule).item())]
@@ -192,8 +193,7 @@ def _crossovers(result: xr.Dataset, ends: list[float]) -> list[str]:
         remarks += ["not reached by this motion"] * (not reached.any())
         remark = f" ({'; '.join(remarks)})" if remarks else ""
         where = f"the {pair.acts_on.item()} at {', '.join(places)}{remark}"
-        sentences.append(f"{first} and {second} weigh the same in {where}.")
-    return sentences
+        yield f"{first} and {second} weigh the same in {where}."
 
 
 def _arrest(result: xr.Dataset, amplitude: float) -> list[str]:

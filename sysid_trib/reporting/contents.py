@@ -1,6 +1,6 @@
 """What a page says of each kind of result: the blocks of the command with --explain, and figures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -33,7 +33,7 @@ DECIMATED = (
 )
 TITLE = "Forces of a free decay"
 # By kind of result: the title of its page, and its blocks.
-PAGES: dict[str, tuple[str, Callable[[xr.DataTree], list[Block]]]] = {
+PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "identify": (TITLE, identification.estimate_blocks),
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
     "driven": ("Forces of a driven record", driven.driven_blocks),
@@ -50,13 +50,13 @@ def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
 
 
 def sections_of(
-    blocks: Sequence[Block], figures: Mapping[str, Sequence[Part]]
+    blocks: Iterable[Block], figures: Mapping[str, Sequence[Part]]
 ) -> tuple[list[str], list[Part]]:
     """Sentences of the blocks without a title, and the others as sections.
 
     Parameters
     ----------
-    blocks : sequence of Block
+    blocks : iterable of Block
         Those of `--explain` are shown.
     figures : mapping of str to sequence of Part
         By the titles of sections.
