@@ -15,6 +15,8 @@ from sysid_trib.results.variables import Variables, noise_of_run, variable
 MAX_ORDER = 20
 # Part of itself that is left of what coloured noise has forgotten.
 FORGOTTEN = 1e-3
+# Entries of each row beyond which dense products of blocks of rows are faster than the sparse one.
+LONG_ROWS = 400
 
 
 def autoregression(residual: Array) -> Array:
@@ -256,9 +258,29 @@ def covariance_band(operator: sp.csr_matrix, other: sp.csr_matrix | None = None)
     other : (row, sample) sparse array of float, optional
         In the place of the second operator; the product is symmetric too.
     """
+    if other is None and operator.nnz > LONG_ROWS * operator.shape[0]:
+        return _band_by_blocks(operator.sorted_indices())
     entries = (operator @ (operator if other is None else other).T).tocoo()
     below = entries.row - entries.col
     band = np.zeros((int(below.max()) + 1, operator.shape[0]))
     lower = below >= 0
     band[below[lower], entries.col[lower]] = entries.data[lower]
+    return band
+
+
+def _band_by_blocks(operator: sp.csr_matrix) -> Array:
+    """`covariance_band` of rows on many samples each, by dense products of as many as overlap."""
+    first = np.minimum.accumulate(operator.indices[operator.indptr[:-1]][::-1])[::-1]
+    end = np.maximum.accumulate(operator.indices[operator.indptr[1:] - 1] + 1)
+    rows = len(first)
+    # Rows that share a sample with a row: itself and so many after it.
+    bands = int(np.max(np.searchsorted(first, end) - np.arange(rows)))
+    band = np.zeros((bands, rows))
+    for begin in range(0, rows, bands):
+        last = min(begin + 2 * bands - 1, rows)
+        dense = operator[begin:last, first[begin] : end[last - 1]].toarray()
+        products = dense @ dense[:bands].T
+        for below in range(min(bands, last - begin)):
+            diagonal = np.diagonal(products, -below)
+            band[below, begin : begin + len(diagonal)] = diagonal
     return band
