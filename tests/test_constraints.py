@@ -175,7 +175,7 @@ def test_ties_follow_each_other_and_hold_shapes():
     [
         (Direct, dict.fromkeys(SIX, 0.0), "leave at least one free"),
         (Trajectory, {"gamma": 1.0}, "gamma"),
-        (Trajectory, {"zeta": (0.0,)}, "give a number to hold it"),
+        (Trajectory, {"zeta": (0.0,)}, "give a number, a pair"),
     ],
 )
 def test_what_a_method_cannot_hold_is_refused(record, method, asked, said):

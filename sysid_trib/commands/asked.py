@@ -70,7 +70,7 @@ def asked_model(given: Asked) -> Asked:
     unconstrained = set(offered.symbols) - set(constraints.names)
     always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
-    constraints.formulas(selection.forces_to_identify(offered, held, sensors=True))
+    constraints.check(selection.forces_to_identify(offered, held, sensors=True))
     random_force = parse_random_force(given.random_force)
     asked = {"library": offered, "shapes": shapes, "constraints": constraints.table}
     return given.but(**asked, contactless=contactless, random_force=random_force)

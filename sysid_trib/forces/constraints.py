@@ -139,8 +139,8 @@ class Constraints:
         kinds = [held.get(symbol, "") for symbol in result.force.values.tolist()]
         return result.assign_coords(constraint=("force", kinds))
 
-    def formulas(self, library: ForceLibrary) -> dict[str, Formula]:
-        """The ties, each after those that its formula needs, of constraints that fit to a library.
+    def check(self, library: ForceLibrary) -> None:
+        """Refuse what does not fit to the parameters of a library.
 
         Raises
         ------
@@ -151,6 +151,17 @@ class Constraints:
         for name in self.names:
             if name not in known:
                 raise UsageError(f"No parameter '{name}' can be constrained; there are {', '.join(known)}.")
+        self.formulas(library)
+
+    def formulas(self, library: ForceLibrary) -> dict[str, Formula]:
+        """The ties, each after those that its formula needs.
+
+        Raises
+        ------
+        UsageError
+            A formula cannot be read, or ties go in a circle.
+        """
+        known = parameters_of(library)
         ties = {name: parse_tie(name, text, known) for name, text in self.ties.items()}
         needs = {name: ties.keys() & tie.names for name, tie in ties.items()}
         try:

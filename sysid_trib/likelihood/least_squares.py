@@ -86,7 +86,7 @@ def constraint_map(
         A name is no parameter, a tie is not linear in the coefficients, a bound is on a shape parameter, or
         no coefficient is free.
     """
-    constraints.formulas(library)
+    constraints.check(library)
     for name in constraints.bounds:
         if name not in library.symbols:
             raise UsageError(f"Shape parameter {name} is bounded, which only a trajectory fit can do.")

@@ -56,7 +56,7 @@ class Parameters:
             A shape or constraint is not one of these forces.
         """
         library, constraints, shapes = self.library, self.constraints, self.library.shape_values()
-        constraints.formulas(library)
+        constraints.check(library)
         fitted = tuple(dict.fromkeys((*self.fit_shapes, *(k for k in constraints.ties if k in shapes))))
         for name in fitted:
             if name not in shapes:
