@@ -26,13 +26,9 @@ from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
-from sysid_trib.results.effects import alternatives_of, tied_name
+from sysid_trib.results import effects, variables
 from sysid_trib.results.references import with_contactless_frequency
-from sysid_trib.results.variables import signal_units
-from sysid_trib.validation.compare import compare, every_method
-from sysid_trib.validation.cross_check import identified_and_checked
-from sysid_trib.validation.findings import failures
-from sysid_trib.validation.verdict import identifications
+from sysid_trib.validation import compare, cross_check, findings, verdict
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
@@ -103,7 +99,7 @@ class Task:
         object.__setattr__(self, "judged", judged and self.name == "identify")
         if not self.methods:
             usual = {"averaging": Averaging(), "direct": Direct()}
-            object.__setattr__(self, "methods", every_method() if self.name == "compare" else usual)
+            object.__setattr__(self, "methods", compare.every_method() if self.name == "compare" else usual)
         if self.judged and len(self.methods) != 2:
             raise UsageError("Two methods are held against each other; give two, or judged=False.")
 
@@ -130,7 +126,7 @@ class Task:
             assert self.candidates is not None
             return discover(decays, self.library, self.candidates, **self.options)
         if self.name == "compare":
-            return compare(
+            return compare.compare(
                 decays, self.library, self.methods, contactless=self.contactless, constraints=self.constraints
             )
         methods = dict(self.methods)
@@ -144,9 +140,9 @@ class Task:
         chosen = [constrained(method, table) for method in methods.values()]
         asked = one_or_all(list(decays)), self.library, chosen
         if self.judged:
-            tree = identified_and_checked(*asked, **self.options)
+            tree = cross_check.identified_and_checked(*asked, **self.options)
         else:
-            tree = xr.DataTree.from_dict(dict(zip(methods, identifications(*asked), strict=True)))
+            tree = xr.DataTree.from_dict(dict(zip(methods, verdict.identifications(*asked), strict=True)))
         return tree if self.contactless is None else with_contactless_frequency(tree, *self.contactless)
 
 
@@ -181,7 +177,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
             decays: Sequence[xr.Dataset] = [study.decay(at)]
         else:
             decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
-        row |= {"signal_units": signal_units(decays[0]), "outline": _outline(decays[0])}
+        row |= {"signal_units": variables.signal_units(decays[0]), "outline": _outline(decays[0])}
         row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
     except SysidTribError as error:
         row |= {"status": stored.REFUSED, "message": str(error)}
@@ -220,7 +216,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     for at, label in enumerate(task.labels):
         # What a record's text withholds is not kept either.
         given = label in tree.children and "covariance" in tree[label]
-        if given and not (task.judged and label in failures(tree)):
+        if given and not (task.judged and label in findings.failures(tree)):
             result = tree[label].to_dataset()
             for name in (name for name, empty in row.items() if name in result and empty.size):
                 # Forces and shape parameters that the result lacks stay nan.
@@ -244,7 +240,7 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     steps = [table.isel(step=at) for at in range(table.attrs["count"])]
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
     # Competing effects that a store has by name, the most probable of each effect.
-    tied = [tied_name(step, 10) for step in steps if alternatives_of(step)]
+    tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
         stored.TIED: "; ".join(tied),

@@ -64,9 +64,9 @@ def in_all_runs(
     `envelopes` : of the whole runs.
     """
     triples = zip(runs, motions, envelopes, strict=True)
-    left = [motion_residual(run, motion, whole) for run, motion, whole in triples if motion is not None]
-    moving = len(left) == len(runs) and all(np.all(np.isfinite(of_run.residual)) for of_run in left)
-    return left if moving else []
+    of_runs = [motion_residual(run, motion, whole) for run, motion, whole in triples if motion is not None]
+    moving = len(of_runs) == len(runs) and all(np.all(np.isfinite(of_run.residual)) for of_run in of_runs)
+    return of_runs if moving else []
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:

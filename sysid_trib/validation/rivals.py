@@ -17,11 +17,8 @@ from sysid_trib.likelihood.trials import slope_of_unit
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
-from sysid_trib.results.effects import added_effects, candidates_of, credible_set, misnamed_effects
+from sysid_trib.results import effects, references, schema, variables
 from sysid_trib.results.files import kind_of
-from sysid_trib.results.references import stated_covariance
-from sysid_trib.results.schema import library_of, model_of, shape_values_of
-from sysid_trib.results.variables import noise_of_run, record_groups
 from sysid_trib.simulation import motions, simulate
 from sysid_trib.simulation.model import Model
 from sysid_trib.validation import findings, random_force_test
@@ -107,17 +104,18 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     if main is None or "coefficient" not in main:
         raise UsageError("plan wants a result that identified a model.")
     stated = _stated(main)
-    if not (isinstance(result, xr.DataTree) and kind_of(result) == "discover" and added_effects(result)):
+    tree = result if isinstance(result, xr.DataTree) and kind_of(result) == "discover" else None
+    if tree is None or not effects.added_effects(tree):
         return main, [stated], stated
-    rivals = _of_discovery(result)
+    rivals = _of_discovery(tree)
     return main, rivals, next((rival for rival in rivals if rival.name in main.force), stated)
 
 
 def _stated(result: xr.Dataset) -> Rival:
     """The model of an identification, with the covariance that it states but for the error of the model."""
-    model = model_of(result)
+    model = schema.model_of(result)
     symbols = [s for s in result.force.values.tolist() if s in model.coefficients]
-    covariance, total = stated_covariance(result, symbols), result.standard_error.values
+    covariance, total = references.stated_covariance(result, symbols), result.standard_error.values
     of_noise = np.divide(findings.error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
     part = np.append(of_noise[np.isin(result.force.values, symbols)], 1.0)
     count, shapes = len(symbols), len(model.shapes)
@@ -129,13 +127,13 @@ def _stated(result: xr.Dataset) -> Rival:
 def _of_discovery(tree: xr.DataTree) -> list[Rival]:
     """The models with each candidate of the last credible set in the place of the last effect."""
     step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
-    offered, options = candidates_of(tree), json.loads(tree.attrs["options"])
-    rest = [force for force in library_of(after) if force.symbol != step.symbol.item()]
+    offered, options = effects.candidates_of(tree), json.loads(tree.attrs["options"])
+    rest = [force for force in schema.library_of(after) if force.symbol != step.symbol.item()]
     # The evidence of an effect falls where its coefficient is not the one that physics knows.
-    misnamed = misnamed_effects(tree)
+    misnamed = effects.misnamed_effects(tree)
     known = {f.symbol: f.coefficient for f in offered if f.coefficient and f.symbol not in misnamed}
-    records = [tree[group].to_dataset() for group in record_groups(tree)]
-    likely, rivals = credible_set(step), list[Rival]()
+    records = [tree[group].to_dataset() for group in variables.record_groups(tree)]
+    likely, rivals = effects.credible_set(step), list[Rival]()
     for symbol in [symbol for symbol in likely if symbol in offered.symbols]:
         library = ForceLibrary("rival", (*rest, offered[symbol]))
         held = {symbol: c for symbol, c in known.items() if symbol in library.symbols}
@@ -154,7 +152,7 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
 def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[str, float]:
     """Shape parameters of a rival as the search had them, those of its candidate from the last step."""
     # A result that an older version saved has no shapes of candidates.
-    shapes = library.shape_values() | shape_values_of(after, library)
+    shapes = library.shape_values() | schema.shape_values_of(after, library)
     for name in shapes.keys() & set(step.get("competing_shape_parameter", xr.DataArray([])).values.tolist()):
         value = step.competing_shape.sel(competing_shape_parameter=name).item()
         shapes[name] = value if np.isfinite(value) else shapes[name]
@@ -166,7 +164,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
 
     A shape has a Gaussian prior whose density is that of even ones over its range, as in the evidence.
     """
-    model, library = model_of(result), library_of(result)
+    model, library = schema.model_of(result), schema.library_of(result)
     shapes = [(name.partition("."), value) for name, value in model.shapes.items()]
     unit = np.array([slope_of_unit(library[force].shape[name], value) for (force, _, name), value in shapes])
     held = result.standard_error.sel(force=list(model.coefficients)).values == 0.0
@@ -179,7 +177,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
     information, rival = np.diag(prior[is_free]), Rival(name, model, directions, probability)
     for run, record in enumerate(records):
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
-        noise = noise_of_run(result, run)
+        noise = variables.noise_of_run(result, run)
         ratio = random_force_of(result, run).per_tau(model.reference_frequency) / noise**2
         own = _own(predicted(rival, record.time.values, start, noise, (model, ratio))[0])
         information += own.T @ own

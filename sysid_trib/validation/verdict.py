@@ -77,12 +77,12 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
     return xr.concat(tested, "run", combine_attrs="override")
 
 
-def _dependence(followed: FollowedRuns, run: int, pushed: bool = True) -> tuple[xr.Dataset, str]:
+def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> tuple[xr.Dataset, str]:
     """What `dependence_on_motion` says of a run, tested once; nan where the motion does not settle: why."""
     nothing = np.full((len(ASPECTS), len(ON)), np.nan)
     try:
         followed.tracked(run)
-        if pushed:
+        if stochastic:
             return followed.once(f"dependence {run}", lambda: dependence_on_motion(followed, run)), ""
         # A run without a random force has none that depends on something.
         return dependence((1.0, *[np.nan] * 4), nothing), ""
