@@ -16,7 +16,7 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, LEGEND, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.looked import CURVE_LABELS, curves_of, draw_curve, driven_overview
 from sysid_trib.plots.named_effects import COLOUR_PERCENT, DOT_BEYOND, draw_cells
-from sysid_trib.plots.panels import draw_in_time, draw_weights, drawn_models, held_out_sentence
+from sysid_trib.plots.over_time import draw_in_time, draw_weights, drawn_models, held_out_sentence
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.effects import determines

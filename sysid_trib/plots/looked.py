@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
-from sysid_trib.plots.panels import RECORD_POINTS, curve
+from sysid_trib.plots.over_time import RECORD_POINTS, curve
 from sysid_trib.plots.style import BLUE, GREY, INK, MODEL_LINES, ORANGE
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, TALLEST, TWO_COLUMNS, new_figure, shows
-from sysid_trib.plots.panels import draw_in_time, held_out_sentence
+from sysid_trib.plots.over_time import draw_in_time, held_out_sentence
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.effects import added_effects, credible_set, or_others, replacing_pairs, strongest
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
-from sysid_trib.plots.panels import curve
+from sysid_trib.plots.over_time import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
 from sysid_trib.results.variables import signal_units, small_units
 

@@ -159,6 +159,7 @@ def _prediction(tree: xr.DataTree) -> str:
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
     """What coefficients are where no method explains the record."""
     stochastic = _with_random_force(tree)
+    # Of a motion that leaves the record it is not a number.
     if not ratio_of_best(table) <= LARGE:
         effective = f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."
         yield STOCHASTIC_METHODS.format(", ".join(stochastic)) if stochastic else effective

@@ -15,7 +15,7 @@ from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.rows import STATUS, counts_of
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
-from sysid_trib.plots.panels import MOST_POINTS
+from sysid_trib.plots.over_time import MOST_POINTS
 from sysid_trib.printing import Block, Layer, campaign, comparison, discovery, driven, identification, layout
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups

@@ -13,7 +13,7 @@ from helpers import lengthened, sentences_of
 
 import sysid_trib as st
 from sysid_trib.plots.figure import figures_of
-from sysid_trib.plots.panels import MOST_POINTS
+from sysid_trib.plots.over_time import MOST_POINTS
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.identification import identification_blocks
