@@ -231,10 +231,8 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
 
     Parameters
     ----------
-    name : str
-        The parameter that is tied.
-    text : str
-        Its formula.
+    name, text : str
+        The parameter that is tied, and its formula.
     known : sequence of str
         Parameters that the formula may hold.
 
