@@ -141,7 +141,9 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     measured = half_sines.envelope(decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
-        raise DecayError(f"{source}: {count} whole half periods; a backbone needs five: record longer.")
+        raise DecayError(
+            f"{source}: {count} whole half periods; a backbone needs {FEWEST_HALF_PERIODS}: record longer."
+        )
     u, rows = period_rows(measured)
     position, log_amplitude = _coordinate(u)
     points = np.linspace(0.0, 1.0, CURVE_POINTS)

@@ -208,7 +208,8 @@ class Constraints:
             affine = _affine(tie, held)
             if affine is None:
                 raise UsageError(
-                    f"The tie '{name}={tie.text}' is not linear, which only a trajectory fit can do."
+                    f"The tie '{name}={tie.text}' is not linear in the coefficients, which only a trajectory "
+                    "fit can do."
                 )
             constant, slopes = affine
             rows[name] = sum((a * rows[s] for s, a in slopes.items()), np.zeros(len(free) + 1))
@@ -245,7 +246,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
     names = [word for word in words if word in known]
     strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
     if strangers:
-        wrong = f"The tie '{name}={text}' holds '{strangers[0]}', no parameter"
+        wrong = f"The tie '{name}={text}' holds '{strangers[0]}', which is no parameter"
         raise UsageError(f"{wrong}; there are {', '.join(known)}.")
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")

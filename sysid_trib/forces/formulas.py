@@ -315,7 +315,9 @@ def _checked(
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
             return ast.UnaryOp(op, inner(operand))
         case ast.BinOp(op=ast.Pow(), right=right) if not _is_exponent(right, exponents):
-            raise LibraryError(f"{where}: an exponent is a number up to {MAX_EXPONENT} or a shape parameter.")
+            raise LibraryError(
+                f"{where}: an exponent must be a number up to {MAX_EXPONENT} or a shape parameter."
+            )
         case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS or isinstance(op, ast.Pow):
             return ast.BinOp(inner(left), op, inner(right))
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
@@ -330,7 +332,9 @@ def _checked(
             if name in SMOOTH and len(args) == 1:
                 return ast.Call(ast.Name(name), [inner(args[0])], [])
             if name in RESERVED_NAMES:
-                raise LibraryError(f"{where}: '{name}' got {len(args)} arguments; min, max take 2, others 1.")
+                raise LibraryError(
+                    f"{where}: '{name}' got {len(args)} arguments; min, max take two, others one."
+                )
     advice = ""
     match node:
         case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):

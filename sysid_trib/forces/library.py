@@ -194,7 +194,9 @@ def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
     names = [*tables["state"], *tables["memory"], *tables["shape"]]
     for name in names:
         if name in RESERVED_NAMES or not name.isidentifier() or names.count(name) > 1:
-            raise LibraryError(f"{where}: '{name}' names no state, memory or shape parameter; rename it.")
+            raise LibraryError(
+                f"{where}: '{name}' cannot name a state, memory or shape parameter; rename it."
+            )
     strange = sorted(set(tables["start"]) - set(tables["state"]) - set(tables["memory"]))
     if strange:
         raise LibraryError(f"{where}: start value for '{strange[0]}', which is neither a state nor a memory.")

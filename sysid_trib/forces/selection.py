@@ -259,7 +259,9 @@ def _systems(path: Path) -> dict[str, System]:
 def _checked(table: Any, source: str) -> System:
     keys = {part.name for part in fields(System)}
     if not isinstance(table, dict) or not isinstance(table.get("name"), str) or not set(table) <= keys:
-        raise LibraryError(f"{source}: a [[system]] has a name, of {', '.join(sorted(keys))} what it needs.")
+        raise LibraryError(
+            f"{source}: a [[system]] has a name, and of {', '.join(sorted(keys))} what it needs."
+        )
     where, held = f"{source}: system '{table['name']}'", table.get("held", {})
     words = {key: table.get(key, "") for key in ("name", "meaning", "signal")}
     lists = {key: table[key] for key in ("forces", "impossible", "not_negative") if key in table}

@@ -196,7 +196,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     """
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
     if missing or "library" not in result.attrs:
-        wrong = "This takes an identification of identify"
+        wrong = "This wants an identification, as identify returns it"
         raise UsageError(f"{wrong}; {', '.join(missing) or 'library'} is missing.")
     # A sensor term takes no energy and has no weight.
     library = schema.library_of(result)

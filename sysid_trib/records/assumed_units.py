@@ -150,7 +150,8 @@ def unit_of(
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
         wrong = f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much"
         raise RecordError(
-            f"{wrong}; if it is in degrees say so, --units deg, if it is no angle name its unit."
+            f"{wrong} for an oscillation; if it is in degrees say so with --units deg, if it is no "
+            "angle name its unit."
         )
     return unit, why
 

@@ -85,7 +85,7 @@ def read_clock(
     if still.size:
         # Numbers so much larger than their steps that these are lost in their digits.
         row = int(rows[still[0] + 1]) + 1
-        wrong = f"{source}: times do not rise in their digits, first in row {row}"
+        wrong = f"{source}: its times do not rise by as much as their digits show, first in row {row}"
         raise RecordError(f"{wrong}; correct them, or {GIVE_RATE}")
     rate = f"{1.0 / signal.usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
@@ -98,7 +98,9 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
     back = np.flatnonzero(steps < 0.0) + 1
     if back.size > min(column.MOST_SET_BACK, given.size // 20):
         row = int(back[0])
-        fall = f"{given[row - 1]:.9g} s in row {row} is followed by {given[row]:.9g} s, {back.size} times"
+        fall = (
+            f"{given[row - 1]:.9g} s in row {row} is followed by {given[row]:.9g} s, and so {back.size} times"
+        )
         raise RecordError(f"{source}: time must rise, but {fall}; sort the rows, or give the sampling rate.")
     shift = np.zeros(given.size)
     shift[back] = np.median(steps) - steps[back - 1]

@@ -178,7 +178,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
         return 0, ""
     if swing.run.stop - last - 1 < FEWEST_EXTREMA:
         wrong = f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end"
-        raise DecayError(f"{wrong}; widen the range.")
+        raise DecayError(f"{wrong}; record with a wider range.")
     first = int(np.searchsorted(time, swing.halves.crossing[last + 1]))
     cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"
     return first, cut

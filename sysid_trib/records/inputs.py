@@ -165,12 +165,16 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     units = given.attrs.get("units")
     if name == INPUT and units != f"{unit}/s^2":
         said = "says no unit" if units is None else f"is in {units}"
-        raise UsageError(f"input(time) {said}; give an acceleration, input.attrs['units'] = '{unit}/s^2'.")
+        raise UsageError(
+            f"input(time) {said}; give the acceleration in {unit}/s^2, input.attrs['units'] = '{unit}/s^2'."
+        )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
     if time[0] > start or time[-1] < float(record.time.values[-1]):
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
-        raise DecayError(f"The input {name} reaches from {reach}; cut the record (--window), or give all.")
+        raise DecayError(
+            f"The input {name} reaches from {reach}; cut the record (--window), or give all of the input."
+        )
     return KnownInput(time - start, given.values.astype(float), str(given.attrs.get("between", "linear")))
 
 
@@ -190,7 +194,10 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
     for force in library:
         if missing := [name for name in force.inputs if name not in inputs]:
             wrong = f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks"
-            raise UsageError(f"{wrong}; name its column (--input {missing[0]}=COLUMN), or leave it out.")
+            raise UsageError(
+                f"{wrong}; name its column (--input {missing[0]}=COLUMN; input= in Python), or leave the "
+                "force out."
+            )
     for channel in library.channels:
         units = record[channel.input].attrs.get("units")
         wanted = unit_of_signal(record) + PER_KIND.get(channel.kind, "")
@@ -212,7 +219,7 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
         if name != INPUT and name not in library.inputs:
             held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
             wrong = f"No force holds the input {name} ({held})"
-            raise UsageError(f"{wrong}; offer one (libraries/inputs.toml), or no input.")
+            raise UsageError(f"{wrong}; offer one that does (libraries/inputs.toml), or leave the input out.")
 
 
 def refuse_inputs(record: xr.Dataset) -> None:

@@ -83,7 +83,7 @@ def read_record(
     if len(records) > 1:
         names = ", ".join(str(record.attrs["angle_column"]) for record in records)
         wrong = f"{Path(path).name}: {len(records)} runs side by side ({names})"
-        raise UsageError(f"{wrong}; name one, or read_records.")
+        raise UsageError(f"{wrong}; name a column, or take all with read_records.")
     return records[0]
 
 

@@ -112,7 +112,8 @@ def _check_units(record: xr.Dataset, source: str) -> None:
     time_unit = str(record["time"].attrs.get("units", "")).strip()
     if time_unit.lower() not in SPELT_SECONDS:
         raise DecayError(
-            f'{source}: its times are in {time_unit}, not in s: record.assign_coords(time=...), units="s".'
+            f"{source}: its times are in {time_unit}, not in s; convert them "
+            '(record.assign_coords(time=...)), with units="s".'
         )
     angle_unit = unit_of_signal(record).strip()
     # Files may have other units of an angle, a record in memory may not: its forces are functions of radians.
