@@ -20,6 +20,10 @@ def test_every_kind_is_read_as_what_it_is(name, tmp_path):
     assert drawn(name, tmp_path, seed=1, number=0)[1] == ""
 
 
+def test_what_a_drive_held_before_it_was_switched_off_is_no_decay(tmp_path):
+    assert drawn("drive_switched_off", tmp_path, seed=11, number=0)[1] == ""
+
+
 # Pushed up over several periods, twice, a swing comes out as one decay at times: draw 1 of this seed.
 PUMPED = pytest.param("pumped", marks=pytest.mark.xfail(strict=True, reason="one decay is found, not two"))
 

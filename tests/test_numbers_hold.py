@@ -114,9 +114,9 @@ def test_broad_and_quantised_tops_are_not_clipped():
 def test_other_units_in_memory_are_refused(units):
     time, angle = ({"units": unit} for unit in units)
     record = xr.Dataset({"angle": ("time", CLEAN + NOISE, angle)}, {"time": ("time", TIME, time)})
-    with pytest.raises(st.errors.DecayError, match="not in (s|rad); convert"):
+    with pytest.raises(st.errors.DecayError, match=r"not in (s|rad); convert"):
         st.free_decay(record)
-    with pytest.raises(st.errors.DecayError, match="not in (s|rad); convert"):
+    with pytest.raises(st.errors.DecayError, match=r"not in (s|rad); convert"):
         st.identify(record, SIX.select(["zeta"]), Direct())
 
 

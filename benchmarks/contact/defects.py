@@ -149,7 +149,10 @@ def book(path: Path, sheets: dict[str, list[list[object]]]) -> None:
     """An Excel file."""
     with pd.ExcelWriter(path, engine="openpyxl") as file:
         for name, rows in sheets.items():
-            pd.DataFrame(rows).to_excel(file, sheet_name=name, header=False, index=False)
+            # Of rows of unequal length pandas warns.
+            width = max(map(len, rows))
+            padded = [[*row, *[None] * (width - len(row))] for row in rows]
+            pd.DataFrame(padded).to_excel(file, sheet_name=name, header=False, index=False)
 
 
 def groups(path: Path, draw: Draw, m: Swing, x: Array, unit: str) -> None:

@@ -182,7 +182,7 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         except DecayError as refusal:
             refusals.append(refusal)
             continue
-        if decays and not _alike(decay, decays[0]):
+        if decays and (not _alike(decay, decays[0]) or checks.is_held(decay, decays[0])):
             continue
         decays.append(decay)
         # What comes after it and before it.

@@ -19,25 +19,41 @@ TROUGH = 0.3
 PACE_TOLERANCE = 0.03
 
 
-def after_the_drive(swing: Swing) -> Swing:
-    """Leave out what comes before the decay if the amplitude is held until there, as a drive holds it."""
-    run = swing.run
-    if run.stop - run.start < DRIVEN_HALF_PERIODS + FEWEST_EXTREMA:
-        return swing
+def _held(swing: Swing) -> tuple[int, float]:
+    """Half periods until the amplitude leaves what a drive holds it within, and that part of it."""
     peak = swing.extrema
     held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
     # Part of the amplitude within which a drive holds it.
     allowed = 0.03 * held + swing.scatter
     away = np.abs(peak - held) > allowed
-    end = int(np.argmax(away)) if away.any() else peak.size
+    return int(np.argmax(away)) if away.any() else peak.size, allowed
+
+
+def _leaves(peak: Array, count: int, allowed: float) -> bool:
+    """True if at the pace of these extrema the amplitude would leave what is allowed several times over."""
+    pace = -float(np.polyfit(np.arange(FEWEST_EXTREMA), peak[:FEWEST_EXTREMA], 1)[0])
+    return pace * count >= 8.0 * allowed
+
+
+def after_the_drive(swing: Swing) -> Swing:
+    """Leave out what comes before the decay if the amplitude is held until there, as a drive holds it."""
+    run = swing.run
+    if run.stop - run.start < DRIVEN_HALF_PERIODS + FEWEST_EXTREMA:
+        return swing
+    peak, (end, allowed) = swing.extrema, _held(swing)
     if end < DRIVEN_HALF_PERIODS or end > peak.size - FEWEST_EXTREMA:
         return swing
-    after = slice(end - 1, end - 1 + FEWEST_EXTREMA)
-    pace = -float(np.polyfit(np.arange(FEWEST_EXTREMA), peak[after], 1)[0])
-    # At the pace of what follows the amplitude would have left what is allowed several times over.
-    if pace * end < 8.0 * allowed:
+    if not _leaves(peak[end - 1 :], end, allowed):
         return swing
     return replace(swing, run=slice(run.start + end - 1, run.stop))
+
+
+def is_held(swing: Swing, decay: Swing) -> bool:
+    """True if a drive holds the amplitude of a swing throughout, beside a decay of the same record."""
+    end, allowed = _held(swing)
+    if not end == swing.extrema.size >= DRIVEN_HALF_PERIODS:
+        return False
+    return _leaves(decay.extrema * swing.extrema[0] / decay.extrema[0], end, allowed)
 
 
 def after_the_largest(swing: Swing, source: str) -> Swing:
