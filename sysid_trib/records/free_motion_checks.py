@@ -29,8 +29,8 @@ def _held(swing: Swing) -> tuple[int, float]:
     return int(np.argmax(away)) if away.any() else peak.size, allowed
 
 
-def _leaves(peak: Array, count: int, allowed: float) -> bool:
-    """True if at the pace of these extrema the amplitude would leave what is allowed several times over."""
+def _falls_away(peak: Array, count: int, allowed: float) -> bool:
+    """True if at the pace of these extrema the amplitude would fall by several times what is allowed."""
     pace = -float(np.polyfit(np.arange(FEWEST_EXTREMA), peak[:FEWEST_EXTREMA], 1)[0])
     return pace * count >= 8.0 * allowed
 
@@ -43,7 +43,7 @@ def after_the_drive(swing: Swing) -> Swing:
     peak, (end, allowed) = swing.extrema, _held(swing)
     if end < DRIVEN_HALF_PERIODS or end > peak.size - FEWEST_EXTREMA:
         return swing
-    if not _leaves(peak[end - 1 :], end, allowed):
+    if not _falls_away(peak[end - 1 :], end, allowed):
         return swing
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
@@ -53,7 +53,7 @@ def is_held(swing: Swing, decay: Swing) -> bool:
     end, allowed = _held(swing)
     if not end == swing.extrema.size >= DRIVEN_HALF_PERIODS:
         return False
-    return _leaves(decay.extrema * swing.extrema[0] / decay.extrema[0], end, allowed)
+    return _falls_away(decay.extrema * swing.extrema[0] / decay.extrema[0], end, allowed)
 
 
 def after_the_largest(swing: Swing, source: str) -> Swing:
