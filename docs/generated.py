@@ -128,7 +128,7 @@ def commands() -> str:
 def forces(name: str) -> str:
     """The forces of a library by family: what is declared, and what follows from the formula."""
     library = st.load_library(name)
-    unseen = without_signature(_everything(), LOW, HIGH)
+    unseen = without_signature(_everything(), HIGH, None)
     lines = []
     for family in dict.fromkeys(force.family for force in library):
         lines += [f"## {family[0].upper()}{family[1:]}", ""]
@@ -192,7 +192,7 @@ def ties() -> str:
     """Which forces averaging cannot tell apart, and which no method can."""
     groups = [f"- {_listed(group)}" for group in _tie_classes()]
     exact = [f"- {_listed(group)}" for group in exactly_dependent(_everything(), HIGH)]
-    none = _listed(without_signature(_everything(), LOW, HIGH))
+    none = _listed(without_signature(_everything(), HIGH, None))
     return "\n".join(
         [
             f"Between {LOW} and {HIGH} rad, shape parameters at their defaults, averaging cannot separate",

@@ -18,6 +18,7 @@ from sysid_trib.forces.library import library_of_text
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.likelihood import likelihood
 from sysid_trib.likelihood.model_fit import fit_model
+from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.run_rows import decimated
 from sysid_trib.likelihood.start_model import fit_start_model
 from sysid_trib.likelihood.trials import TrialEffect
@@ -82,14 +83,17 @@ def resolution(base: FittedModel, trials: Sequence[TrialEffect]) -> tuple[np.nda
     found = likelihood(products, range(1, 1 + tables[0].shape[1]))
     sizes = []
     for trial in trials:
-        sensor = trial.force.kind == "sensor"
-        of_runs = [run.path.sensor_values if sensor else run.path.force_values for run in base.rows]
-        values = np.concatenate([of_run([trial])[:, 0] for of_run in of_runs])
-        angles = np.concatenate(
-            [run.path.at_samples[0] if sensor else run.path.points[1] for run in base.rows]
-        )
+        values, angles = zip(*(_values(run.path, trial) for run in base.rows), strict=True)
+        values, angles = np.concatenate(values), np.concatenate(angles)
         sizes.append(np.sqrt(np.mean(values**2) / np.mean(angles**2)))
     return np.sqrt(np.diag(found.covariance))[: len(trials)], np.array(sizes)
+
+
+def _values(path: RecordPath, trial: TrialEffect) -> tuple[np.ndarray, np.ndarray]:
+    """An effect of coefficient 1 and the angle along a path."""
+    if trial.force.kind == "sensor":
+        return path.sensor_errors([(trial, 1.0)]), path.at_samples[0]
+    return path.force_values([trial])[:, 0], path.points[1]
 
 
 def true_fit(base: FittedModel, hidden: Sequence[tuple[TrialEffect, float]]) -> FittedModel:
