@@ -83,8 +83,8 @@ def resolution(base: FittedModel, trials: Sequence[TrialEffect]) -> tuple[np.nda
     found = likelihood(products, range(1, 1 + tables[0].shape[1]))
     sizes = []
     for trial in trials:
-        values, angles = zip(*(_values(run.path, trial) for run in base.rows), strict=True)
-        values, angles = np.concatenate(values), np.concatenate(angles)
+        of_runs = zip(*(_values(run.path, trial) for run in base.rows), strict=True)
+        values, angles = map(np.concatenate, of_runs)
         sizes.append(np.sqrt(np.mean(values**2) / np.mean(angles**2)))
     return np.sqrt(np.diag(found.covariance))[: len(trials)], np.array(sizes)
 
