@@ -19,12 +19,11 @@ TROUGH = 0.3
 PACE_TOLERANCE = 0.03
 
 
-def _held(swing: Swing) -> tuple[int, float]:
+def _held(peak: Array, scatter: float) -> tuple[int, float]:
     """Half periods until the amplitude leaves what a drive holds it within, and that part of it."""
-    peak = swing.extrema
     held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
     # Part of the amplitude within which a drive holds it.
-    allowed = 0.03 * held + swing.scatter
+    allowed = 0.03 * held + scatter
     away = np.abs(peak - held) > allowed
     return int(np.argmax(away)) if away.any() else peak.size, allowed
 
@@ -40,20 +39,20 @@ def after_the_drive(swing: Swing) -> Swing:
     run = swing.run
     if run.stop - run.start < DRIVEN_HALF_PERIODS + FEWEST_EXTREMA:
         return swing
-    peak, (end, allowed) = swing.extrema, _held(swing)
-    if end < DRIVEN_HALF_PERIODS or end > peak.size - FEWEST_EXTREMA:
-        return swing
-    if not _falls_away(peak[end - 1 :], end, allowed):
+    peak = swing.extrema
+    end, allowed = _held(peak, swing.scatter)
+    followed = DRIVEN_HALF_PERIODS <= end <= peak.size - FEWEST_EXTREMA
+    if not (followed and _falls_away(peak[end - 1 :], end, allowed)):
         return swing
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
 def is_held(swing: Swing, decay: Swing) -> bool:
     """True if a drive holds the amplitude of a swing throughout, beside a decay of the same record."""
-    end, allowed = _held(swing)
-    if not end == swing.extrema.size >= DRIVEN_HALF_PERIODS:
-        return False
-    return _falls_away(decay.extrema * swing.extrema[0] / decay.extrema[0], end, allowed)
+    peak, falling = swing.extrema, decay.extrema
+    end, allowed = _held(peak, swing.scatter)
+    throughout = end == peak.size >= DRIVEN_HALF_PERIODS
+    return throughout and _falls_away(falling * peak[0] / falling[0], end, allowed)
 
 
 def after_the_largest(swing: Swing, source: str) -> Swing:
