@@ -171,7 +171,9 @@ def fitted(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, 
         max_nfev=MAX_EVALUATIONS,
     )
     values = parameters.expand(np.asarray(minimum.x, dtype=float))
-    return Fit(problem, values, np.asarray(minimum.fun), np.asarray(minimum.jac))
+    # The distance from the first guess is no residual of the record.
+    samples = slice(len(minimum.fun) - len(rows))
+    return Fit(problem, values, np.asarray(minimum.fun)[samples], np.asarray(minimum.jac)[samples])
 
 
 def stopped_by_bounds(fit: Fit) -> dict[str, float]:
