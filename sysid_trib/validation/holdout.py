@@ -51,9 +51,8 @@ def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
 def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[FittedMotion | None]:
     """Motion in the last third of each run of a model that was identified from the rest."""
     library = library_of(result, whole=True)
-    later = [carried_on(result, library, up_to_held_out(run)) for run in runs]
-    rest = [split(run)[1] for run in runs]
-    return [fitted_motion(rest[at], of_run, at) for at, of_run in enumerate(later)]
+    pairs = [(split(run)[1], carried_on(result, library, up_to_held_out(run))) for run in runs]
+    return [fitted_motion(rest, later, at) for at, (rest, later) in enumerate(pairs)]
 
 
 def in_all_runs(
@@ -179,10 +178,11 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     reference, of_reference = _common_frequency(results, labels, whole, best)
     forces = _forces(results)
     values |= {"common_frequency": reference, "noise": root_mean_square(noises)}
-    values["coefficient"], values["standard_error"] = c = _coefficients(results, forces, reference)
-    values["z"] = contrast(*c, best)
+    values["coefficient"], values["standard_error"] = _coefficients(results, forces, reference)
+    values["z"] = contrast(values["coefficient"], values["standard_error"], best)
     for name in ("reference_frequency", "asymptotic_frequency"):
-        values[name] = limit, error = tuple(scalars_of(results, name))
+        values[name] = tuple(scalars_of(results, name))
+    limit, error = values["asymptotic_frequency"]
     values["asymptotic_frequency_z"] = contrast(limit[:, None], error[:, None], best)[:, 0]
     residuals = [[of_run.residual.values for of_run in of.get("holdout", [])] for of in motions]
     values["holdout_p_value"] = [
