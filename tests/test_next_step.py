@@ -13,7 +13,7 @@ from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
 from sysid_trib.commands.app import Asked, options_of
-from sysid_trib.commands.next_step import command_after, next_step
+from sysid_trib.commands.next_step import command_after, keep_next, next_step
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.validation.findings import holds
 from sysid_trib.validation.identify import usual_methods
@@ -48,6 +48,20 @@ def test_an_explained_record_leads_to_every_method():
 def test_a_record_that_is_not_explained_leads_to_discover():
     assert not holds(unexplained())
     assert next_step(unexplained())[0] == "discover"
+
+
+def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
+    gravity = st.load_library("candidate_effects").select(["gravity"])
+    forces = dataclasses.replace(FORCES, forces=(*FORCES.select(["delta"]), *gravity))
+    model = st.Model(forces, {"delta": 0.02, "gravity": 1.0}, W)
+    swing = st.simulate(model, np.arange(0.0, 40.0, 0.02), 1.0, 0.0)
+    swing["angle"] += 1e-3 * np.random.default_rng(1).standard_normal(swing.sizes["time"])
+    tree = checked(st.free_decay(swing), FORCES.select(["lambda", "zeta"]), random_force="off")
+    keep_next(tree, Asked(options_of("records", "model", "start", "search")))
+    assert "discover --system pendulum #" in tree.attrs["next"]
+    # What swings is what the user says.
+    keep_next(tree, Asked(options_of("records", "model", "start", "search"), system="ship"))
+    assert "discover --system ship #" in tree.attrs["next"]
 
 
 def test_the_next_command_takes_over_what_was_given(tmp_path):

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import xarray as xr
 
 from sysid_trib.commands.app import COMMANDS, Asked, options_of
+from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results.effects import candidates_of, credible_set, determines
@@ -103,6 +104,16 @@ def _tied(tree: xr.DataTree) -> list[str]:
     return []
 
 
+def _swings_unexplained(tree: xr.DataTree) -> bool:
+    """True if a model does not explain records whose backbones are those of a pendulum."""
+    if kind_of(tree) == "discover":
+        unexplained = tree.attrs["verdict"] == "unknown effect"
+    else:
+        unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
+    records = (tree[group].to_dataset() for group in record_groups(tree))
+    return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
+
+
 RECORDS = "records"
 # What the next command asks of the same records and forces.
 TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
@@ -119,6 +130,9 @@ def keep_next(tree: xr.DataTree, given: Asked) -> None:
         What the command was given; the next command takes over the options that it knows.
     """
     command, reason, options = next_step(tree)
+    if command == "discover" and given.system is None and _swings_unexplained(tree):
+        options = {"system": PENDULUM}
+        reason = "amplitude and frequency are those of a pendulum under gravity"
     tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
 
 

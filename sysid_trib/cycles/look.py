@@ -168,11 +168,22 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     }
     kept = curve[["instant_time", "frequency"]].assign(amplitude=curve.amplitude.copy(data=amplitude))
     facts = kept.assign({**scalars, **_spectrum(time, angle, unit)})
-    return facts.assign_attrs({**decay.attrs, **_pointers(decay)})
+    return facts.assign_attrs({**decay.attrs, **pointers(decay)})
 
 
-def _pointers(decay: xr.Dataset) -> dict[str, str]:
-    """What the backbone points to: forces by their symbols, the system, both in words; empty if nothing."""
+def pointers(decay: xr.Dataset) -> dict[str, str]:
+    """What the backbone of a record points to, empty if nothing.
+
+    Parameters
+    ----------
+    decay : Dataset
+        ``angle(time)``.
+
+    Returns
+    -------
+    dict of str to str
+        `points_to_forces`, their symbols; `points_to_system`; `points_to`, both in words.
+    """
     library = load_library(USUAL_LIBRARY)
     roles = {formula: library.role(formula) for formula in (*FRICTION, *ELASTIC)}
     forces = {formula: force for formula, force in roles.items() if force is not None}
