@@ -57,10 +57,10 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
-    if "mass" in measured:
-        check_length_unit(unit_of_signal(decays[0]))
     if driven and (measured or given.methods):
         raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
+    if "mass" in measured:
+        check_length_unit(unit_of_signal(decays[0]))
     if given.warm_up is not None and not (given.warm_up >= 0.0 and (driven or given.test)):
         raise UsageError(
             "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
