@@ -7,6 +7,7 @@ import types
 
 import numpy as np
 import pytest
+import scipy.io
 
 import sysid_trib as st
 from sysid_trib.errors import RecordError, UsageError
@@ -203,6 +204,19 @@ def test_a_unit_or_a_column_that_does_not_follow_is_asked_for(tmp_path, headers,
     with pytest.raises(UsageError, match=r"a\.csv: ") as refusal:
         st.read_record(written(tmp_path, *headers), angle=formula)
     assert said in str(refusal.value)
+
+
+def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
+    time = np.arange(0.0, 8.0, 0.01)
+    volts = 0.3 * np.exp(-0.02 * time) * np.cos(6.0 * time)
+    place = tmp_path / "rig.mat"
+    scipy.io.savemat(place, {"t": time, "pot": volts, "Gain": 0.5, "zero": 0.01, "rig": "a"})
+    record = st.read_record(place, time="t", angle="gain*pot - zero", units="rad")
+    assert record.angle.values == pytest.approx(0.5 * volts - 0.01)
+    with pytest.raises(UsageError, match="does not follow"):
+        st.read_record(place, time="t", angle="gain*pot")
+    with pytest.raises(UsageError, match=r"--input: 'gian\*pot' holds the unknown name 'gian'"):
+        st.read_record(place, time="t", angle="pot", units="rad", input="gian*pot")
 
 
 @pytest.mark.parametrize("formula", ["a*pi/180", "0.0115*pot - 0.2", "a + 0*b"])

@@ -287,7 +287,7 @@ def test_the_friction_of_a_measured_axis_is_that_of_its_publication(data_folder)
         angle="qm",
         time="t",
         units="m",
-        input="35.15065*vir",
+        input="gtau*vir",
         between="linear",
     )
     forces = st.forces.ForceLibrary(

@@ -2,7 +2,8 @@
 
 import ast
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from numbers import Real
 
@@ -105,7 +106,8 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
     Parameters
     ----------
     table : FileTable
-        Columns go by the names in their headers, without units, in any case of letters: `x`, `pot`.
+        Columns go by the names in their headers, without units, in any case of letters: `x`, `pot`; numbers
+        that the file states once, as scalars of MATLAB, by theirs.
     text : str
         A formula as forces have it; or `atan2(formula, formula)`, an angle in rad.
     units : str or None
@@ -117,8 +119,9 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
         Not a formula of the columns, a name that two of them have, or a unit that does not follow.
     """
     signal, parts, held = evaluated(table, text, "--angle")
-    # The usual name of a unit, so that deg and degrees are one.
-    follows = _unit(parts, {name: column.unit_text for name, column in held.items()})
+    scalars = {name for part in parts for name in part.names} - {*held, "pi"}
+    # The usual name of a unit, so that deg and degrees are one; that of a number in the notes is not known.
+    follows = None if scalars else _unit(parts, {name: column.unit_text for name, column in held.items()})
     unit = _agreed(follows, units)
     if unit is None:
         columns = ", ".join(column.name for column in held.values())
@@ -142,21 +145,23 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
         name = column.base.replace(" ", "_")
         if name.isidentifier():
             names.setdefault(name, []).append(column)
+    scalars = {name: value for name, value in _scalars(table.notes) if name not in names}
+    known = frozenset({*names, *scalars})
     try:
-        parts = [parse(part, frozenset(names), frozenset(), "--angle") for part in _arguments(text.lower())]
+        parts = [parse(part, known, frozenset(), flag) for part in _arguments(text.lower())]
     except LibraryError as error:
         raise UsageError(f"{table.source}: {error} Columns that it may hold: {', '.join(names)}.") from None
     used = {name for part in parts for name in part.names & names.keys()}
-    held = {name: _single(names[name], name, text) for name in sorted(used)}
+    held = {name: _single(names[name], name, f"{flag} '{text}'") for name in sorted(used)}
     if not held:
-        known = f"{flag} '{text}' holds no column of numbers; it may hold {', '.join(names)}."
-        raise UsageError(f"{table.source}: {known}")
-    values = {name: column.numbers for name, column in held.items()}
-    sizes = {column.size for column in values.values()}
+        wrong = f"{flag} '{text}' holds no column of numbers; it may hold {', '.join(names)}."
+        raise UsageError(f"{table.source}: {wrong}")
+    columns = {name: column.numbers for name, column in held.items()}
+    sizes = {column.size for column in columns.values()}
     if len(sizes) > 1:
         raise UsageError(f"{table.source}: the columns of {flag} '{text}' are not of one length.")
     with np.errstate(all="ignore"):
-        made = [np.broadcast_to(part.evaluate(values), tuple(sizes)) for part in parts]
+        made = [np.broadcast_to(part.evaluate(scalars | columns), tuple(sizes)) for part in parts]
         signal = np.arctan2(*made) if len(made) == 2 else made[0].astype(float)
     return signal, parts, held
 
@@ -181,13 +186,24 @@ def _arguments(text: str) -> list[str]:
     return [plain]
 
 
-def _single(columns: Sequence[Column], name: str, text: str) -> Column:
-    """The column of numbers that alone has a name."""
+def _scalars(notes: Iterable[str]) -> Iterator[tuple[str, float]]:
+    """Numbers that notes state as `name = value`, by their names in small letters."""
+    for note in notes:
+        name, _, value = note.lower().partition("=")
+        with suppress(ValueError):
+            yield name.strip(" #%"), float(value)
+
+
+def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
+    """The column of numbers that alone has a name; `expression` : the option and its formula."""
     if len(columns) > 1:
-        wrong = f"{columns[0].source}: there is no single column '{name}' for --angle '{text}'"
-        raise UsageError(f"{wrong}: {', '.join(column.name for column in columns)}; rename one in the file.")
+        listed = ", ".join(column.name for column in columns)
+        raise UsageError(
+            f"{columns[0].source}: there is no single column '{name}' for {expression}: {listed}; "
+            "rename one in the file."
+        )
     if not columns[0].is_numeric:
-        holds = f"column '{columns[0].name}' of --angle '{text}' holds no numbers."
+        holds = f"column '{columns[0].name}' of {expression} holds no numbers."
         raise UsageError(f"{columns[0].source}: {holds}")
     return columns[0]
 
