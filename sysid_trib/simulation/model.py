@@ -12,7 +12,7 @@ from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
 from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.records.inputs import FORCING_CHANNEL, INPUT, KnownInput
-from sysid_trib.simulation.program import FUNCTIONS, SIGN, Instructions, Listing, Slot, live_functions
+from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 
 Vector = NDArray[np.float64]
 RATE = parse("v", frozenset("v"), frozenset(), "v")
@@ -248,9 +248,8 @@ def program_of(
         return formula.evaluate(names(force), FUNCTIONS, known)
 
     for key, switch in motion.switches.items():
-        at_zero = rows.slot(value(*switch))
-        surfaces.append(at_zero)
-        signs[key] = Slot(rows, rows.add(SIGN, at_zero))
+        surfaces.append(rows.slot(value(*switch)))
+        signs[key] = np.sign(Slot(rows, surfaces[-1]))
     x, v = slots[:2]
     acceleration = -x
     for coefficient, force in zip(p, forces, strict=False):
@@ -260,7 +259,7 @@ def program_of(
     rates = [v, acceleration, *(value(force, f) for force in forces for f in force.state.values())]
     ends = [rows.slot(pace * rate if paced else rate) for rate in rates]
     main = len(rows.rows)
-    live = live_functions(rows)
-    replaced = [rows.slot(f.evaluate(names(force), live)) for force in forces for f in force.memory.values()]
+    next_values = (f.evaluate(names(force), FUNCTIONS) for force in forces for f in force.memory.values())
+    replaced = [rows.slot(value) for value in next_values]
     outputs = ends, surfaces, [sign.index for sign in signs.values()], replaced
     return motion, rows.tidied(main, (states, channels), outputs)

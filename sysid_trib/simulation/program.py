@@ -4,11 +4,11 @@ A formula becomes rows by being evaluated once on `Slot`s, which note what is do
 numbered: the states `y`, tau, what is given over time, the parameters `p` up to the memory, then a row each.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
 from sysid_trib.forces.formulas import Functions, divided
@@ -89,19 +89,37 @@ class Listing:
             self.rows[first] = (op, a, self.add(*partner(first)), 0, 0.0)
         return first, self.rows[first][2]
 
-    def sum(self, a: int, b: int, way: float) -> int:
+    def sum(self, a: int, b: int, way: float = 1.0) -> int:
         """The slot of a + way b."""
         op, factor, of, *_ = self.rows[b]
         if op == SCALE:
             return self.add(LINEAR, a, of, way, factor)
         return self.add(ADD if way > 0.0 else SUB, a, b)
 
-    def scaled(self, factor: int, a: int) -> int:
-        """The slot of a times a factor that does not change."""
-        op, first, of, *_ = self.rows[a]
-        if op == SCALE and not self.still[a]:
-            return self.scaled(self.scaled(factor, first), of)
-        return self.add(SCALE, factor, a)
+    def product(self, a: int, b: int) -> int:
+        """The slot of a b; of a factor that does not change it is a row of its own kind."""
+        if self.still[b] and not self.still[a]:
+            a, b = b, a
+        if not self.still[a]:
+            return self.add(MUL, a, b)
+        op, first, of, *_ = self.rows[b]
+        if op == SCALE and not self.still[b]:
+            return self.product(self.product(a, first), of)
+        return self.add(SCALE, a, b)
+
+    def quotient(self, a: int, b: int) -> int:
+        """The slot of a / b."""
+        if self.still[b] and not self.still[a]:
+            return self.product(a, self.quotient(self.slot(1.0), b))
+        return self.add(DIV, a, b)
+
+    def circular(self, a: int) -> tuple[int, int]:
+        """The slots of sine and cosine."""
+        return self.pair(SIN, a, lambda sine: (PARTNER, a, sine))
+
+    def tanh(self, a: int) -> int:
+        """The slot of a hyperbolic tangent; its partner is the slope."""
+        return self.pair(TANH, a, lambda tanh: (SUB, self.slot(1.0), self.product(tanh, tanh)))[0]
 
     def slot(self, value: Any) -> int:
         """The slot of a value."""
@@ -137,8 +155,24 @@ class Listing:
         )
 
 
-class Slot:
-    """A value in a program; arithmetic with it adds rows.
+# What NumPy's functions make of slots.
+ROWS_OF: dict[np.ufunc, Callable[..., int]] = {
+    np.add: Listing.sum,
+    np.subtract: lambda rows, a, b: rows.sum(a, b, -1.0),
+    np.multiply: Listing.product,
+    np.divide: Listing.quotient,
+    np.negative: lambda rows, a: rows.add(NEG, a),
+    np.sign: lambda rows, a: rows.add(SIGN, a),
+    np.sin: lambda rows, a: rows.circular(a)[0],
+    np.cos: lambda rows, a: rows.circular(a)[1],
+    np.tanh: Listing.tanh,
+    np.exp: lambda rows, a: rows.add(EXP, a),
+    np.log: lambda rows, a: rows.add(LOG, a),
+}
+
+
+class Slot(NDArrayOperatorsMixin):
+    """A value in a program; arithmetic and functions of NumPy add rows.
 
     Parameters
     ----------
@@ -147,82 +181,13 @@ class Slot:
     """
 
     __slots__ = ("index", "rows")
-    # NumPy's numbers leave arithmetic with it to it.
-    __array_ufunc__ = None
 
     def __init__(self, rows: Listing, index: int) -> None:
         self.rows, self.index = rows, index
 
-    def _sum(self, a: Any, b: Any, way: float) -> "Slot":
-        return Slot(self.rows, self.rows.sum(self.rows.slot(a), self.rows.slot(b), way))
-
-    def _over(self, a: Any, b: Any) -> "Slot":
-        return Slot(self.rows, self.rows.add(DIV, self.rows.slot(a), self.rows.slot(b)))
-
-    def __add__(self, other: Any) -> "Slot":
-        return self._sum(self, other, 1.0)
-
-    def __radd__(self, other: Any) -> "Slot":
-        return self._sum(other, self, 1.0)
-
-    def __sub__(self, other: Any) -> "Slot":
-        return self._sum(self, other, -1.0)
-
-    def __rsub__(self, other: Any) -> "Slot":
-        return self._sum(other, self, -1.0)
-
-    def __neg__(self) -> "Slot":
-        return Slot(self.rows, self.rows.add(NEG, self.index))
-
-    def __mul__(self, other: Any) -> "Slot":
-        first, second = (self.rows.slot(value) for value in (self, other))
-        still = self.rows.still
-        if still[second] and not still[first]:
-            first, second = second, first
-        index = self.rows.scaled(first, second) if still[first] else self.rows.add(MUL, first, second)
-        return Slot(self.rows, index)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> "Slot":
-        divisor = self.rows.slot(other)
-        if self.rows.still[divisor] and not self.rows.still[self.index]:
-            return self * self._over(1.0, other)
-        return self._over(self, other)
-
-    def __rtruediv__(self, other: Any) -> "Slot":
-        return self._over(other, self)
-
-
-def _unary(op: int, of_number: Callable[[float], float]) -> Callable[[Any], Any]:
-    def function(u: Any) -> Any:
-        return Slot(u.rows, u.rows.add(op, u.index)) if isinstance(u, Slot) else of_number(u)
-
-    return function
-
-
-def _circular(u: Any) -> tuple[Any, Any]:
-    if not isinstance(u, Slot):
-        return math.sin(u), math.cos(u)
-    pair = u.rows.pair(SIN, u.index, lambda sine: (PARTNER, u.index, sine))
-    return Slot(u.rows, pair[0]), Slot(u.rows, pair[1])
-
-
-def _tangent(u: Any) -> Any:
-    sine, cosine = _circular(u)
-    return sine / cosine
-
-
-def _tanh(u: Any) -> Any:
-    if not isinstance(u, Slot):
-        return math.tanh(u)
-    rows = u.rows
-
-    def slope(tanh: int) -> tuple[int, int, int]:
-        op = SCALE if rows.still[tanh] else MUL
-        return SUB, rows.slot(1.0), rows.add(op, tanh, tanh)
-
-    return Slot(rows, rows.pair(TANH, u.index, slope)[0])
+    def __array_ufunc__(self, function: np.ufunc, method: str, *values: Any) -> "Slot":
+        operands = [self.rows.slot(value) for value in values]
+        return Slot(self.rows, ROWS_OF[function](self.rows, *operands))
 
 
 def _power(base: Any, exponent: Any) -> Any:
@@ -231,13 +196,10 @@ def _power(base: Any, exponent: Any) -> Any:
         whole = _product(base, abs(int(exponent)))
         return whole if exponent >= 0 else divided(1.0, whole)
     smooth, half = base * base + SMOOTHED**2, 0.5 * (exponent - 1.0)
-    if not isinstance(half, Slot):
-        if not isinstance(smooth, Slot):
-            return base * smooth**half
+    if isinstance(smooth, Slot) and not isinstance(half, Slot):
         return base * Slot(smooth.rows, smooth.rows.add(POWER, smooth.index, c=half))
     # The derivative by the exponent wants the logarithm.
-    log = math.log(smooth) if not isinstance(smooth, Slot) else _unary(LOG, math.log)(smooth)
-    return base * _unary(EXP, math.exp)(half * log)
+    return base * np.exp(half * np.log(smooth))
 
 
 def _product(base: Any, count: int) -> Any:
@@ -247,28 +209,18 @@ def _product(base: Any, count: int) -> Any:
     return base if half is None else half * half * base if count % 2 else half * half
 
 
+# Those that switch follow their arguments; they are not called where a branch is given.
 FUNCTIONS: Functions = {
-    "sin": lambda u: _circular(u)[0],
-    "cos": lambda u: _circular(u)[1],
-    "tan": _tangent,
-    "tanh": _tanh,
-    "exp": _unary(EXP, math.exp),
+    "sign": np.sign,
+    "abs": lambda u: np.sign(u) * u,
+    "max": lambda a, b: 0.5 * (a + b) + 0.5 * np.sign(a - b) * (a - b),
+    "min": lambda a, b: 0.5 * (a + b) - 0.5 * np.sign(a - b) * (a - b),
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": lambda u: np.sin(u) / np.cos(u),
+    "tanh": np.tanh,
+    "exp": np.exp,
     "sqrt": lambda u: _power(u, 0.5),
-    "log": lambda u: 0.5 * _unary(LOG, math.log)(u * u + SMOOTHED**2),
+    "log": lambda u: 0.5 * np.log(u * u + SMOOTHED**2),
     "power": _power,
 }
-
-
-def live_functions(rows: Listing) -> Functions:
-    """Functions whose branches follow their arguments."""
-
-    def sign(u: Any) -> Any:
-        return Slot(rows, rows.add(SIGN, rows.slot(u)))
-
-    def larger(a: Any, b: Any) -> Any:
-        return 0.5 * (a + b) + 0.5 * sign(a - b) * (a - b)
-
-    def smaller(a: Any, b: Any) -> Any:
-        return 0.5 * (a + b) - 0.5 * sign(a - b) * (a - b)
-
-    return {**FUNCTIONS, "sign": sign, "abs": lambda u: sign(u) * u, "max": larger, "min": smaller}
