@@ -30,7 +30,7 @@ from benchmarks.study.common import median_ms, timed, times
 from sysid_trib import ForceLibrary, Model, discover, load_library, simulate
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE
+from sysid_trib.simulation.model import BY_ANGLE, BY_RATE
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.cross_check import cross_check
 

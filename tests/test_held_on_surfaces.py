@@ -102,17 +102,17 @@ def by_scipy(coefficients, start=(0.3, -0.1)):
 @pytest.mark.parametrize("coefficients", BELTS, ids=str)
 def test_a_belt_takes_the_body_along_and_lets_it_go(coefficients):
     found = motion(coefficients)
-    held = np.abs(found.y[:, 1] - belt_speed(coefficients, TAU)) < 1e-14
+    held = np.abs(found.rows[:, 1] - belt_speed(coefficients, TAU)) < 1e-14
     # Held and free for a while each.
     assert 0.04 < held.mean() < 0.95
     assert np.count_nonzero(np.diff(held.astype(int)) == 1) >= 1
-    np.testing.assert_allclose(found.y, by_scipy(coefficients), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.rows[:, :2], by_scipy(coefficients), rtol=0, atol=1e-9)
 
 
 def test_a_body_on_a_belt_goes_with_it_up_to_the_limit_of_friction():
     found = motion({"mu": 0.2}, (0.0, 0.05), tau=np.linspace(0.0, 3.9, 40))
-    np.testing.assert_allclose(found.y[:, 0], 0.05 * np.linspace(0.0, 3.9, 40), rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(found.y[:, 1], 0.05)
+    np.testing.assert_allclose(found.rows[:, 0], 0.05 * np.linspace(0.0, 3.9, 40), rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(found.rows[:, 1], 0.05)
     np.testing.assert_array_equal(found.acceleration, 0.0)
 
 

@@ -17,7 +17,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.methods import Averaging, Direct, EnergyDecay, FeenyLiang, Trajectory, WuDecrement
 from sysid_trib.motion_fit.linearised import linearised_about
-from sysid_trib.simulation.motions import FREQUENCY
+from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
 
 W, NOISE = 8.87, 2e-4

@@ -31,8 +31,7 @@ from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
-from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import FREQUENCY
+from sysid_trib.simulation.model import FREQUENCY, Model
 
 
 @dataclass(frozen=True)

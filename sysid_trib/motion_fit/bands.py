@@ -17,7 +17,7 @@ from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.schema import covariance_with_frequency
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation.motions import FREQUENCY
+from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
 
 # Periods that count as recent: as many as the longest predictions that are asked for go ahead.

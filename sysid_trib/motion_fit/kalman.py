@@ -73,7 +73,7 @@ class LinearModel:
         end = np.pad(self.steps.end, ((0, 0), behind))
         return replace(
             self,
-            steps=replace(self.steps, end=end, transition=whole, diffusion=diffusion),
+            steps=self.steps._replace(end=end, transition=whole, diffusion=diffusion),
             path=np.pad(self.path, ((0, 0), behind)),
             observed=np.pad(self.observed, ((0, 0), behind), constant_values=shown),
             start=np.pad(self.start, (behind, (0, 0))),

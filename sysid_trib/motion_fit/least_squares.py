@@ -17,8 +17,7 @@ from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.variables import described
-from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY
+from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.simulate import trajectory
 
 # Relative step at which a fit with parameters held is done: its deviance is known to far less than 1.

@@ -10,8 +10,8 @@ from sysid_trib.errors import DecayError
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.simulation.internal_states import states_along
-from sysid_trib.simulation.model import Model, Motion, sensor_error
-from sysid_trib.simulation.motions import FREQUENCY, SimulatedMotion
+from sysid_trib.simulation.model import FREQUENCY, Model, Motion, sensor_error
+from sysid_trib.simulation.motions import SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.steps import expected_steps
 
@@ -29,8 +29,7 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
         own = {name: value for name, value in model.shapes.items() if name.partition(".")[0] == force.symbol}
         hidden_of = states_along(force, tau, x, v, own, time=time - time[0])
         hidden |= {f"{force.symbol}.{name}": values for name, values in hidden_of.items()}
-    names = (*motion.variables[2:], *motion.memory)
-    return np.stack([*columns, *(hidden[name] for name in names)], axis=1)
+    return np.stack([*columns, *(hidden[name] for name in motion.hidden)], axis=1)
 
 
 def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
@@ -111,8 +110,7 @@ def linearised_about(
     """
     (time, angle), w, size, count = record, model.reference_frequency, path.shape[1], len(by)
     motion, started = Motion(model.forces), path.copy()
-    y, p = motion.start(model, float(per_run[0]), float(per_run[1]) / w)
-    started[0] = np.concatenate([y, p[motion.memory_at]])[:size]
+    started[0] = motion.start(model, float(per_run[0]), float(per_run[1]) / w)[0][:size]
     steps = expected_steps(model, time, started, rate_error, by)
     by_column = np.pad(steps.sensitivity, ((0, 0), (0, 0), (0, 3)))
     start = np.zeros((size, count + 3))

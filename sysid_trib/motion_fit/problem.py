@@ -18,8 +18,8 @@ from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import measured_part
-from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, FREQUENCY, SimulatedMotion
+from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
+from sysid_trib.simulation.motions import SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
 
 # A motion is out of all proportion beyond so many swings of the record.

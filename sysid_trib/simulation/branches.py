@@ -82,15 +82,15 @@ class Given(NamedTuple):
         tau, increasing; the motion starts at the first.
     knots, drives, increments : (knot,), (knot, channel, degree + 1) and (knot, 2) array of float
         From each knot on, polynomials in tau since it; what is added to x and v there.
-    impulses : (knot, parameter) array of float
-        What is added there to the derivatives of v.
     marks : (knot,) array of int
         The start that is taken there, `INTERVAL_ENDS` or `INPUT_JUMPS`; -1 elsewhere.
+    impulses : (knot, parameter) array of float
+        What is added there to the derivatives of v.
     starts : (interval, state + memory) array of float
         Where intervals begin that are followed one after the other; none for one motion on the grid.
-    rows : (grid, state + 1 + memory) array of float
-        The states, the acceleration (of one motion), the memory; at the ends of intervals.
-    tangents : (grid, state + 1 + memory, parameter) array of float
+    rows : (grid, state + memory + 1) array of float
+        The states, the memory, the acceleration (of one motion); at the ends of intervals.
+    tangents : (grid, state + memory + 1, parameter) array of float
         Their derivatives.
     """
 
@@ -98,11 +98,11 @@ class Given(NamedTuple):
     knots: Any
     drives: Any
     increments: Any
-    impulses: Any
     marks: Any
+    impulses: Any
     starts: Any
-    rows: Any
-    tangents: Any
+    rows: Any = None
+    tangents: Any = None
 
 
 def new_state(program: Instructions, parameters: int) -> EngineState:

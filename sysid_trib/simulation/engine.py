@@ -16,7 +16,7 @@ from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_
 @inner
 def memory_written(program, given, c, done):
     """Write the memory, with its derivatives."""
-    first, kept = program.states + 1, program.inputs - program.memory
+    first, kept = program.states, program.inputs - program.memory
     for m in range(program.memory):
         given.rows[done, first + m] = c.v[at.MEMORY_NOW, m]
         for q in range(c.T.shape[2]):
@@ -32,10 +32,10 @@ def sampled(program, given, c, done, n, reach):
         if s > reach:
             break
         for i in range(size + 1):
-            slot = i if i < size else program.rates[1]
-            given.rows[done, i] = value(c.J[slot], n, s)
+            slot, column = (i, i) if i < size else (program.rates[1], size + program.memory)
+            given.rows[done, column] = value(c.J[slot], n, s)
             for q in range(count):
-                given.tangents[done, i, q] = of_parameter(c.T, slot, q, n, s)
+                given.tangents[done, column, q] = of_parameter(c.T, slot, q, n, s)
         memory_written(program, given, c, done)
         done += 1
     return done

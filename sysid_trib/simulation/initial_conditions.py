@@ -9,8 +9,8 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.records.smoothing import first_of_spline
-from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import BY_ANGLE, BY_RATE, STEPS_A_PERIOD
+from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model
+from sysid_trib.simulation.motions import STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 
 MEASURED, MEASURED_TIME = "measured", "measured_time"

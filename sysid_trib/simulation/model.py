@@ -16,6 +16,10 @@ from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 
 Vector = NDArray[np.float64]
 RATE = parse("v", frozenset("v"), frozenset(), "v")
+# What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
+FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
+# What all rates are multiplied by: 1 but for its derivative, which is that by the frequency at given times.
+PACE = "pace of time"
 
 
 @dataclass(frozen=True)
@@ -130,36 +134,36 @@ def sensor_error(
 class Motion:
     """The equations of motion under some forces, for any coefficients, shapes and frequency.
 
-    The states `y` are x, v and the states of forces; the parameters `p` the coefficients, the shapes, 1/w and
-    the memory.
-
     Parameters
     ----------
     forces : tuple of Force
-        The forces, in the order of their coefficients in `p`.
+        The forces.
+    forced : bool
+        Whether an acceleration is added that the engine is given: the first channel, before the forces' own.
+    paced : bool
+        Whether all rates are multiplied by `PACE`, for derivatives by the frequency.
     """
 
     forces: tuple[Force, ...]
+    forced: bool = False
+    paced: bool = False
 
     @cached_property
-    def variables(self) -> tuple[str, ...]:
-        """Names of the entries of `y`: x, v and the states as `dahl.z`."""
-        return ("x", "v", *(f"{f.symbol}.{k}" for f in self.forces for k in f.state))
+    def hidden(self) -> tuple[str, ...]:
+        """Internal states, as `dahl.z`, then the memory, held between reversals, as `jenkins.xr`."""
+        states = (f"{f.symbol}.{k}" for f in self.forces for k in f.state)
+        return (*states, *(f"{f.symbol}.{k}" for f in self.forces for k in f.memory))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """What a motion starts with: x, v and what is hidden; then its parameters, which stay."""
+        shapes = (f"{f.symbol}.{k}" for f in self.forces for k in f.shape)
+        return (BY_ANGLE, BY_RATE, *self.hidden, PACE, *(f.symbol for f in self.forces), *shapes, "1/w")
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """What the forces hold of inputs."""
-        return channels_of(self.forces)
-
-    @cached_property
-    def shapes(self) -> tuple[str, ...]:
-        """Shape parameters, as `dahl.s`."""
-        return tuple(f"{f.symbol}.{k}" for f in self.forces for k in f.shape)
-
-    @cached_property
-    def memory(self) -> tuple[str, ...]:
-        """Values held between reversals, as `jenkins.xr`."""
-        return tuple(f"{f.symbol}.{k}" for f in self.forces for k in f.memory)
+        """What is given over time."""
+        return (FORCING_CHANNEL,) * self.forced + channels_of(self.forces)
 
     @cached_property
     def switches(self) -> dict[str, tuple[Force, Formula]]:
@@ -168,98 +172,87 @@ class Motion:
         for force in self.forces:
             for surface in force.surfaces:
                 switches.setdefault(surface_key(force, surface), (force, surface))
-        reverses = self.memory or any("v" in surface.names for f in self.forces for surface in f.surfaces)
+        reverses = any(f.memory or any("v" in surface.names for surface in f.surfaces) for f in self.forces)
         return {"v": (self.forces[0], RATE)} | switches if reverses else switches
 
-    @cached_property
-    def memory_at(self) -> slice:
-        """Where the memory stands in `p`."""
-        first = len(self.forces) + len(self.shapes) + 1
-        return slice(first, first + len(self.memory))
-
-    def start(self, model: Model, x: float, v: float) -> tuple[Vector, Vector]:
-        """`y` with the states, and `p` with the memory, that the forces of a model start with."""
-        begun: dict[str, float] = {}
+    def start(self, model: Model, x: float, v: float, by: Sequence[str] = ()) -> tuple[Vector, Vector]:
+        """Values of the `names` where a motion of a model starts, (name,); derivatives, (name, parameter)."""
+        w, place = model.reference_frequency, {name: at for at, name in enumerate(self.names)}
+        given = {**model.coefficients, BY_ANGLE: x, BY_RATE: v, PACE: 1.0, "1/w": 1.0 / w}
         for force in self.forces:
-            if not force.memoryless:
-                values = force.start_values(_at_start(force, model, x, v))
-                begun |= {f"{force.symbol}.{k}": value for k, value in values.items()}
-        coefficients = [model.coefficients.get(f.symbol, 0.0) for f in self.forces]
-        shapes = [value for f in self.forces for value in f.shape_values(model.shapes).values()]
-        memory = [begun[name] for name in self.memory]
-        p = np.array([*coefficients, *shapes, 1.0 / model.reference_frequency, *memory])
-        return np.array([x, v, *(begun[name] for name in self.variables[2:])], dtype=float), p
-
-    def start_derivatives(self, model: Model, at: tuple[float, float], dy: Vector, dp: Vector) -> None:
-        """Add what states and memory start with to the derivatives of `y` and `p`, (entry, parameter)."""
-        fixed = dp[len(self.forces) :]
-        of = dict(zip((*self.shapes, "1/w", *self.memory), fixed, strict=True))
-        of |= dict(zip(self.variables, dy, strict=True))
+            given |= {f"{force.symbol}.{k}": value for k, value in force.shape_values(model.shapes).items()}
+        values = np.array([given.get(name, 0.0) for name in self.names])
+        slopes = np.zeros((len(place), len(by)))
+        for column, name in enumerate(by):
+            if name == FREQUENCY:
+                # v = rate/w at the start; then all goes faster.
+                slopes[place[BY_RATE], column], slopes[place[PACE], column] = -v / w, 1.0 / w
+            elif name in place:
+                slopes[place[name], column] = 1.0 / w if name == BY_RATE else 1.0
         for force in self.forces:
-            names = _at_start(force, model, *at)
+            at = {"x": place[BY_ANGLE], "v": place[BY_RATE]}
+            at |= {name: place[f"{force.symbol}.{name}"] for name in force.shape}
+            names = {"t": 0.0, **{name: values[its] for name, its in at.items()}}
             for name, formula in force.start.items():
-                for origin in sorted(formula.names & {"x", "v", *force.shape}):
-                    source = of[f"{force.symbol}.{origin}" if origin in force.shape else origin]
-                    of[f"{force.symbol}.{name}"] += float(formula.derivative(names, origin)) * source
+                its = place[f"{force.symbol}.{name}"]
+                values[its] = formula.evaluate(names)
+                for origin in sorted(formula.names & at.keys()):
+                    slopes[its] += float(formula.derivative(names, origin)) * slopes[at[origin]]
+        return values, slopes
+
+    @cached_property
+    def program(self) -> Instructions:
+        """The equations as a program of the engine, in which the memory stands behind the parameters."""
+        memory = sum(len(force.memory) for force in self.forces)
+        states, channels = 2 + len(self.hidden) - memory, len(self.channels)
+        rows = Listing(states + 1 + channels, len(self.names) - states)
+        slots = [Slot(rows, i) for i in range(rows.inputs)]
+        first, behind = states + 1 + channels, rows.inputs - memory
+        own = [*slots[:states], *slots[behind:], *slots[first:behind]]
+        named = dict(zip(self.names, own, strict=True))
+        tau, given = slots[states], slots[states + 1 : first]
+        inputs = zip((channel.name for channel in self.channels), given, strict=True)
+        x, v = named[BY_ANGLE], named[BY_RATE]
+        common = {"x": x, "v": v, "t": tau * named["1/w"], **dict(inputs)}
+        signs: dict[str, Slot] = {}
+        surfaces: list[int] = []
+
+        def names(force: Force) -> dict[str, Any]:
+            """All that the formulas of a force hold."""
+            its = (*force.state, *force.shape, *force.memory)
+            return common | {k: named[f"{force.symbol}.{k}"] for k in its}
+
+        def value(force: Force, formula: Formula) -> Any:
+            """Value of a formula of a force on the branch of the signs."""
+            # Inner surfaces come first: their signs are known where an outer one is reached.
+            known = {s.text: signs.get(surface_key(force, s), 0.0) for s in force.surfaces}
+            return formula.evaluate(names(force), FUNCTIONS, known)
+
+        for key, switch in self.switches.items():
+            surfaces.append(rows.slot(value(*switch)))
+            signs[key] = np.sign(Slot(rows, surfaces[-1]))
+        acceleration = -x
+        for force in self.forces:
+            acceleration = acceleration - named[force.symbol] * value(force, force.formula)
+        if self.forced:
+            acceleration = acceleration + given[0]
+        rates = [v, acceleration, *(value(force, f) for force in self.forces for f in force.state.values())]
+        ends = [rows.slot(named[PACE] * rate if self.paced else rate) for rate in rates]
+        main = len(rows.rows)
+        next_values = [
+            f.evaluate(names(force), FUNCTIONS) for force in self.forces for f in force.memory.values()
+        ]
+        outputs = ends, surfaces, [sign.index for sign in signs.values()], [*map(rows.slot, next_values)]
+        return rows.tidied(main, (states, channels), outputs)
+
+
+@lru_cache(maxsize=512)
+def motion_of(forces: tuple[Force, ...], *, forced: bool, paced: bool) -> Motion:
+    """The equations of motion under these forces (see `Motion`), whose program is kept."""
+    return Motion(forces, forced, paced)
 
 
 def surface_key(force: Force, surface: Formula) -> str:
     """Name of a force's surface: forces share those of x, v and t, and keep those of their own states."""
     common = {"x", "v", "t", *(channel.name for channel in force.channels)}
     return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"
-
-
-def _at_start(force: Force, model: Model, x: float, v: float) -> dict[str, float]:
-    return {"x": x, "v": v, "t": 0.0, **force.shape_values(model.shapes)}
-
-
-@lru_cache(maxsize=512)
-def program_of(
-    forces: tuple[Force, ...], *, forced: bool = False, paced: bool = False
-) -> tuple[Motion, Instructions]:
-    """The equations of motion under these forces, and their program, for any coefficients and shapes.
-
-    Its parameters are `p` of `Motion`, and one more in front of them: where `paced`, what all rates are
-    multiplied by, 1 but for its derivative, which is that by the frequency at given times. Where `forced`, an
-    acceleration is added that the engine is given: the first channel, before the forces' own.
-    """
-    motion = Motion(forces)
-    states, fixed = len(motion.variables), motion.memory_at.stop
-    channels = int(forced) + len(motion.channels)
-    rows = Listing(states + 1 + channels, 1 + fixed)
-    slots = [Slot(rows, i) for i in range(rows.inputs)]
-    tau, given, (pace, *p) = slots[states], slots[states + 1 : -1 - fixed], slots[-1 - fixed :]
-    own = (*motion.variables, *motion.shapes, "1/w", *motion.memory)
-    named = dict(zip(own, [*slots[:states], *p[len(forces) :]], strict=True))
-    inputs = zip((channel.name for channel in motion.channels), given[int(forced) :], strict=True)
-    common = {"x": named["x"], "v": named["v"], "t": tau * named["1/w"], **dict(inputs)}
-    signs: dict[str, Slot] = {}
-    surfaces: list[int] = []
-
-    def names(force: Force) -> dict[str, Any]:
-        """All that the formulas of a force hold."""
-        its = (*force.state, *force.shape, *force.memory)
-        return common | {k: named[f"{force.symbol}.{k}"] for k in its}
-
-    def value(force: Force, formula: Formula) -> Any:
-        """Value of a formula of a force on the branch of the signs."""
-        # Inner surfaces come first: their signs are known where an outer one is reached.
-        known = {s.text: signs.get(surface_key(force, s), 0.0) for s in force.surfaces}
-        return formula.evaluate(names(force), FUNCTIONS, known)
-
-    for key, switch in motion.switches.items():
-        surfaces.append(rows.slot(value(*switch)))
-        signs[key] = np.sign(Slot(rows, surfaces[-1]))
-    x, v = slots[:2]
-    acceleration = -x
-    for coefficient, force in zip(p, forces, strict=False):
-        acceleration = acceleration - coefficient * value(force, force.formula)
-    if forced:
-        acceleration = acceleration + given[0]
-    rates = [v, acceleration, *(value(force, f) for force in forces for f in force.state.values())]
-    ends = [rows.slot(pace * rate if paced else rate) for rate in rates]
-    main = len(rows.rows)
-    next_values = (f.evaluate(names(force), FUNCTIONS) for force in forces for f in force.memory.values())
-    replaced = [rows.slot(value) for value in next_values]
-    outputs = ends, surfaces, [sign.index for sign in signs.values()], replaced
-    return motion, rows.tidied(main, (states, channels), outputs)

@@ -10,16 +10,11 @@ import numpy as np
 from sysid_trib.arrays import Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import channels_of
-from sysid_trib.records.inputs import FORCING_CHANNEL
 from sysid_trib.records.units import ACCELEROMETER, STANDARD_GRAVITY
 from sysid_trib.simulation import branches
-from sysid_trib.simulation.branches import EngineState, Given
+from sysid_trib.simulation.branches import Given
 from sysid_trib.simulation.compiled import tell_of_compiling
-from sysid_trib.simulation.model import Model, Motion, Vector, program_of, sensor_error
-from sysid_trib.simulation.program import Instructions
-
-# What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
-FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
+from sysid_trib.simulation.model import FREQUENCY, Model, Motion, Vector, motion_of, sensor_error
 
 
 @dataclass(frozen=True)
@@ -30,26 +25,23 @@ class SimulatedMotion:
     ----------
     tau : (sample,) array of float
         w t, from the start.
-    y : (sample, state) array of float
-        x, v = dx/dtau (rad) and states.
-    bend : (sample,) array of float, rad
-        dv/dtau.
+    rows : (sample, number) array of float
+        x and v = dx/dtau (rad), states and memory of forces; last dv/dtau.
     hidden : dict of str to (sample,) array of float
-        States and memory of forces, as `dahl.z`.
+        The states and the memory by their names, as `dahl.z`.
     stop, turns : float and array of float
         tau where it stops, NaN if it goes on or is pushed; where v = 0, known where a force switches there.
     by : tuple of str
         Parameters of its derivatives.
-    tangents : (sample, state + 1 + memory, parameter) array of float
-        Derivatives of `y`, `bend`, memory by these, at given times.
+    tangents : (sample, number, parameter) array of float
+        Derivatives of the rows by these, at given times.
     start : float, s
         Time of the start.
     """
 
     model: Model
     tau: Vector
-    y: Vector
-    bend: Vector
+    rows: Vector
     hidden: dict[str, Vector]
     stop: float
     turns: Vector
@@ -60,17 +52,17 @@ class SimulatedMotion:
     @property
     def position(self) -> Vector:
         """The true angle, (sample,), rad."""
-        return self.y[:, 0]
+        return self.rows[:, 0]
 
     @cached_property
     def rate(self) -> Vector:
         """Its derivative, (sample,), rad/s."""
-        return self.model.reference_frequency * self.y[:, 1]
+        return self.model.reference_frequency * self.rows[:, 1]
 
     @property
     def acceleration(self) -> Vector:
         """Its second derivative, (sample,), rad/s^2."""
-        return self.model.reference_frequency**2 * self.bend
+        return self.model.reference_frequency**2 * self.rows[:, -1]
 
     @cached_property
     def angle(self) -> Vector:
@@ -108,21 +100,20 @@ class SimulatedMotion:
         """Derivatives of `angle`, `position`, `rate` and `acceleration`, (sample, parameter) each, if any."""
         if not self.by:
             return {}
-        w, size = self.model.reference_frequency, self.y.shape[1]
-        of_w = np.array([float(name == FREQUENCY) for name in self.by])
-        of_x, of_v, of_bend = self.tangents[:, 0], self.tangents[:, 1], self.tangents[:, size]
+        w, of_w = self.model.reference_frequency, np.array([float(name == FREQUENCY) for name in self.by])
+        of_x, of_v, of_bend = self.tangents[:, 0], self.tangents[:, 1], self.tangents[:, -1]
         _, by_motion, by_names = self._sensor_error
         return {
             "angle": of_x + by_motion[:, :1] * of_x + by_motion[:, 1:] * of_v + by_names,
             "position": of_x,
-            "rate": w * of_v + self.y[:, 1:2] * of_w,
-            "acceleration": w * (w * of_bend + self.bend[:, None] * of_w),
+            "rate": w * of_v + self.rows[:, 1:2] * of_w,
+            "acceleration": w * (w * of_bend + self.rows[:, -1:] * of_w),
         }
 
     @cached_property
     def _sensor_error(self) -> tuple[Vector, Vector, Vector]:
         elapsed = self.tau / self.model.reference_frequency
-        return sensor_error(self.model, elapsed, self.y[:, 0], self.y[:, 1], self.by)
+        return sensor_error(self.model, elapsed, self.rows[:, 0], self.rows[:, 1], self.by)
 
 
 # What is given over time: knots (knot,) in tau, increasing, the first at the start; polynomials from each
@@ -169,23 +160,16 @@ def integrate(
     """
     knots, polynomials, increments = forcing
     forced = polynomials.shape[1] > len(channels_of(model.forces))
-    motion, program = program_of(model.forces, forced=forced, paced=FREQUENCY in by)
-    state = begun((motion, program), model, at, by)
-    state.v[branches.CLOCK, 0] = tau[0]
-    size, many, columns = program.states, len(knots), program.states + 1 + program.memory
+    motion, many = motion_of(model.forces, forced=forced, paced=FREQUENCY in by), len(knots)
     marks = np.where(_jumps(knots, polynomials[:, int(forced) :]), branches.INPUT_JUMPS, -1)
-    rows, tangents = np.empty((len(tau), columns)), np.empty((len(tau), columns, len(by)))
-    impulses, starts = np.zeros((many, len(by))), np.empty((0, 0))
-    given = Given(tau, knots, polynomials, increments, impulses, marks, starts, rows, tangents)
+    impulses, no_starts = np.zeros((many, len(by))), np.empty((0, 0))
+    given = Given(tau, knots, polynomials, increments, marks, impulses, no_starts)
     periods, acts = float(tau[-1] - tau[0]) / (2.0 * np.pi), np.any(polynomials) or np.any(increments)
     switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
-    limits = (DIVERGED, switchings, 5000 + many + int(most_steps * periods))
-    reversals, turns, stop = run(program, given, state, limits, model.reference_frequency)
-    names = (*motion.variables[2:], "", *motion.memory)
-    hidden = dict(zip(names, rows.T[2:], strict=True))
-    bend, stop = hidden.pop(""), np.nan if acts else stop
-    turned = reversals[:turns].copy()
-    return SimulatedMotion(model, tau, rows[:, :size], bend, hidden, stop, turned, tuple(by), tangents)
+    limits = switchings, 5000 + many + int(most_steps * periods)
+    rows, tangents, turns, stop = run(motion, model, at, by, given, limits)
+    hidden = dict(zip(motion.hidden, rows.T[2:], strict=False))
+    return SimulatedMotion(model, tau, rows, hidden, np.nan if acts else stop, turns, tuple(by), tangents)
 
 
 def _jumps(knots: Vector, held: Vector) -> Mask:
@@ -197,62 +181,63 @@ def _jumps(knots: Vector, held: Vector) -> Mask:
     return np.append(np.zeros(min(1, len(knots)), bool), (rises > 1e-9 * largest).any(axis=1))
 
 
-def begun(
-    equations: tuple[Motion, Instructions],
+def run(
+    motion: Motion,
     model: Model,
     at: tuple[float, float],
     by: Sequence[str],
-    *,
-    places: tuple[int, int] | None = None,
-) -> EngineState:
-    """Where the engine begins: the start of a motion, its parameters and their derivatives.
-
-    `places` are the first column of the derivatives by `by` and the number of all columns, where there are
-    more.
-    """
-    motion, program = equations
-    first, count = places or (0, len(by))
-    state = branches.new_state(program, count)
-    y, p = motion.start(model, *at)
-    dy, dp = _seeds(motion, model, at, by)
-    columns = slice(first, first + len(by))
-    slots = slice(program.states + 1 + program.channels, program.inputs)
-    state.v[branches.STATE, : len(y)], state.dy[:, columns] = y, dy
-    state.v[branches.MEMORY_NOW, : program.memory] = p[motion.memory_at]
-    state.J[slots, 0] = state.aside[:, slots, 0] = np.append(1.0, p)
-    state.T[slots, 0, columns] = dp
-    # What is seen over w^p is less by p/w of itself where w is larger.
-    forcing = (FORCING_CHANNEL,) * (program.channels - len(motion.channels))
-    powers = np.array([channel.power for channel in (*forcing, *motion.channels)])
-    if FREQUENCY in by:
-        state.of_drive[:, first + by.index(FREQUENCY)] = -powers / model.reference_frequency
-    return state
-
-
-def run(
-    program: Instructions,
     given: Given,
-    state: EngineState,
-    limits: tuple[float, int, int],
-    frequency: float,
-) -> tuple[Vector, int, float]:
+    limits: tuple[int, int],
+) -> tuple[Vector, Vector, Vector, float]:
     """Follow a motion, or intervals, by the compiled engine.
 
-    Returns where the sign of v changes, how often, and where it rests, in tau.
+    Parameters
+    ----------
+    motion, model, at, by
+        The equations of the model, where it starts, and what derivatives are by (see `integrate`); of names
+        that are none they are zero.
+    given : Given
+        But for what is written.
+    limits : (int, int)
+        Switchings and steps that it may take.
+
+    Returns
+    -------
+    rows, tangents : array of float
+        See `Given`.
+    turns, rest : (turn,) array of float, and float
+        Where the sign of v changes, and where it rests, in tau.
 
     Raises
     ------
     SimulationError
         It diverges, switches without end, takes too many steps, or is not finite.
     """
+    program, columns = motion.program, len(motion.hidden) + 3
+    rows, tangents = (np.empty((len(given.grid), columns, *more)) for more in ((), (len(by),)))
+    if not len(given.grid):
+        return rows, tangents, np.empty(0), np.nan
     # One kind of array, for which it is compiled once.
-    given = given._replace(
-        **{name: np.require(part, part.dtype, ["C", "W"]) for name, part in given._asdict().items()}
-    )
-    reversals, turns, rest, outcome = _engine()(program, given, state, limits)
+    parts = given._replace(rows=rows, tangents=tangents)._asdict()
+    given = Given(**{name: np.require(part, part.dtype, ["C", "W"]) for name, part in parts.items()})
+    state = branches.new_state(program, len(by))
+    state.v[branches.CLOCK, 0] = given.grid[0]
+    values, slopes = motion.start(model, *at, by)
+    states, memory = program.states, program.memory
+    state.v[branches.STATE, :states], state.dy[:] = values[:states], slopes[:states]
+    state.v[branches.MEMORY_NOW, :memory] = values[states : states + memory]
+    # In the program the memory stands behind the parameters.
+    slots = slice(states + 1 + program.channels, program.inputs)
+    state.J[slots, 0] = state.aside[:, slots, 0] = np.roll(values[states:], -memory)
+    state.T[slots, 0] = np.roll(slopes[states:], -memory, axis=0)
+    if FREQUENCY in by:
+        # What is seen over w^p is less by p/w of itself where w is larger.
+        powers = np.array([channel.power for channel in motion.channels])
+        state.of_drive[:, by.index(FREQUENCY)] = -powers / model.reference_frequency
+    reversals, turns, rest, outcome = _engine()(program, given, state, (DIVERGED, *limits))
     if outcome != branches.ENDED:
-        _raise(outcome, state.v[branches.CLOCK, 0] / frequency)
-    return reversals, turns, rest
+        _raise(outcome, state.v[branches.CLOCK, 0] / model.reference_frequency)
+    return given.rows, given.tangents, reversals[:turns].copy(), rest
 
 
 @cache
@@ -264,25 +249,6 @@ def _engine() -> Callable[..., Any]:
 
     tell_of_compiling()
     return run
-
-
-def _seeds(motion: Motion, model: Model, at: tuple[float, float], by: Sequence[str]) -> tuple[Vector, Vector]:
-    """Derivatives of the start, (state, parameter), and of the program's parameters."""
-    w, names = model.reference_frequency, [f.symbol for f in motion.forces]
-    places = {name: 1 + i for i, name in enumerate((*names, *motion.shapes))}
-    dy, dp = np.zeros((len(motion.variables), len(by))), np.zeros((1 + motion.memory_at.stop, len(by)))
-    for column, name in enumerate(by):
-        if name == BY_ANGLE:
-            dy[0, column] = 1.0
-        elif name == BY_RATE:
-            dy[1, column] = 1.0 / w
-        elif name == FREQUENCY:
-            # v = rate/w at the start; then all goes faster.
-            dy[1, column], dp[0, column] = -at[1] / w, 1.0 / w
-        elif name in places:
-            dp[places[name], column] = 1.0
-    motion.start_derivatives(model, at, dy, dp[1:])
-    return dy, dp
 
 
 def _raise(outcome: int, elapsed: float) -> None:

@@ -72,7 +72,7 @@ def simulate(
     if known:
         model = replace(model, inputs=known)
         refuse_unused(known, model.library)
-    motion = _simulated(model, time, (angle, rate), (random_force, seed))
+    motion = trajectory(model, time, angle, rate, random_force=random_force, seed=seed)
     data: dict[str, Any] = {
         "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
         "rate": ("time", motion.rate, {"units": "rad/s", "long_name": "angular rate"}),
@@ -105,12 +105,14 @@ def trajectory(
     *,
     by: Sequence[str] = (),
     most_steps: int = STEPS_A_PERIOD,
+    random_force: float = 0.0,
+    seed: int = 0,
 ) -> SimulatedMotion:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
     Parameters
     ----------
-    model, time, angle, rate
+    model, time, angle, rate, random_force, seed
         See `simulate`.
     by : sequence of str
         Parameters of which derivatives are taken: symbols of forces, `dahl.s`, and the names in `integrate`.
@@ -126,28 +128,16 @@ def trajectory(
     Coefficients, shapes and frequency of the same forces are free. Forces with coefficient zero stay in:
     their states and memory follow the motion.
     """
-    return _simulated(model, time, (angle, rate), (0.0, 0), by, most_steps)
-
-
-def _simulated(
-    model: Model,
-    time: Vector,
-    start: tuple[float, float],
-    random: tuple[float, int],
-    by: Sequence[str] = (),
-    most_steps: int = STEPS_A_PERIOD,
-) -> SimulatedMotion:
-    """A motion, pushed by a random force of this density and seed."""
     if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
         raise SimulationError(
             "The times of a simulation must be finite and increase; sort them, drop repeats."
         )
-    angle, rate = start
     if not (np.isfinite(angle) and np.isfinite(rate)):
         raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
-    w, elapsed = model.reference_frequency, time - float(time[0])
-    forcing = forcing_of(model, w * elapsed, *random)
-    motion = integrate(model, w * elapsed, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
+    w = model.reference_frequency
+    tau = w * (time - float(time[0]))
+    forcing = forcing_of(model, tau, random_force, seed)
+    motion = integrate(model, tau, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
     return replace(motion, start=float(time[0]))
 
 
@@ -155,7 +145,7 @@ def _simulated(
 INCREMENTS_PER_PERIOD = 40
 
 
-def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Forcing:
+def forcing_of(model: Model, tau: Vector, random_force: float, seed: int) -> Forcing:
     """What is given to a model: its inputs, exact between their samples, and a random force.
 
     Parameters
@@ -178,15 +168,28 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
         return UNFORCED[0], np.zeros((0, len(model.driven), 1)), UNFORCED[2]
     if len(tau) < 2:
         raise SimulationError("A motion that is pushed wants two or more times that increase.")
-    knots = _instants(tau, INCREMENTS_PER_PERIOD) if random_force else tau[[0, -1]]
-    increments = np.zeros((len(knots), 2))
+    ends, added = tau[[0, -1]], np.zeros((2, 2))
     if random_force:
-        increments[1:] = _increments(np.diff(knots), 0.5 * random_force / w**3, seed)
+        ends, added = _impulses(tau, 0.5 * random_force / w**3, seed)
     bends = w * bends_of(model)
-    instants = np.union1d(knots, bends[(bends > tau[0]) & (bends < tau[-1])])
-    all_increments = np.zeros((len(instants), 2))
-    all_increments[np.searchsorted(instants, knots)] = increments
-    return instants, polynomials_of(model, instants), all_increments
+    knots = np.union1d(ends, bends[(bends > tau[0]) & (bends < tau[-1])])
+    increments = np.zeros((len(knots), 2))
+    increments[np.searchsorted(knots, ends)] = added
+    return knots, polynomials_of(model, knots), increments
+
+
+def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
+    """Instants at and between the samples, and what a random force has added to x and v by each of them."""
+    parts = np.maximum(1, np.ceil(np.diff(tau) * INCREMENTS_PER_PERIOD / (2.0 * np.pi))).astype(int)
+    fractions = np.concatenate([np.arange(count) / count for count in parts])
+    instants = np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
+    h = np.diff(instants)
+    # A stream of its own: noise that is added with the same seed is independent of it.
+    of_v, of_x = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
+    increment_v = np.sqrt(per_tau * h) * of_v
+    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
+    increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * of_x
+    return instants, np.pad(np.stack([increment_x, increment_v], axis=1), ((1, 0), (0, 0)))
 
 
 def bends_of(model: Model) -> Vector:
@@ -205,23 +208,6 @@ def polynomials_of(model: Model, knots: Vector) -> Vector:
             polynomials[:, at, : given.shape[1]] = given / w**channel.power
     powers = np.flatnonzero(polynomials.any(axis=(0, 1)))
     return polynomials[:, :, : powers.max(initial=0) + 1]
-
-
-def _instants(tau: Vector, per_period: int) -> Vector:
-    """Where a step ends: at the samples, and between them at so many a period."""
-    parts = np.maximum(1, np.ceil(np.diff(tau) * per_period / (2.0 * np.pi))).astype(int)
-    fractions = np.concatenate([np.arange(count) / count for count in parts])
-    return np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
-
-
-def _increments(h: Vector, per_tau: float, seed: int) -> Vector:
-    """What a random force adds to x and v by the end of each step, (step, 2)."""
-    # A stream of its own: noise that is added with the same seed is independent of it.
-    random = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
-    increment_v = np.sqrt(per_tau * h) * random[0]
-    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
-    increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * random[1]
-    return np.stack([increment_x, increment_v], axis=1)
 
 
 # Le Bot et al. 2019, Sec. 3: PDMS sphere on glass, alpha accounted for in w_inf.

@@ -9,7 +9,7 @@ law of the state has the mean of the ends and, as they are continuous in the sta
 derivatives (Stein 1981): statistical linearisation (Gelb 1974; Garcia-Fernandez, Svensson and Sarkka 2017).
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,8 +17,8 @@ from scipy.special import ndtri
 from sysid_trib.arrays import Array, Index
 from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.branches import INTERVAL_ENDS, Given
-from sysid_trib.simulation.model import Model, Motion, program_of
-from sysid_trib.simulation.motions import DIVERGED, FREQUENCY, begun, run
+from sysid_trib.simulation.model import FREQUENCY, Model, Motion, motion_of
+from sysid_trib.simulation.motions import run
 from sysid_trib.simulation.simulate import bends_of, polynomials_of
 
 # In an interval, and in each unit of tau of it.
@@ -27,12 +27,10 @@ GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leg
 GAUSS_POINTS = GAUSS_POINTS + 0.5
 
 
-@dataclass(frozen=True)
-class Steps:
+class Steps(NamedTuple):
     """Exact motion over intervals, from states that are given at their beginnings.
 
-    The state is x, v (rad), then the internal states of the forces, then their memory (`Motion.variables`,
-    `Motion.memory`).
+    The state is x, v (rad), then the internal states of the forces, then their memory (`Motion.hidden`).
 
     Attributes
     ----------
@@ -97,31 +95,24 @@ def steps_of(
     """
     tau, length = spans
     places = GAUSS_POINTS if diffuses else np.empty(0)
-    w = model.reference_frequency
-    motion, program = program_of(model.forces, forced=INPUT in model.inputs, paced=FREQUENCY in by)
-    size, count = program.states + program.memory, len(tau)
+    motion = motion_of(model.forces, forced=INPUT in model.inputs, paced=FREQUENCY in by)
+    size = 2 + len(motion.hidden)
     starts = size if by_start is None else by_start
     first = starts + len(by)
-    columns = first + len(places)
-    knots, marks, points = _knots(tau, length, w * bends_of(model), places)
-    impulses = np.zeros((len(knots), columns))
+    # Where each interval begins is given, and so are the derivatives there.
+    columns = ("",) * starts + by + ("",) * len(places)
+    knots, marks, points = _knots(tau, length, model.reference_frequency * bends_of(model), places)
+    impulses = np.zeros((len(knots), len(columns)))
     inside = np.flatnonzero(points >= 0)
     impulses[inside, first + points[inside]] = np.sqrt(GAUSS_WEIGHTS)[points[inside]]
-    polynomials = polynomials_of(model, knots)
-    # Where each interval begins is given, and so are the derivatives there.
-    state = begun((motion, program), model, (0.0, 0.0), by, places=(starts, columns))
-    rows = np.empty((count, size + 1))
-    tangents = np.empty((count, size + 1, columns))
     increments = np.zeros((len(knots), 2))
-    given = Given(tau, knots, polynomials, increments, impulses, marks, states.astype(float), rows, tangents)
-    budget = int(SWITCHINGS_ALLOWED * np.sum(1.0 + length)), int(STEPS_ALLOWED * np.sum(1.0 + length))
-    if count:
-        run(program, given, state, (DIVERGED, *budget), w)
-    kept = np.delete(np.arange(size + 1), program.states)
-    by_begin, by_names, by_impulses = np.split(tangents[:, kept], [starts, first], axis=2)
+    given = Given(tau, knots, polynomials_of(model, knots), increments, marks, impulses, states.astype(float))
+    whole = np.sum(1.0 + length)
+    limits = int(SWITCHINGS_ALLOWED * whole), int(STEPS_ALLOWED * whole)
+    rows, tangents, *_ = run(motion, model, (0.0, 0.0), columns, given, limits)
+    by_begin, by_names, by_impulses = np.split(tangents[:, :size], [starts, first], axis=2)
     random = by_impulses * np.sqrt(length)[:, None, None]
-    diffusion = random @ random.swapaxes(1, 2)
-    return Steps(rows[:, kept], by_begin.copy(), by_names.copy(), diffusion)
+    return Steps(rows[:, :size], by_begin, by_names, random @ random.swapaxes(1, 2))
 
 
 def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:
@@ -172,8 +163,8 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
         at = np.flatnonzero(parts > done)
         part = length[at] / parts[at]
         further = steps_of(model, (tau[at] + done * part, part), whole.end[at], by, diffuses=True)
-        before = Steps(*(table[at] for table in vars(whole).values()))
-        for table, longer in zip(vars(whole).values(), vars(before.then(further)).values(), strict=True):
+        before = Steps(*(table[at] for table in whole))
+        for table, longer in zip(whole, before.then(further), strict=True):
             table[at] = longer
     return whole
 
@@ -221,6 +212,6 @@ def expected_steps(
     begun[:, :, 1] += np.multiply.outer(NORMAL, error[unsure])
     several = np.tile(unsure, SPEEDS)
     drawn = steps_over(model, tau[several], length[several], begun.reshape(-1, states.shape[1]), by)
-    for certain, tables in zip(vars(steps).values(), vars(drawn).values(), strict=True):
+    for certain, tables in zip(steps, drawn, strict=True):
         certain[unsure] = np.mean(tables.reshape(SPEEDS, len(unsure), *tables.shape[1:]), axis=0)
     return steps

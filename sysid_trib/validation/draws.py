@@ -18,7 +18,7 @@ from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described
-from sysid_trib.simulation.motions import FREQUENCY
+from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.validation.profiles import free_likelihood
 
 # Degrees of freedom of the proposal's parts, whose tails are heavier than the posterior's; draws of the two

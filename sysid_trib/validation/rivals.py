@@ -19,8 +19,8 @@ from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results import effects, references, schema, variables
 from sysid_trib.results.files import kind_of
-from sysid_trib.simulation import motions, simulate
-from sysid_trib.simulation.model import Model
+from sysid_trib.simulation import simulate
+from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.validation import findings, random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
@@ -74,7 +74,7 @@ def predicted(
         The model has no such motion.
     """
     model, (of_model, ratio) = rival.model, forcing
-    names = [*model.coefficients, *model.shapes, motions.FREQUENCY, motions.BY_ANGLE, motions.BY_RATE]
+    names = [*model.coefficients, *model.shapes, FREQUENCY, BY_ANGLE, BY_RATE]
     motion = simulate.trajectory(model, time, *start, by=names)
     by = motion.derivatives["angle"]
     columns = np.column_stack([motion.angle, by, np.ones(len(time))]) / noise
