@@ -54,17 +54,16 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) 
     forces, shapes, at = estimate.forces, estimate.shapes, np.broadcast_to(np.asarray(time, float), a.shape)
     unit = np.array([signatures.averages(force, a, shapes, at) for force in forces])
     peaks = np.array([peak(force, a, shapes, at) for force in forces])
-    c, covariance = estimate.coefficients[:, None], estimate.coefficient_covariance
-    errors = np.sqrt(np.diag(covariance))[:, None]
+    c = estimate.coefficients[:, None]
+    errors = np.sqrt(np.diag(estimate.coefficient_covariance))[:, None]
     # A zero without a sign.
     decay, shift = 0.0 - unit[:, 0], unit[:, 1] / a + 0.0
-    decay_shares, shift_shares = (shares(c * part, part, covariance) for part in (decay, shift))
     data = {
         "peak_force": (np.abs(c) * peaks, errors * peaks),
         "decay": (c * decay, errors * np.abs(decay)),
         "frequency_shift": (c * shift, errors * np.abs(shift)),
-        "decay_share": decay_shares,
-        "frequency_share": shift_shares,
+        "decay_share": shares(estimate, decay),
+        "frequency_share": shares(estimate, shift),
     }
     return estimate.over_amplitude(described("weights", data), amplitude)
 
@@ -110,7 +109,6 @@ def dissipated_energy(
     at = np.broadcast_to(np.asarray(time, float), a.shape)
     sine = np.array([signatures.averages(f, a, estimate.shapes, at)[0] for f in estimate.forces])
     unit = -2.0 * np.pi * a * sine
-    taken, covariance = estimate.coefficients[:, None] * unit, estimate.coefficient_covariance
 
     def energies(z: Array) -> Array:
         """Energy of each force, of all, and of all as a part of a^2/2."""
@@ -123,31 +121,30 @@ def dissipated_energy(
     units, both = "rad2" if inertia is None else "J", ("force", "amplitude")
     data = (
         with_error("energy", both, (energy[:-2], error[:-2]), "energy taken from a cycle", units)
-        | described("weights", {"energy_share": shares(taken, unit, covariance)})
+        | described("weights", {"energy_share": shares(estimate, unit)})
         | with_error("total_energy", both[1:], (energy[-2], error[-2]), "energy lost in a cycle", units)
         | with_error("lost_fraction", both[1:], (energy[-1], error[-1]), "part of the energy lost in a cycle")
     )
     return estimate.over_amplitude(data, amplitude)
 
 
-def shares(terms: Array, unit: Array, covariance: Array) -> tuple[Array, Array]:
-    """Each term over the sum of their sizes, and its standard error.
+def shares(estimate: estimates.ModelEstimate, unit: Array) -> tuple[Array, Array]:
+    """Each term over the sum of their sizes, and its standard error, (force, amplitude) each.
 
     Parameters
     ----------
-    terms, unit : (force, amplitude) array of float
-        The terms, and those of coefficients 1.
-    covariance : (force, force) array of float
-        Of the coefficients.
+    estimate : ModelEstimate
+        With the coefficients of the terms.
+    unit : (force, amplitude) array of float
+        The terms of coefficients 1.
     """
-    total = np.abs(terms).sum(axis=0)
+
+    def of_values(z: Array) -> Array:
+        terms = z[:-1, None] * unit
+        return np.asarray(terms / np.abs(terms).sum(axis=0) + 0.0)
+
     with np.errstate(invalid="ignore", divide="ignore"):
-        weight = terms / total + 0.0
-        # d share_i / d c_j = u_j (delta_ij - share_i sgn_j) / total
-        sign = np.where(terms < 0, -1.0, 1.0)
-        slope = (np.eye(len(terms))[:, :, None] - weight[:, None, :] * sign[None]) * unit[None] / total
-    variance = np.einsum("ija,jk,ika->ia", slope, covariance, slope)
-    return weight, np.sqrt(np.maximum(variance, 0.0))
+        return estimates.propagate(of_values, estimate.values, estimate.covariance)
 
 
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 0.0) -> Array:
