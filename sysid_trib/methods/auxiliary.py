@@ -13,12 +13,7 @@ from sysid_trib.cycles.signatures import averages, tabulated_averages
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.variance_ratio import (
-    VarianceRatio,
-    held_ratio,
-    rows_by_ratio,
-    variance_ratio,
-)
+from sysid_trib.likelihood.variance_ratio import VarianceRatio, held_ratio, rows_by_ratio, variance_ratio
 from sysid_trib.methods.half_period_equations import (
     DENSITY,
     ENVELOPE_ERRORS,

@@ -51,12 +51,6 @@ class HalfPeriodEquations:
     slopes: sp.csr_matrix
     first: Index
 
-    def without_bias(self, simulated: "HalfPeriodEquations") -> "HalfPeriodEquations":
-        """These equations with what their residual is beyond that of a simulated motion."""
-        count = min(len(self.residual), len(simulated.residual))
-        residual = self.residual[:count] - simulated.residual[:count]
-        return HalfPeriodEquations(self.design[:count], residual, self.slopes[:count], self.first[:count])
-
     def noise(self, measured: xr.Dataset) -> sp.csr_matrix:
         """How unit errors move each equation: of extrema, of their times and, if it is pushed, unit impulses.
 
@@ -85,18 +79,16 @@ class HalfPeriodEquations:
         (equation, impulse) sparse array of float
             `IMPULSES` impulses between neighbouring extrema, before the first and after the last.
         """
-        lasting, passing = half_period_responses(measured)
-        return sp.csr_matrix(self.by_later_steps() @ lasting + self.slopes @ passing)
-
-    def by_later_steps(self) -> sp.csr_matrix:
-        """Derivatives by what is added to a half period of an equation but its first, and to all after it."""
-        entries = self.slopes.tocoo()
-        # Each entry counts for the half periods after the first of its equation, up to its own.
-        times = entries.col % (entries.shape[1] // 2) - self.first[entries.row]
+        # By what is added to a half period of an equation but its first, and to all after it: a slope counts
+        # for the half periods after the first of its equation, up to its own.
+        slopes = self.slopes.tocoo()
+        times = slopes.col % (slopes.shape[1] // 2) - self.first[slopes.row]
         steps = np.arange(times.sum()) - np.repeat(np.cumsum(times) - times, times)
-        column = np.repeat(entries.col - times, times) + 1 + steps
-        data, row = (np.repeat(part, times) for part in (entries.data, entries.row))
-        return sp.csr_matrix((data, (row, column)), entries.shape)
+        column = np.repeat(slopes.col - times, times) + 1 + steps
+        data, row = (np.repeat(part, times) for part in (slopes.data, slopes.row))
+        by_later_steps = sp.csr_matrix((data, (row, column)), slopes.shape)
+        lasting, passing = half_period_responses(measured)
+        return sp.csr_matrix(by_later_steps @ lasting + self.slopes @ passing)
 
 
 @dataclass(frozen=True)
@@ -133,8 +125,12 @@ class EquationSolution:
 
     def without_bias(self, simulated: "EquationSolution") -> "EquationSolution":
         """The solution of a simulated motion, with what this residual is beyond that motion's."""
-        pairs = zip(self.runs, simulated.runs, strict=True)
-        return replace(simulated, runs=[run.without_bias(other) for run, other in pairs])
+        runs = []
+        for run, other in zip(self.runs, simulated.runs, strict=True):
+            kept = slice(min(len(run.residual), len(other.residual)))
+            beyond = run.residual[kept] - other.residual[kept]
+            runs.append(HalfPeriodEquations(run.design[kept], beyond, run.slopes[kept], run.first[kept]))
+        return replace(simulated, runs=runs)
 
 
 def solve(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -33,7 +32,8 @@ from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import variable
-from sysid_trib.simulation.initial_conditions import first_guess, fit_start
+from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
+from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
@@ -163,31 +163,16 @@ def _corrected(
         A motion cannot be computed or measured, or the values do not settle.
     """
     biased = values = auxiliary.values(first)
-    frequency = float(biased[-1])
-    # Two periods fix the start; a model that is still biased may slip out of phase later.
-    counts = [np.searchsorted(t, t[0] + 4.0 * np.pi / frequency) + 1 for t in (d.time.values for d in decays)]
-    begins = [
-        (decay.time.values[:count].astype(float), decay.angle.values[:count].astype(float))
-        for decay, count in zip(decays, counts, strict=True)
-    ]
-    starts: list[tuple[Any, Any]] = [(first_guess(*begin, frequency), None) for begin in begins]
     errors = np.sqrt(np.diag(auxiliary.covariance(first, birge_ratios(first))))
     settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(biased)
+    starts: list[FittedMotion | None] = [None] * len(decays)
     tried: list[Array] = []
     steps: list[Array] = []
     for _ in range(20):
-        model = auxiliary.model(values)
-        motions = [
-            fit_start(model, *begin, start, offset=None, sensitivity=sensitivity)
-            for begin, (start, sensitivity) in zip(begins, starts, strict=True)
-        ]
-        starts = [((motion.angle, motion.rate), motion.sensitivity) for motion in motions]
-        simulated = []
-        for decay, motion, envelope in zip(decays, motions, measured, strict=True):
-            time = decay.time.values.astype(float)
-            angle = trajectory(model, time, motion.angle, motion.rate).angle
-            again = auxiliary.measure(xr.Dataset({"angle": ("time", angle)}, {"time": time}))
-            simulated.append(_as_measured(again, envelope))
+        model, simulated = auxiliary.model(values), []
+        for run, (decay, envelope) in enumerate(zip(decays, measured, strict=True)):
+            motion, starts[run] = _motion_from_start(model, decay, starts[run], float(biased[-1]))
+            simulated.append(_as_measured(auxiliary.measure(motion), envelope))
         fit = auxiliary.fit(simulated)
         tried.append(values)
         steps.append(biased - auxiliary.values(fit))
@@ -196,6 +181,23 @@ def _corrected(
             # What the auxiliary model leaves of a motion of its own is no sign of another force.
             return values, {name: old.without_bias(fit[name]) for name, old in first.items()}
     raise SysidTribError("the correction did not settle")
+
+
+def _motion_from_start(
+    model: Model, decay: xr.Dataset, before: FittedMotion | None, frequency: float
+) -> tuple[xr.Dataset, FittedMotion]:
+    """A motion of the model that starts as a decay does, and its start; `before` that of a model nearby."""
+    time, angle = (decay[name].to_numpy().astype(float) for name in ("time", "angle"))
+    # Two periods fix the start; a model that is still biased may slip out of phase later.
+    count = np.searchsorted(time, time[0] + 4.0 * np.pi / frequency) + 1
+    begin = time[:count], angle[:count]
+    if before is None:
+        start = fit_start(model, *begin, first_guess(*begin, frequency), offset=None)
+    else:
+        at, sensitivity = (before.angle, before.rate), before.sensitivity
+        start = fit_start(model, *begin, at, offset=None, sensitivity=sensitivity)
+    simulated = trajectory(model, time, start.angle, start.rate).angle
+    return xr.Dataset({"angle": ("time", simulated)}, {"time": time}), start
 
 
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:

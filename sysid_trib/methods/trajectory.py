@@ -14,11 +14,7 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify, is_free_to_move
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force, is_fitted
-from sysid_trib.likelihood.sensor_noise import (
-    WHITE_LEVEL,
-    sensor_noise_of,
-    white_p_value,
-)
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.motion_fit.least_squares import Fit, fitted, grown, stopped_by_bounds
