@@ -14,20 +14,12 @@ from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, held_ratio, rows_by_ratio, variance_ratio
-from sysid_trib.methods.half_period_equations import (
-    DENSITY,
-    ENVELOPE_ERRORS,
-    Equations,
-    EquationSolution,
-    HalfPeriodEquations,
-    Rule,
-    solve,
-)
+from sysid_trib.methods import half_period_equations as half_periods
 from sysid_trib.records.half_sines import EnvelopeCurve, envelope
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
 
-Groups: TypeAlias = Mapping[str, EquationSolution]
+Groups: TypeAlias = Mapping[str, half_periods.EquationSolution]
 
 
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
@@ -35,7 +27,7 @@ def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
     return np.ones((len(time) - 1, 1)), np.diff(time)
 
 
-def energy_balance(library: ForceLibrary) -> Equations:
+def energy_balance(library: ForceLibrary) -> half_periods.Equations:
     """Equations of the decrement for powers of the speed."""
     unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
 
@@ -46,7 +38,7 @@ def energy_balance(library: ForceLibrary) -> Equations:
     return decrements
 
 
-def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> Equations:
+def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_periods.Equations:
     """Rate of the amplitude and frequency of each instant, against w c of each force, and w.
 
     Of the columns L = <h sin phi> and M = <h cos phi>/a.
@@ -98,13 +90,13 @@ class AuxiliaryModel:
         Of the first parameters, for what is refused.
     """
 
-    equations: Mapping[str, Equations]
+    equations: Mapping[str, half_periods.Equations]
     values_of: Callable[[Array], Array]
     library: ForceLibrary
     shapes: Mapping[str, float] = field(default_factory=dict)
     wandering: tuple[str, ...] = ("envelope",)
     curve: EnvelopeCurve = "half-sines"
-    rule: Rule = "weighted"
+    rule: half_periods.Rule = "weighted"
     names: tuple[str, ...] = ()
 
     def measure(self, decay: xr.Dataset) -> xr.Dataset:
@@ -115,7 +107,7 @@ class AuxiliaryModel:
     def fit(self, measured: Sequence[xr.Dataset]) -> Groups:
         """Least squares of each group on the envelopes of all runs."""
         return {
-            name: solve(of_group, measured, self.rule, self.names)
+            name: half_periods.solve(of_group, measured, self.rule, self.names)
             for name, of_group in self.equations.items()
         }
 
@@ -158,7 +150,7 @@ def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
         As `random_force_ratio` gives it.
     """
     density = RandomForce.density_of(ratio.ratio * ratio.variance, swing_frequency(measured))
-    return _at_noise(measured, float(np.sqrt(ratio.variance))).assign({DENSITY: density})
+    return _at_noise(measured, float(np.sqrt(ratio.variance))).assign({half_periods.DENSITY: density})
 
 
 def swing_frequency(measured: xr.Dataset) -> float:
@@ -170,12 +162,12 @@ def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
     """The envelope with the errors of white noise of the sensor; the scatter of a random force is not its."""
     white = max(measured.white_noise.item(), float(np.finfo(float).tiny))
     scatters = [measured.attrs[name] for name in ("scatter_of_extrema", "scatter_of_times")]
-    pairs = zip(ENVELOPE_ERRORS, scatters, strict=True)
+    pairs = zip(half_periods.ENVELOPE_ERRORS, scatters, strict=True)
     return measured.assign({name: measured[name] * (noise / white / scatter) for name, scatter in pairs})
 
 
 def random_force_ratio(
-    groups: Sequence[HalfPeriodEquations], measured: xr.Dataset, option: RandomForceOption
+    groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset, option: RandomForceOption
 ) -> VarianceRatio:
     """Ratio of a random force to the sensor's noise in one run, by restricted likelihood of its equations.
 

@@ -13,6 +13,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.likelihood import rows as whitened_rows
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import (
     RandomForceOption,
@@ -23,16 +24,6 @@ from sysid_trib.likelihood.random_force import (
 )
 from sysid_trib.likelihood.refined_columns import refine_columns
 from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
-from sysid_trib.likelihood.rows import (
-    Rows,
-    Solution,
-    rms_forces,
-    select,
-    solve,
-    strong_regression,
-    weak_regression,
-    with_errors_of_dropped,
-)
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.stochastic_columns import NOTHING_OPEN, regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
@@ -168,12 +159,13 @@ class Direct(Constrained):
         )
         chosen = np.ones(len(offered), bool)
         for _ in range(FIRST_ESTIMATES):
-            rows = weak_regression(runs)
-            after = solve(rows, runs[0], chosen, constraints).applied_to(runs)
+            rows = whitened_rows.weak_regression(runs)
+            after = whitened_rows.solve(rows, runs[0], chosen, constraints).applied_to(runs)
             runs = tuple(run.along_own_path() for run in after)
         begun = runs
         if not self._fits_random_force:
-            rows = strong_regression(runs) if self.form == "strong" else weak_regression(runs)
+            strong = self.form == "strong"
+            rows = (whitened_rows.strong_regression if strong else whitened_rows.weak_regression)(runs)
             chosen = _selected(self, runs, rows, constraints)
         # About the motion of the kept forces alone the choice is better founded than about all of them.
         for _ in range(MAX_SELECTIONS):
@@ -185,9 +177,9 @@ class Direct(Constrained):
         if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
             runs = shifted(runs, nearer - common_values(runs), constraints)
             runs, rows, refined = refine_columns(runs, rows, runs, active, constraints)
-        solution = solve(rows, runs[0], active, constraints)
+        solution = whitened_rows.solve(rows, runs[0], active, constraints)
         solution = replace(solution, covariance=solution.covariance + added)
-        solution = with_errors_of_dropped(solution, rows, runs[0], active, constraints)
+        solution = whitened_rows.with_errors_of_dropped(solution, rows, runs[0], active, constraints)
         runs = shifted(solution.applied_to(runs), shift, constraints)
         estimate = _estimate(runs, solution)
         result = identification(
@@ -203,14 +195,14 @@ class Direct(Constrained):
         return is_fitted(self.random_force) and self._takes_random_force
 
     def _regressed(
-        self, begun: Runs, runs: Runs, rows: Rows, active: Mask, constraints: ConstraintMap
-    ) -> tuple[Runs, Rows, bool, tuple[Array, Array]]:
+        self, begun: Runs, runs: Runs, rows: whitened_rows.Rows, active: Mask, constraints: ConstraintMap
+    ) -> tuple[Runs, whitened_rows.Rows, bool, tuple[Array, Array]]:
         """Runs and rows of the active forces, whether these have settled, what open ratios add."""
         if self._fits_random_force:
             return regress_stochastic(begun, active, constraints, self.random_force)
         if self.form == "strong":
             return runs, rows, False, NOTHING_OPEN
-        runs, linear_about = solve(rows, runs[0], active, constraints).applied_to(runs), begun
+        runs, linear_about = whitened_rows.solve(rows, runs[0], active, constraints).applied_to(runs), begun
         if not self.refine:
             return runs, rows, False, NOTHING_OPEN
         if not active.all():
@@ -218,7 +210,7 @@ class Direct(Constrained):
         return *refine_columns(runs, rows, linear_about, active, constraints), NOTHING_OPEN
 
 
-def _estimate(runs: Runs, solution: Solution) -> Estimate:
+def _estimate(runs: Runs, solution: whitened_rows.Solution) -> Estimate:
     """The estimate of the last regression as results take it; the noise is that with a random force."""
     noises = [NoiseModel(run.noise, run.sensor.filter_).standard_deviation for run in runs]
     if any(run.inputs for run in runs):
@@ -261,7 +253,7 @@ def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Arra
     return np.append(result.coefficient.values, result.reference_frequency.item())
 
 
-def _selected(method: Direct, runs: Runs, rows: Rows, constraints: ConstraintMap) -> Mask:
+def _selected(method: Direct, runs: Runs, rows: whitened_rows.Rows, constraints: ConstraintMap) -> Mask:
     """Forces that are kept, by significance and by the optimiser."""
     optimizers = [] if method.optimizer is None else [method.optimizer]
     if method.significance is not None:
@@ -269,4 +261,4 @@ def _selected(method: Direct, runs: Runs, rows: Rows, constraints: ConstraintMap
 
         removed = rows.nuisances.shape[1]
         optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))
-    return select(rows, rms_forces(runs), optimizers, constraints)
+    return whitened_rows.select(rows, whitened_rows.rms_forces(runs), optimizers, constraints)

@@ -6,7 +6,6 @@ coefficients. Either way each is a scalar recurrence, a triangular banded system
 """
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -58,12 +57,8 @@ class GivenMotion:
     @cached_property
     def larger(self) -> "GivenMotion":
         """A motion larger by the part `LARGER`, of the same reversals."""
-        larger, factor = copy(self), 1.0 + LARGER
-        larger.x, larger.v = (PPoly(factor * spline.c, spline.x) for spline in (self.x, self.v))
-        larger.at_samples = self.at_samples | {k: factor * self.at_samples[k] for k in "xv"}
-        larger.at_stages = self.at_stages | {k: factor * self.at_stages[k] for k in "xv"}
-        larger.followed = {}
-        return larger
+        x, v = ((1.0 + LARGER) * self.at_samples[name] for name in "xv")
+        return GivenMotion(self.tau, x, v, self.time)
 
     def names(self, tau: Array) -> dict[str, Any]:
         """Variables of the formulas that the motion gives."""

@@ -11,6 +11,8 @@ from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_paramete
 PASSED = 1e-9
 # Of the size of the motion: no further from a surface than rounding.
 AT_ZERO = 1e-14
+# Of what is held, upwards and downwards: table, way, memory and signs.
+SIDES = ((at.UP, 1.0, at.MEMORY_UP, at.SIGNS_UP), (at.DOWN, -1.0, at.MEMORY_DOWN, at.SIGNS_DOWN))
 # Rates of states that are less do not change them.
 UNCHANGED = 1e-14
 
@@ -32,35 +34,30 @@ def held_step(program, c, n, h, held, ends):
 
     Third is the surface that it meets there, or -1.
     """
-    way, which, near = 0.0, -1, AT_ZERO * abs(c.v[at.STATE, 0])
+    way, which, near, pull = 0.0, -1, AT_ZERO * abs(c.v[at.STATE, 0]), program.rates[1]
     if held == at.RESTS:
         h = _rest_lasts(program, c, n, h, near)
-        up = branch(program, c, 1.0, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
-        down = branch(program, c, -1.0, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
+        branch(program, c, 1.0, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
+        branch(program, c, -1.0, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
     else:
         h, which = free_step(program, c, n, h)
-        for signs, memory in ((at.SIGNS_UP, at.MEMORY_UP), (at.SIGNS_DOWN, at.MEMORY_DOWN)):
+    for side, rises, memory, signs in SIDES:
+        if held != at.RESTS:
             at.put(c.v[at.SIGNS], c.v[signs])
             at.put(c.v[at.MEMORY_NOW], c.v[memory])
-        c.v[at.SIGNS_UP, held], c.v[at.SIGNS_DOWN, held] = 1.0, -1.0
-    _pulls(program, c, c.aside[at.UP], n, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
-    _pulls(program, c, c.aside[at.DOWN], n, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
-    pull = program.rates[1]
-    if held != at.RESTS:
+            c.v[signs, held] = rises
         # Upwards is where the surface rises.
-        for k in range(n + 1):
-            c.aside[at.UP][pull, k] *= c.v[at.GRIP, 0]
-            c.aside[at.DOWN][pull, k] *= c.v[at.GRIP, 0]
-        up, down = c.aside[at.UP][pull, 0], c.aside[at.DOWN][pull, 0]
+        grip = 1.0 if held == at.RESTS else c.v[at.GRIP, 0]
+        _pulls(program, c, c.aside[side], n, c.v[memory], c.v[signs], grip)
     if not ends or not _is_still(program, c, n):
-        h = min(h, radius(c.aside[at.UP], pull, pull, n, at.STATE_PART))
-        h = min(h, radius(c.aside[at.DOWN], pull, pull, n, at.STATE_PART))
-        r = 0.0 if up > 0.0 else first_crossing(c.aside[at.UP][pull], n, h, -1.0, (near, 0.0), c.work)
-        if r < h:
-            h, way = r, 1.0
-        r = 0.0 if down < 0.0 else first_crossing(c.aside[at.DOWN][pull], n, h, 1.0, (near, 0.0), c.work)
-        if r < h:
-            h, way = r, -1.0
+        for side, _, _, _ in SIDES:
+            h = min(h, radius(c.aside[side], pull, pull, n, at.STATE_PART))
+        for side, rises, _, _ in SIDES:
+            series, r = c.aside[side][pull], 0.0
+            if not rises * series[0] > 0.0:
+                r = first_crossing(series, n, h, -rises, (near, 0.0), c.work)
+            if r < h:
+                h, way = r, rises
     return h, way, which if way == 0.0 else -1
 
 
@@ -77,17 +74,11 @@ def _rest_lasts(program, c, n, h, near):
 
 
 @inner
-def _pulls(program, c, other, n, memory, signs):
-    """Series in `other` of what would move a held body to one side of where it is held."""
-    along(program, c, other, n, memory, signs)
-    pull = program.rates[1]
-    for k in range(n + 1):
-        other[pull, k] -= c.J[pull, k]
+def _pulls(program, c, other, n, memory, signs, grip):
+    """Series in `other` of what would move a held body, by its grip, to one side of where it is held.
 
-
-@inner
-def along(program, c, other, n, memory, signs):
-    """Series in `other` of all slots along the states in J, with another memory and other signs."""
+    Its slots are those along the states in J, with another memory and other signs.
+    """
     for i in range(program.states + 1 + program.channels):
         for k in range(n + 1):
             other[i, k] = c.J[i, k]
@@ -95,6 +86,9 @@ def along(program, c, other, n, memory, signs):
     at_once(program, other)
     for k in range(1, n + 1):
         order(program, other, k)
+    pull = program.rates[1]
+    for k in range(n + 1):
+        other[pull, k] = (other[pull, k] - c.J[pull, k]) * grip
 
 
 @inner
@@ -148,8 +142,6 @@ def switched(program, c, which, n, h):
     if program.memory > 0 and turned and slot >= size:
         # Another memory takes it elsewhere.
         c.v[at.ZEROS, which] = 0
-    if held == at.RESTS:
-        stop(c)
     if count > 0:
         after(program, c, moves, turned, held)
     if held > at.RESTS:
@@ -161,6 +153,7 @@ def switched(program, c, which, n, h):
 def _settled(program, c):
     """Set signs, and at a reversal the memory, for the motion from here; by what it is held."""
     if not settle(program, c):
+        stop(c)
         return np.int64(at.RESTS)
     held = held_by(program, c)
     if held > at.RESTS:
@@ -217,8 +210,6 @@ def begun(program, c):
     """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
     way = c.v[at.SIGNS, 0] if len(program.signs) > 0 else 0.0
     held = _settled(program, c)
-    if held == at.RESTS:
-        stop(c)
-    elif held > at.RESTS:
+    if held > at.RESTS:
         _onto(program, c, held)
     return held, held != at.RESTS and len(program.signs) > 0 and way * c.v[at.SIGNS, 0] < 0.0
