@@ -200,10 +200,8 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
 def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
     """First guess of all parameters: from the start model, or from direct identification."""
     parameters = problem.parameters
-    start = method.start
-    if start is None:
-        assert quick is not None
-        start = model_of(quick)
+    start = method.start if quick is None else method.start or model_of(quick)
+    assert start is not None
     w, free = start.reference_frequency, is_free_to_move(parameters.library, parameters.constraints.fixed)
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
@@ -227,13 +225,12 @@ def _with_random_force(
         # Direct identification has the colours by frequencies above the motion's.
         filters = [sensor_noise_of(quick, at).filter_ for at in range(len(problem.records))]
         problem = problem.with_filters(filters)
-    while True:
-        fit, covariance, at = _likelier_of(problem, values, method)
-        stopped = stopped_by_bounds(fit)
-        if not stopped:
-            return fit, covariance, at
+    fit, covariance, at = _likelier_of(problem, values, method)
+    while stopped := stopped_by_bounds(fit):
         problem = replace(problem, parameters=problem.parameters.fix(stopped))
         values = problem.parameters.expand(fit.values[problem.parameters.free])
+        fit, covariance, at = _likelier_of(problem, values, method)
+    return fit, covariance, at
 
 
 def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tuple[Fit, Array, Iterate]:
@@ -251,14 +248,11 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
 
 def _residuals(fit: Fit) -> list[Array]:
     """What the motion leaves of each run; refused where it does not follow them."""
-    records = fit.problem.records
-    pairs = zip(records, fit.problem.residuals(fit.values), strict=True)
-    counted = [residual[record.uncounted :] for record, residual in pairs]
-    unphysical = any(
-        np.max(np.abs(residual)) > np.max(np.abs(record.angle))
-        for residual, record in zip(counted, records, strict=True)
-    )
-    if unphysical or not np.all(np.isfinite(fit.sensitivity)):
+    counted, unphysical = [], not np.all(np.isfinite(fit.sensitivity))
+    for record, residual in zip(fit.problem.records, fit.problem.residuals(fit.values), strict=True):
+        counted.append(residual[record.uncounted :])
+        unphysical |= np.max(np.abs(counted[-1])) > np.max(np.abs(record.angle))
+    if unphysical:
         raise DecayError(
             "No motion of these forces follows the record; offer other forces or a shorter window."
         )
@@ -284,7 +278,7 @@ def _identification(method: Trajectory, fit: Fit) -> xr.Dataset:
     extra = {"residual_rms": ([root_mean_square(residual) for residual in residuals], units, "RMS residual")}
     levels = noises
     if MEASURED in runs[0]:
-        measured = [xr.Dataset({"angle": ("time", r.angle)}, {"time": r.time}) for r in problem.records]
+        measured = (xr.Dataset({"angle": ("time", r.angle)}, {"time": r.time}) for r in problem.records)
         levels = [sensor_noise(record) for record in measured]
         places = [parameters.of_run(run).stop - 1 for run in range(len(runs))]
         bias_errors = np.sqrt(np.diag(covariance)[places])

@@ -13,8 +13,8 @@ from sysid_trib.simulation.program import FORCING_NUMBERS, Instructions
 ORDER = 18
 # How a motion stands.
 MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
-# Marks of knots: what lies before it is written; what is given over time jumps there.
-INTERVAL_ENDS, INPUT_JUMPS = -2, -3
+# Marks of knots: a motion ends there; what is given over time jumps there.
+MOTION_ENDS, INPUT_JUMPS = -2, -3
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; room for surfaces
@@ -24,8 +24,6 @@ MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN = range(6, 10)
 CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_AT_REST, GRIP = range(10, 18)
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
-
-
 # What a motion is held by, besides the number of a surface of which v is a part: nothing, rest.
 FREE, RESTS = -1, 0
 # Nearer than this to a surface, its sign is decided by where the motion is so much later (in tau).
@@ -54,7 +52,7 @@ class EngineState(NamedTuple):
     v : (row, number) array of float
     dy : (state, parameter) array of float
         Derivatives of the state.
-    drive : (channel, PUSH_NUMBERS + 2) array of float
+    drive : (channel, FORCING_NUMBERS + 2) array of float
         What is given over time: by powers of tau since the clock, then its value and slope at the instant
         that is looked at.
     of_drive : (channel, parameter) array of float
@@ -74,33 +72,35 @@ class EngineState(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What a motion is to follow, and where it is written.
+    """Motions to be followed one after the other, each from a knot to a knot, and where they are written.
 
     Attributes
     ----------
-    grid : (grid,) array of float
-        tau, increasing; the motion starts at the first.
     knots, drives, increments : (knot,), (knot, channel, degree + 1) and (knot, 2) array of float
         From each knot on, polynomials in tau since it; what is added to x and v there.
     marks : (knot,) array of int
-        The start that is taken there, `INTERVAL_ENDS` or `INPUT_JUMPS`; -1 elsewhere.
+        The motion that starts there, `MOTION_ENDS` or `INPUT_JUMPS`; -1 elsewhere.
     impulses : (knot, parameter) array of float
         What is added there to the derivatives of v.
-    starts : (interval, state + memory) array of float
-        Where intervals begin that are followed one after the other; none for one motion on the grid.
-    rows : (grid, state + memory + 1) array of float
-        The states, the memory, the acceleration (of one motion); at the ends of intervals.
-    tangents : (grid, state + memory + 1, parameter) array of float
-        Their derivatives.
+    starts, slopes : (motion, state + memory) and (state + memory, parameter) array of float
+        States and memory with which they start, and their derivatives, the same of each.
+    grid : (sample,) array of float
+        tau of the samples, those of each motion increasing, the last at its end.
+    until : (motion,) array of int
+        How many samples are those of a motion and of those before it.
+    rows, tangents : (sample, state + memory + 1) and (sample, state + memory + 1, parameter) array of float
+        The states, the memory, the acceleration, and their derivatives.
     """
 
-    grid: Any
     knots: Any
     drives: Any
     increments: Any
     marks: Any
     impulses: Any
     starts: Any
+    slopes: Any
+    grid: Any
+    until: Any
     rows: Any = None
     tangents: Any = None
 

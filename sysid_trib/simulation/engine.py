@@ -14,29 +14,22 @@ from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_
 
 
 @inner
-def memory_written(program, given, c, done):
-    """Write the memory, with its derivatives."""
-    first, kept = program.states, program.inputs - program.memory
-    for m in range(program.memory):
-        given.rows[done, first + m] = c.v[at.MEMORY_NOW, m]
-        for q in range(c.T.shape[2]):
-            given.tangents[done, first + m, q] = c.T[kept + m, 0, q]
-
-
-@inner
-def sampled(program, given, c, done, n, reach):
-    """Write what lies up to `reach` in tau since the clock; how much of the grid is done."""
-    size, count = program.states, c.T.shape[2]
-    while done < len(given.grid):
+def sampled(program, given, c, done, until, n, reach):
+    """Write the samples up to `reach` in tau since the clock; how many of the grid are done then."""
+    states, held, kept, count = program.states, program.memory, program.inputs - program.memory, c.T.shape[2]
+    while done < until:
         s = (given.grid[done] - c.v[at.CLOCK, 0]) - c.v[at.CLOCK, 1]
         if s > reach:
             break
-        for i in range(size + 1):
-            slot, column = (i, i) if i < size else (program.rates[1], size + program.memory)
+        for i in range(states + 1):
+            slot, column = (i, i) if i < states else (program.rates[1], states + held)
             given.rows[done, column] = value(c.J[slot], n, s)
             for q in range(count):
                 given.tangents[done, column, q] = of_parameter(c.T, slot, q, n, s)
-        memory_written(program, given, c, done)
+        for m in range(held):
+            given.rows[done, states + m] = c.v[at.MEMORY_NOW, m]
+            for q in range(count):
+                given.tangents[done, states + m, q] = c.T[kept + m, 0, q]
         done += 1
     return done
 
@@ -75,77 +68,48 @@ def forgotten(program, c):
 
 
 @inner
-def written(program, given, c, done):
-    """Write the end of an interval, with its derivatives."""
-    for i in range(program.states):
-        given.rows[done, i] = c.v[at.STATE, i]
-        for q in range(c.T.shape[2]):
-            given.tangents[done, i, q] = c.dy[i, q]
-    memory_written(program, given, c, done)
-
-
-@inner
 def begun_anew(program, given, c, start):
-    """Begin at a given state and memory, by which the first derivatives are."""
+    """Begin at a given state and memory, with their derivatives."""
     size, held, kept = program.states, program.memory, program.inputs - program.memory
     for m in range(len(program.signs)):
         c.v[at.SIGNS, m], c.v[at.ZEROS, m] = 0.0, 0.0
     for i in range(size):
         c.v[at.STATE, i], c.v[at.STATE_ROUNDING, i] = given.starts[start, i], 0.0
         for q in range(c.T.shape[2]):
-            c.dy[i, q], c.v[at.LARGEST_DERIVATIVES, q] = 1.0 if q == i else 0.0, 0.0
+            c.dy[i, q], c.v[at.LARGEST_DERIVATIVES, q] = given.slopes[i, q], 0.0
     for m in range(held):
         c.v[at.MEMORY_NOW, m] = given.starts[start, size + m]
         for q in range(c.T.shape[2]):
-            c.T[kept + m, 0, q] = 1.0 if q == size + m else 0.0
+            c.T[kept + m, 0, q] = given.slopes[size + m, q]
 
 
 @inner
-def at_knot(program, given, c, piece, done, held):
-    """What happens at a knot: the end of an interval, a start, impulses, impulses to the derivatives.
-
-    Returns the knot from which it goes on, how many intervals are done, and whether it begins anew.
-    """
-    if given.marks[piece] == at.INTERVAL_ENDS:
-        written(program, given, c, done)
-        done += 1
-        piece += 1
-        if piece == len(given.knots):
-            return piece, done, False
+def at_knot(program, given, c, piece, held):
+    """What happens at a knot: a start, impulses, impulses to the derivatives; true if it begins anew."""
     c.v[at.CLOCK, 0], c.v[at.CLOCK, 1] = given.knots[piece], 0.0
     if given.marks[piece] >= 0:
         begun_anew(program, given, c, given.marks[piece])
-        return piece, done, True
+        return True
     if held == at.FREE:
         for q in range(given.impulses.shape[1]):
             c.dy[1, q] += given.impulses[piece, q]
     c.v[at.STATE, 0] += given.increments[piece, 0]
     c.v[at.STATE, 1] += given.increments[piece, 1]
     incremented = given.increments[piece, 0] != 0.0 or given.increments[piece, 1] != 0.0
-    return piece, done, incremented or given.marks[piece] == at.INPUT_JUMPS
+    return incremented or given.marks[piece] == at.INPUT_JUMPS
 
 
 @inner
 def driven(given, c, piece):
     """What is given over time, about here."""
-    degree = given.drives.shape[2] - 1
+    degree, since = given.drives.shape[2] - 1, c.v[at.CLOCK, 0] - given.knots[piece]
     for m in range(len(c.drive)):
         for k in range(degree + 1):
-            c.drive[m, k] = given.drives[piece, m, k] if piece >= 0 else 0.0
-        if piece >= 0:
-            since = c.v[at.CLOCK, 0] - given.knots[piece]
-            for j in range(degree):
-                for k in range(degree - 1, j - 1, -1):
-                    c.drive[m, k] += since * c.drive[m, k + 1]
+            c.drive[m, k] = given.drives[piece, m, k]
+        for j in range(degree):
+            for k in range(degree - 1, j - 1, -1):
+                c.drive[m, k] += since * c.drive[m, k + 1]
     look_ahead(c, 0.0)
-
-
-@inner
-def to_knot(given, c, piece):
-    """Time to the next knot."""
-    if piece + 1 == len(given.knots):
-        return np.inf
-    return max(given.knots[piece + 1] - c.v[at.CLOCK, 0] - c.v[at.CLOCK, 1], 0.0)
 
 
 @inner
@@ -181,20 +145,15 @@ def noted(times, count, tau):
 
 @compiled
 def run(program, given, c, limits):
-    """Follow a motion along the grid of `given`, whose `rows` and `tangents` are written.
+    """Follow the motions of `given`, one after the other, and write its `rows` and `tangents`.
 
-    `limits`: rad beyond which it diverges, switchings and steps that it may take. Returns where the sign of v
-    changes, and how often; where it comes to rest for good, or nan; how it ended, at the clock.
+    `limits`: rad beyond which one diverges, switchings and steps that all may take. Returns where the sign of
+    v changes, and how often; where it comes to rest for good, or nan; how it ended, at the clock.
     """
     furthest, budget, most_steps = limits
-    last, piece, done, steps, shooting = len(given.knots) - 1, -1, np.int64(0), 0, len(given.starts) > 0
-    end, fresh, held = np.inf if shooting else given.grid[-1], True, np.int64(at.FREE)
+    piece, done, steps, held = np.int64(0), np.int64(0), 0, np.int64(at.FREE)
     reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, at.MOVING
-    if shooting:
-        piece, done, _ = at_knot(program, given, c, np.int64(0), done, held)
-    else:
-        while piece < last and given.knots[piece + 1] <= c.v[at.CLOCK, 0]:
-            piece += 1
+    fresh, until = at_knot(program, given, c, piece, held), given.until[0]
     while state == at.MOVING:
         driven(given, c, piece)
         turned, begins, fresh = False, fresh, False
@@ -202,21 +161,19 @@ def run(program, given, c, limits):
             held, turned = begun(program, c)
             rest = c.v[at.CLOCK, 0] if held == at.RESTS else np.nan
         on_branch(program, c, held)
-        to_end = max(end - c.v[at.CLOCK, 0] - c.v[at.CLOCK, 1], 0.0)
-        limit = min(to_end, to_knot(given, c, piece))
+        limit = max(given.knots[piece + 1] - c.v[at.CLOCK, 0] - c.v[at.CLOCK, 1], 0.0)
+        ends = given.marks[piece + 1] == at.MOTION_ENDS
         h, which, way = min(limit, at.FURTHEST_AT_ONCE), -1, 0.0
         n = series(program, c, h, held)
         steps += 1
         if held != at.FREE:
             longest = limit if held == at.RESTS else min(limit, length(program, c, n))
-            ends = held == at.RESTS and piece == last and not shooting
-            h, way, which = held_step(program, c, n, longest, held, ends)
+            h, way, which = held_step(program, c, n, longest, held, held == at.RESTS and ends)
         else:
             h, which = free_step(program, c, n, min(h, length(program, c, n)) if n == at.ORDER else h)
         whole = h >= limit and which < 0 and way == 0.0
-        if not shooting:
-            done = sampled(program, given, c, done, n, np.inf if whole and limit == to_end else h)
-        if not shooting and done == len(given.grid):
+        done = sampled(program, given, c, done, until, n, np.inf if whole and ends else h)
+        if done == len(given.grid):
             state = at.ENDED
             break
         advance(program, c, n, h, held)
@@ -231,10 +188,9 @@ def run(program, given, c, limits):
             released(program, c, held, way)
             turned, held, rest = held == at.RESTS, np.int64(at.FREE), np.nan
         elif whole:
-            piece, done, fresh = at_knot(program, given, c, piece + 1, done, held)
-            if piece > last:
-                state = at.ENDED
-                break
+            piece += 2 if ends else 1
+            fresh = at_knot(program, given, c, piece, held)
+            until = given.until[given.marks[piece]] if ends else until
         if turned and reverses(program):
             reversals = noted(reversals, turns, c.v[at.CLOCK, 0])
             turns += 1

@@ -18,7 +18,7 @@ from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.forces.formulas import Formula, parse
 from sysid_trib.forces.library import force_counted_from
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.motions import UNFORCED, Forcing, integrate
+from sysid_trib.simulation.motions import Forcing, integrate
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
 # rad/s; at such a frequency `t` stands still, whatever the length of the motion.
@@ -122,11 +122,11 @@ def begun_after(
 def history_on_cycle(force: Force, phase: Array, a: float, shapes: ShapeValues | None) -> dict[str, Array]:
     """States along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
     start = a * float(np.cos(phase[0])), -a * float(np.sin(phase[0]))
-    return _followed(force, watched(force, shapes, FROZEN), phase - phase[0], start, UNFORCED)
+    return _followed(force, watched(force, shapes, FROZEN), phase - phase[0], start, None)
 
 
 def _followed(
-    force: Force, model: Model, grid: Array, start: tuple[float, float], forcing: Forcing
+    force: Force, model: Model, grid: Array, start: tuple[float, float], forcing: Forcing | None
 ) -> dict[str, Array]:
     try:
         motion = integrate(model, grid, start, forcing=forcing)

@@ -116,11 +116,11 @@ class SimulatedMotion:
         return sensor_error(self.model, elapsed, self.rows[:, 0], self.rows[:, 1], self.by)
 
 
-# What is given over time: knots (knot,) in tau, increasing, the first at the start; polynomials from each
-# on by powers of tau since it, (knot, channel, power), the first an acceleration over w^2 (rad) that pushes
-# if there is one more than forces hold; what is added to x and v at the knots but the start, (knot, 2).
+# What is given over time: knots (knot,) in tau, increasing, the first at the start and none at the end;
+# polynomials from each on by powers of tau since it, (knot, channel, power), the first an acceleration over
+# w^2 (rad) that pushes if there is one more than forces hold; what is added to x and v at the knots but the
+# start, (knot, 2).
 Forcing: TypeAlias = tuple[Vector, Vector, Vector]
-UNFORCED: Forcing = (np.empty(0), np.zeros((0, 0, 1)), np.zeros((0, 2)))
 
 # Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
 STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
@@ -135,7 +135,7 @@ def integrate(
     at: tuple[float, float],
     *,
     by: Sequence[str] = (),
-    forcing: Forcing = UNFORCED,
+    forcing: Forcing | None = None,
     most_steps: int = STEPS_A_PERIOD,
 ) -> SimulatedMotion:
     """Integrate the motion of a model along a grid.
@@ -149,7 +149,8 @@ def integrate(
         x and v there.
     by : sequence of str
         Parameters of the derivatives: symbols, `dahl.s`, `FREQUENCY`, `BY_ANGLE`, `BY_RATE`.
-    forcing : Forcing
+    forcing : Forcing, optional
+        Nothing where left out: what forces hold of inputs is zero.
     most_steps : int
         A period.
 
@@ -158,16 +159,28 @@ def integrate(
     SimulationError
         It diverges, switches without end, takes too many steps, or is not finite.
     """
-    knots, polynomials, increments = forcing
-    forced = polynomials.shape[1] > len(channels_of(model.forces))
-    motion, many = motion_of(model.forces, forced=forced, paced=FREQUENCY in by), len(knots)
-    marks = np.where(_jumps(knots, polynomials[:, int(forced) :]), branches.INPUT_JUMPS, -1)
-    impulses, no_starts = np.zeros((many, len(by))), np.empty((0, 0))
-    given = Given(tau, knots, polynomials, increments, marks, impulses, no_starts)
+    own = len(channels_of(model.forces))
+    knots, polynomials, increments = forcing or (tau[:1], np.zeros((1, own, 1)), np.zeros((1, 2)))
+    motion = motion_of(model.forces, forced=polynomials.shape[1] > own, paced=FREQUENCY in by)
+    marks = np.where(_jumps(knots, polynomials[:, int(motion.forced) :]), branches.INPUT_JUMPS, -1)
+    marks[0] = 0
+    values, slopes = motion.start(model, *at, by)
+    many, size = len(knots), 2 + len(motion.hidden)
+    given = Given(
+        knots=np.append(knots, tau[-1]),
+        drives=np.concatenate([polynomials, polynomials[-1:]]),
+        increments=np.append(increments, np.zeros((1, 2)), axis=0),
+        marks=np.append(marks, branches.MOTION_ENDS),
+        impulses=np.zeros((many + 1, len(by))),
+        starts=values[None, :size],
+        slopes=slopes[:size],
+        grid=tau,
+        until=np.array([len(tau)]),
+    )
     periods, acts = float(tau[-1] - tau[0]) / (2.0 * np.pi), np.any(polynomials) or np.any(increments)
     switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
     limits = switchings, 5000 + many + int(most_steps * periods)
-    rows, tangents, turns, stop = run(motion, model, at, by, given, limits)
+    rows, tangents, turns, stop = run(motion, model, by, (values[size:], slopes[size:]), given, limits)
     hidden = dict(zip(motion.hidden, rows.T[2:], strict=False))
     return SimulatedMotion(model, tau, rows, hidden, np.nan if acts else stop, turns, tuple(by), tangents)
 
@@ -178,28 +191,29 @@ def _jumps(knots: Vector, held: Vector) -> Mask:
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
     # Of what is given before and behind a knot: a larger difference is a jump.
-    return np.append(np.zeros(min(1, len(knots)), bool), (rises > 1e-9 * largest).any(axis=1))
+    return np.append(False, (rises > 1e-9 * largest).any(axis=1))
 
 
 def run(
     motion: Motion,
     model: Model,
-    at: tuple[float, float],
     by: Sequence[str],
+    parameters: tuple[Vector, Vector],
     given: Given,
     limits: tuple[int, int],
 ) -> tuple[Vector, Vector, Vector, float]:
-    """Follow a motion, or intervals, by the compiled engine.
+    """Follow motions by the compiled engine.
 
     Parameters
     ----------
-    motion, model, at, by
-        The equations of the model, where it starts, and what derivatives are by (see `integrate`); of names
-        that are none they are zero.
+    motion, model, by
+        The equations of the model, and what derivatives are by (see `integrate`).
+    parameters : (parameter,) and (parameter, by) array of float
+        Values and derivatives of what stays (see `Motion.names`).
     given : Given
         But for what is written.
     limits : (int, int)
-        Switchings and steps that it may take.
+        Switchings and steps that all may take.
 
     Returns
     -------
@@ -211,7 +225,7 @@ def run(
     Raises
     ------
     SimulationError
-        It diverges, switches without end, takes too many steps, or is not finite.
+        One diverges, switches without end, takes too many steps, or is not finite.
     """
     program, columns = motion.program, len(motion.hidden) + 3
     rows, tangents = (np.empty((len(given.grid), columns, *more)) for more in ((), (len(by),)))
@@ -221,15 +235,9 @@ def run(
     parts = given._replace(rows=rows, tangents=tangents)._asdict()
     given = Given(**{name: np.require(part, part.dtype, ["C", "W"]) for name, part in parts.items()})
     state = branches.new_state(program, len(by))
-    state.v[branches.CLOCK, 0] = given.grid[0]
-    values, slopes = motion.start(model, *at, by)
-    states, memory = program.states, program.memory
-    state.v[branches.STATE, :states], state.dy[:] = values[:states], slopes[:states]
-    state.v[branches.MEMORY_NOW, :memory] = values[states : states + memory]
-    # In the program the memory stands behind the parameters.
-    slots = slice(states + 1 + program.channels, program.inputs)
-    state.J[slots, 0] = state.aside[:, slots, 0] = np.roll(values[states:], -memory)
-    state.T[slots, 0] = np.roll(slopes[states:], -memory, axis=0)
+    slots = slice(program.states + 1 + program.channels, program.inputs - program.memory)
+    state.J[slots, 0] = state.aside[:, slots, 0] = parameters[0]
+    state.T[slots, 0] = parameters[1]
     if FREQUENCY in by:
         # What is seen over w^p is less by p/w of itself where w is larger.
         powers = np.array([channel.power for channel in motion.channels])

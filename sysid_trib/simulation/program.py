@@ -127,31 +127,27 @@ class Listing:
 
     def tidied(self, main: int, counts: tuple[int, int], outputs: tuple[list[int], ...]) -> Instructions:
         """The program without rows that nothing needs; `main` is the first that only the memory may need."""
-        count = len(self.rows)
-        used = [i < self.inputs or any(i in output for output in outputs) for i in range(count)]
-        for i in range(count - 1, self.inputs - 1, -1):
-            if used[i] and self.rows[i][0] != CONST:
-                for operand in self.rows[i][1:4]:
-                    used[operand] = True
-                    # A partner stands behind its first row, and is needed with it.
-                    if operand > i:
-                        for inner in self.rows[operand][1:3]:
-                            used[inner] = True
-        place = np.cumsum(used) - 1
-        kept = np.flatnonzero(used)
+        needed, further = set(range(self.inputs)), [i for output in outputs for i in output]
+        while further:
+            if (slot := further.pop()) not in needed:
+                needed.add(slot)
+                further += self.rows[slot][1:4]
+        kept = np.array(sorted(needed))
         table = np.array(self.rows, dtype=float)[kept]
         code = table[:, :4].astype(np.int64)
-        code[:, 1:] = place[code[:, 1:]]
-        changing = [place[i] for i in kept if self.inputs <= i < main and not self.still[i]]
+        # Where a slot stands among those that are kept.
+        code[:, 1:] = np.searchsorted(kept, code[:, 1:])
+        changing = [i for i in kept if self.inputs <= i < main and not self.still[i]]
+        places = [np.searchsorted(kept, output).astype(np.int64) for output in (changing, *outputs)]
         return Instructions(
             code,
             table[:, 4].copy(),
-            np.array(changing, dtype=np.int64),
+            places[0],
             self.inputs,
-            int(sum(used[:main])),
+            int(np.searchsorted(kept, main)),
             *counts,
             len(outputs[3]),
-            *(place[np.array(output, dtype=np.int64)].astype(np.int64) for output in outputs),
+            *places[1:],
         )
 
 

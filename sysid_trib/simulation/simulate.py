@@ -12,7 +12,7 @@ from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused
 from sysid_trib.simulation.model import Model, Vector
-from sysid_trib.simulation.motions import STEPS_A_PERIOD, UNFORCED, Forcing, SimulatedMotion, integrate
+from sysid_trib.simulation.motions import STEPS_A_PERIOD, Forcing, SimulatedMotion, integrate
 from sysid_trib.simulation.program import FORCING_NUMBERS
 
 
@@ -145,7 +145,7 @@ def trajectory(
 INCREMENTS_PER_PERIOD = 40
 
 
-def forcing_of(model: Model, tau: Vector, random_force: float, seed: int) -> Forcing:
+def forcing_of(model: Model, tau: Vector, random_force: float, seed: int) -> Forcing | None:
     """What is given to a model: its inputs, exact between their samples, and a random force.
 
     Parameters
@@ -164,11 +164,10 @@ def forcing_of(model: Model, tau: Vector, random_force: float, seed: int) -> For
     """
     w = model.reference_frequency
     if not random_force and not any(channel.input in model.inputs for channel in model.driven):
-        # Inputs that are not given are zero.
-        return UNFORCED[0], np.zeros((0, len(model.driven), 1)), UNFORCED[2]
+        return None
     if len(tau) < 2:
         raise SimulationError("A motion that is pushed wants two or more times that increase.")
-    ends, added = tau[[0, -1]], np.zeros((2, 2))
+    ends, added = tau[:1], np.zeros((1, 2))
     if random_force:
         ends, added = _impulses(tau, 0.5 * random_force / w**3, seed)
     bends = w * bends_of(model)
@@ -189,7 +188,9 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
     increment_v = np.sqrt(per_tau * h) * of_v
     # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
     increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * of_x
-    return instants, np.pad(np.stack([increment_x, increment_v], axis=1), ((1, 0), (0, 0)))
+    # Nothing at the start, and what is added by the end comes too late.
+    added = np.pad(np.stack([increment_x, increment_v], axis=1), ((1, 0), (0, 0)))
+    return instants[:-1], added[:-1]
 
 
 def bends_of(model: Model) -> Vector:

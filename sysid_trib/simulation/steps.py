@@ -16,7 +16,7 @@ from scipy.special import ndtri
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.records.inputs import INPUT
-from sysid_trib.simulation.branches import INTERVAL_ENDS, Given
+from sysid_trib.simulation.branches import MOTION_ENDS, Given
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, motion_of
 from sysid_trib.simulation.motions import run
 from sysid_trib.simulation.simulate import bends_of, polynomials_of
@@ -105,11 +105,21 @@ def steps_of(
     impulses = np.zeros((len(knots), len(columns)))
     inside = np.flatnonzero(points >= 0)
     impulses[inside, first + points[inside]] = np.sqrt(GAUSS_WEIGHTS)[points[inside]]
-    increments = np.zeros((len(knots), 2))
-    given = Given(tau, knots, polynomials_of(model, knots), increments, marks, impulses, states.astype(float))
+    given = Given(
+        knots=knots,
+        drives=polynomials_of(model, knots),
+        increments=np.zeros((len(knots), 2)),
+        marks=marks,
+        impulses=impulses,
+        starts=states.astype(float),
+        slopes=np.pad(np.eye(size, starts), ((0, 0), (0, len(columns) - starts))),
+        grid=tau + length,
+        until=np.arange(1, len(tau) + 1),
+    )
+    values, slopes = motion.start(model, 0.0, 0.0, columns)
     whole = np.sum(1.0 + length)
     limits = int(SWITCHINGS_ALLOWED * whole), int(STEPS_ALLOWED * whole)
-    rows, tangents, *_ = run(motion, model, (0.0, 0.0), columns, given, limits)
+    rows, tangents, *_ = run(motion, model, columns, (values[size:], slopes[size:]), given, limits)
     by_begin, by_names, by_impulses = np.split(tangents[:, :size], [starts, first], axis=2)
     random = by_impulses * np.sqrt(length)[:, None, None]
     return Steps(rows[:, :size], by_begin, by_names, random @ random.swapaxes(1, 2))
@@ -123,7 +133,7 @@ def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Arra
     count, many = len(tau), len(places)
     fractions = np.concatenate([[0.0], places, [1.0]])
     marks = np.full((count, many + 2), -1)
-    marks[:, 0], marks[:, -1] = np.arange(count), INTERVAL_ENDS
+    marks[:, 0], marks[:, -1] = np.arange(count), MOTION_ENDS
     points = np.tile([-1, *range(many), -1], (count, 1))
     at = np.repeat(np.arange(count), many + 2)
     knots = (tau[:, None] + length[:, None] * fractions).ravel()
@@ -134,7 +144,7 @@ def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Arra
     at, none = np.concatenate([at, of_bend]), np.full(len(of_bend), -1)
     knots = np.concatenate([knots, bends[first[of_bend] + within]])
     marks, points = np.concatenate([marks.ravel(), none]), np.concatenate([points.ravel(), none])
-    order = np.lexsort((marks == INTERVAL_ENDS, marks < 0, knots, at))
+    order = np.lexsort((marks == MOTION_ENDS, marks < 0, knots, at))
     return knots[order], marks[order], points[order]
 
 
