@@ -21,8 +21,7 @@ from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import further_forces
-from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.methods.scope import Method, constrained
+from sysid_trib.methods import Averaging, Direct, Trajectory, scope
 from sysid_trib.records.decay import one_or_all
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
@@ -80,7 +79,7 @@ class Task:
 
     name: Name
     library: ForceLibrary
-    methods: Mapping[str, Method] = field(default_factory=dict)
+    methods: Mapping[str, scope.Method] = field(default_factory=dict)
     candidates: ForceLibrary | None = None
     judged: bool | None = None
     read: Read = decays_of_file
@@ -137,7 +136,7 @@ class Task:
             trajectory = Trajectory(**{name: getattr(averaging, name) for name in names})
             methods = {"trajectory": trajectory} | {k: m for k, m in methods.items() if m is not averaging}
         table = Constraints(self.constraints)
-        chosen = [constrained(method, table) for method in methods.values()]
+        chosen = [scope.constrained(method, table) for method in methods.values()]
         asked = one_or_all(list(decays)), self.library, chosen
         if self.judged:
             tree = cross_check.identified_and_checked(*asked, **self.options)

@@ -9,8 +9,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
-from sysid_trib.results import files, schema
-from sysid_trib.results.variables import described
+from sysid_trib.results import files, schema, variables
 
 Result = TypeVar("Result", xr.Dataset, xr.DataTree)
 ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
@@ -152,7 +151,7 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
     whole = result.reindex(force=order, other_force=order, fill_value=missing)
     at = [[*symbols, force.symbol].index(s) for s in order]
     whole["covariance"] = whole.covariance.copy(data=covariance[np.ix_(at, at)])
-    return whole.assign(described("identification", {"omega0": (omega0, standard_error)}))
+    return whole.assign(variables.described("identification", {"omega0": (omega0, standard_error)}))
 
 
 def with_scale_error(result: Result, relative_error: float) -> Result:
@@ -190,6 +189,6 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
     known = result.standard_error.values > 0.0
     by_scale = np.where(known, powers * result.coefficient.values, 0.0) * relative_error
     covariance = result.covariance + np.outer(by_scale, by_scale)
-    error = described("identification", {"error_of_calibration": np.abs(by_scale)})
+    error = variables.described("identification", {"error_of_calibration": np.abs(by_scale)})
     whole = {"covariance": covariance, "standard_error": np.hypot(result.standard_error, by_scale)}
     return result.assign(whole | error)

@@ -16,13 +16,10 @@ from sysid_trib.methods.scope import Method, by_unique_label, constrained, force
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.results import references, schema
-from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation import cross_check, findings, holdout, verdict
+from sysid_trib.results import references, schema, signal_scale, variables
+from sysid_trib.validation import cross_check, findings, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.holdout import Trial, in_all_runs
-from sysid_trib.validation.residuals import FollowedRuns
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
 Methods = Sequence[Method] | Mapping[str, Method]
@@ -126,7 +123,7 @@ def compare(
     return _compared(decay, library, named, contactless, constraints, tell)
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def _compared(
     decay: Decays,
     library: ForceLibrary,
@@ -137,8 +134,8 @@ def _compared(
 ) -> xr.DataTree:
     runs = as_runs(decay, driven=True)
     parts = [(run, *holdout.split(run), envelope(run)) for run in runs]
-    groups = dict(zip(group_names("envelope", len(runs)), [part[3] for part in parts], strict=True))
-    of_records = group_names("record", len(runs))
+    groups = dict(zip(variables.group_names("envelope", len(runs)), [part[3] for part in parts], strict=True))
+    of_records = variables.group_names("record", len(runs))
     if taken := sorted({*groups, *of_records} & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
     if driven := is_driven(runs):
@@ -166,7 +163,7 @@ def _compared(
     best = table.attrs["best"]
     of_best: Sequence[xr.Dataset | None] = trials[best][2].get("residual") or [None] * len(runs)
     for name, (run, _, rest, _), motion in zip(of_records, parts, of_best, strict=True):
-        start = described("record", {"holdout_start": float(rest.time.values[0])})
+        start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
         shown = [] if motion is None else [run.angle.values - motion.residual.values]
         simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
         groups[name] = findings.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
@@ -200,7 +197,7 @@ def _try_method(
     row["bias"] = _bias(result)
     if result is None:
         return None, row | {"reason": reason}, {}
-    followed = FollowedRuns(dict(enumerate(runs)), result)
+    followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
         followed = verdict.with_model_in_errors(followed, method, library)
@@ -209,7 +206,7 @@ def _try_method(
     if part is None:
         part_reason = f"first two thirds: {part_reason}"
     else:
-        of_train = FollowedRuns(dict(enumerate(train)), part)
+        of_train = residuals.FollowedRuns(dict(enumerate(train)), part)
         motions["train"] = in_all_runs(train, of_train.motions, envelopes)
         motions["holdout"] = in_all_runs(rest, holdout.motions_held_out(part, runs), envelopes)
         part_reason = _complaint("on the part held out it", motions["holdout"])

@@ -16,8 +16,7 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit import bands, innovations
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.results import schema
-from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation import findings, simulated_pairs
 from sysid_trib.validation.lack_of_fit import lack_of_fit
@@ -57,7 +56,7 @@ def agreement_of(p_value: float) -> str:
     return "unknown" if np.isnan(p_value) else "agree" if p_value >= HOMOGENEITY_LEVEL else "disagree"
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def cross_check(
     decay: Decays,
     first: xr.Dataset,
@@ -119,7 +118,7 @@ def cross_check(
     return _checked(followed, draws=draws, seed=seed, tell=tell)
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def identified_and_checked(
     decay: Decays,
     library: ForceLibrary,

@@ -14,9 +14,8 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
-from sysid_trib.records import signal, smoothing
+from sysid_trib.records import inputs, signal, smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
-from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -34,7 +33,7 @@ SLIPPED_PART = 0.3
 
 def is_driven(runs: Sequence[xr.Dataset]) -> bool:
     """True if a record has an input."""
-    return any(inputs_of(run) for run in runs)
+    return any(inputs.inputs_of(run) for run in runs)
 
 
 @in_units_of_the_motion
@@ -210,7 +209,7 @@ def predict(
     """
     (record,) = as_runs(record, driven=True)
     library = library_of(result).in_run(run + 1)
-    model = replace(model_of(result, run), inputs=inputs_for(record, library))
+    model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
     time = record.time.values.astype(float)
     counted = time >= time[0] + (warm_up or 0.0)
     if warm_up is not None and not FEWEST_FITTED <= np.count_nonzero(~counted) < len(time):

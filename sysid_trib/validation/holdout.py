@@ -13,13 +13,10 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import counted_from
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import least_squares_spline
-from sysid_trib.results.references import in_model, reference_factors
-from sysid_trib.results.schema import library_of, model_of
-from sysid_trib.results.variables import described
+from sysid_trib.results import references, schema, variables
 from sysid_trib.simulation import internal_states
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation.findings import DIVERGES, LARGE
-from sysid_trib.validation.refits import scalars_of
+from sysid_trib.validation import findings, refits
 from sysid_trib.validation.residuals import fitted_motion, motion_residual
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
@@ -50,7 +47,7 @@ def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
 
 def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[FittedMotion | None]:
     """Motion in the last third of each run of a model that was identified from the rest."""
-    library = library_of(result, whole=True)
+    library = schema.library_of(result, whole=True)
     pairs = [(split(run)[1], carried_on(result, library, up_to_held_out(run))) for run in runs]
     return [fitted_motion(rest, later, at) for at, (rest, later) in enumerate(pairs)]
 
@@ -71,7 +68,7 @@ def in_all_runs(
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
     """Why a model that neglects nothing says nothing of the records, by what `in_all_runs` gives; or none."""
     if not motions:
-        return DIVERGES
+        return findings.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
         of_run = f" of run {at + 1}" if len(runs) > 1 else ""
         thirds = (np.array_split(values, 3) for values in (run.angle.values, motion.residual.values))
@@ -93,7 +90,7 @@ def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) ->
     before : Dataset
         `angle(time)` up to where the motion begins.
     """
-    model = model_of(result)
+    model = schema.model_of(result)
     time = before.time.values.astype(float)
     elapsed = time - time[0]
     tau = model.reference_frequency * elapsed
@@ -181,7 +178,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     values["coefficient"], values["standard_error"] = _coefficients(results, forces, reference)
     values["z"] = contrast(values["coefficient"], values["standard_error"], best)
     for name in ("reference_frequency", "asymptotic_frequency"):
-        values[name] = tuple(scalars_of(results, name))
+        values[name] = tuple(refits.scalars_of(results, name))
     limit, error = values["asymptotic_frequency"]
     values["asymptotic_frequency_z"] = contrast(limit[:, None], error[:, None], best)[:, 0]
     residuals = [[of_run.residual.values for of_run in of.get("holdout", [])] for of in motions]
@@ -193,7 +190,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
         "common_frequency_of": of_reference,
         "errors_of_z": "taken as independent; the methods saw the same noise, so that z is rather too small",
     }
-    return xr.Dataset(described("comparison", values), {**forces.coords, "method": labels}, attrs)
+    return xr.Dataset(variables.described("comparison", values), {**forces.coords, "method": labels}, attrs)
 
 
 def _common_frequency(results: Results, labels: Sequence[str], whole: Array, best: int) -> tuple[float, str]:
@@ -205,7 +202,7 @@ def _common_frequency(results: Results, labels: Sequence[str], whole: Array, bes
     known = [result for result in results if result is not None]
     given = [r for r in known if r.reference_frequency_standard_error == 0.0]
     least = int(np.nanargmin(whole))
-    owner = least if whole[best] > LARGE * whole[least] else best
+    owner = least if whole[best] > findings.LARGE * whole[least] else best
     of = given[0] if given else results[owner]
     return of.reference_frequency.item(), "given" if given else labels[owner]  # type: ignore[union-attr]
 
@@ -227,8 +224,8 @@ def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tup
     for row, result in enumerate(results):
         if result is not None:
             symbols = result.force.values.tolist()
-            own = [in_model(result, symbol) for symbol in symbols]
-            factors = np.where(own, reference_factors(result, symbols, reference), 1.0)
+            own = [references.in_model(result, symbol) for symbol in symbols]
+            factors = np.where(own, references.reference_factors(result, symbols, reference), 1.0)
             at = forces.indexes["force"].get_indexer(symbols)
             values[row, at] = result.coefficient.values * factors
             errors[row, at] = result.standard_error.values * factors

@@ -16,16 +16,12 @@ from sysid_trib.likelihood.random_force import DENSITY_UNITS, random_force_of
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
-from sysid_trib.results import references, schema
-from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import Variables, chi_square_test, described, with_error
 from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.validation import driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import SIMULATED_RECORDS, agreement_of, identified_and_checked
-from sysid_trib.validation.driven import identified_driven, is_driven
-from sysid_trib.validation.random_effects import weighted_mean
-from sysid_trib.validation.refits import at_reference, refit
 from sysid_trib.validation.simulated_pairs import fewest_records
-from sysid_trib.validation.verdict import checked_library, identifications
 
 
 @overload
@@ -100,10 +96,10 @@ def identify(
     """
     single = method is not None and not isinstance(method, Sequence)
     asked: Sequence[Any] = [method] if single else method or []  # type: ignore[assignment]
-    library = checked_library("identify", library, asked)
+    library = verdict.checked_library("identify", library, asked)
     chosen = [constrained(kind, Constraints(constraints)) for kind in asked or usual_methods(decay, library)]
     if single:
-        (result,) = identifications(decay, library, chosen)
+        (result,) = verdict.identifications(decay, library, chosen)
         return result if contactless is None else references.with_contactless_frequency(result, *contactless)
     tree = _held_against_each_other(decay, library, chosen, tell)
     return tree if contactless is None else references.with_contactless_frequency(tree, *contactless)
@@ -142,7 +138,7 @@ def usual_methods(
     asked = {"reference_frequency": reference_frequency, "shapes": shapes or {}}
     averaging, direct, trajectory = (kind(**asked) for kind in (Averaging, Direct, Trajectory))  # type: ignore
     runs = as_runs(decay, driven=True)
-    if is_driven(runs):
+    if driven.is_driven(runs):
         return [Direct(**asked, own=own), Trajectory(**asked, own=own, warm_up=warm_up)]  # type: ignore
     if own:
         raise UsageError(
@@ -169,11 +165,11 @@ def _held_against_each_other(
     if len(methods) != 2:
         raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
     runs = as_runs(decay, driven=True)
-    if is_driven(runs):
+    if driven.is_driven(runs):
         direct, trajectory = methods
         if not (isinstance(direct, Direct) and isinstance(trajectory, Trajectory)):
             raise UsageError("A driven record is identified by methods.Direct and methods.Trajectory.")
-        return identified_driven(decay, library, direct, trajectory, tell=tell)
+        return driven.identified_driven(decay, library, direct, trajectory, tell=tell)
     slow = any(isinstance(method, Trajectory) for method in methods)
     # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
     draws = min(SIMULATED_RECORDS, fewest_records(len(library) + 1)) if slow else SIMULATED_RECORDS
@@ -185,7 +181,7 @@ def _held_against_each_other(
     return tree
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Dataset:
     """Test whether the runs of one experiment have the same forces.
 
@@ -215,11 +211,11 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     """
     method, library = method_of(together), schema.library_of(together, whole=True)
     kept, frequency = references.comparable(together), together.reference_frequency.item()
-    results, reasons = zip(*(refit(method, [decay], library) for decay in decays), strict=True)
+    results, reasons = zip(*(refits.refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0
     names = [*kept, *[references.ASYMPTOTIC_FREQUENCY] * free]
     count = len(names)
-    values, covariances = at_reference(results, kept, frequency)
+    values, covariances = refits.at_reference(results, kept, frequency)
     if not random_force_of(together):
         # A free motion has a frequency so precise that a coefficient's error does not know it.
         for at in np.flatnonzero(np.isfinite(values[:, -1])):
@@ -247,7 +243,7 @@ def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
     """Chi-square of (run, quantity) about their weighted mean, and degrees of freedom."""
     if len(values) < 2:
         return np.nan, 0.0
-    return weighted_mean(values, covariances)[2], float((len(values) - 1) * values.shape[1])
+    return random_effects.weighted_mean(values, covariances)[2], float((len(values) - 1) * values.shape[1])
 
 
 def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> Variables:

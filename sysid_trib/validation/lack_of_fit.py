@@ -9,14 +9,11 @@ from scipy.interpolate import PchipInterpolator
 from scipy.stats import binned_statistic, binned_statistic_2d
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.cycles import backbone as bands
-from sysid_trib.cycles.smooth_curve import CurveRows
+from sysid_trib.cycles import backbone as bands, smooth_curve
 from sysid_trib.errors import SysidTribError
-from sysid_trib.records import equilibrium, half_sines
-from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.records import equilibrium, half_sines, signal
 from sysid_trib.records.smoothing import knot_intervals, sensor_noise, smooth
-from sysid_trib.results.schema import model_of
-from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
@@ -61,7 +58,7 @@ def lack_of_fit(
     for name in bands.CURVES:
         of_models = np.array([pair[name] for pair in both]).reshape(len(both), 2, -1)
         values |= {name: of_models[:, 0], f"{name}_deviation": of_models[:, 1]}
-    amplitude = variable("amplitude", backbone.amplitude.values, "amplitude", unit_of_signal(decay))
+    amplitude = variable("amplitude", backbone.amplitude.values, "amplitude", signal.unit_of_signal(decay))
     return xr.Dataset(described("lack_of_fit", values), {"model": list(results), "amplitude": amplitude})
 
 
@@ -148,15 +145,15 @@ def _model_rows(
     return u, rows["frequency"][0][first], rows["damping_ratio"][0][first]
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def _motion_rows(
     decay: xr.Dataset, result: xr.Dataset, release: float, times: float
-) -> tuple[Array, dict[str, CurveRows]]:
+) -> tuple[Array, dict[str, smooth_curve.CurveRows]]:
     """Periods of the motion from a release; amplitudes in parts of the record's largest signal."""
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
     grid = np.arange(round(times * len(time))) * step
-    motion = trajectory(model_of(result), grid, release * largest, 0.0, most_steps=FEW_STEPS_A_PERIOD)
+    motion = trajectory(schema.model_of(result), grid, release * largest, 0.0, most_steps=FEW_STEPS_A_PERIOD)
     stop = grid <= motion.stop_time if np.isfinite(motion.stop_time) else np.full(len(grid), True)
     simulated = xr.Dataset({"angle": ("time", motion.angle[stop] / largest)}, {"time": grid[stop]})
     return bands.period_rows(half_sines.envelope(simulated))
@@ -198,7 +195,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
     is simulated: a model that slips in phase has its surface too.
     """
     time, angle, _ = equilibrium.with_half_periods(decay)
-    model = model_of(result)
+    model = schema.model_of(result)
     tau = model.reference_frequency * (time - time[0])
     every = max(1, min(-(-len(time) // MOST_DRAWN), len(time) // (DRAWN_PER_KNOT * knot_intervals(tau))))
     zero = float(np.ravel(result.offset)[run]) if "offset" in result else 0.0
@@ -212,7 +209,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
     # A spline bends freely in the quarter period before its ends.
     inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
     values = np.vstack([asked, -(bends + drawn).T])[:, inside]
-    return _in_cells(x[inside], v[inside], values, unit_of_signal(decay))
+    return _in_cells(x[inside], v[inside], values, signal.unit_of_signal(decay))
 
 
 def model_force(model: Model, tau: Array, x: Array, v: Array, time: Array) -> Array:

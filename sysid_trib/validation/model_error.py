@@ -13,12 +13,9 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.least_squares import sensitivities
 from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
-from sysid_trib.results.schema import model_of
-from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation import initial_conditions
-from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
-from sysid_trib.validation import holdout
-from sysid_trib.validation.refits import between, refit
+from sysid_trib.results import schema, variables
+from sysid_trib.simulation import initial_conditions, motions
+from sysid_trib.validation import holdout, refits
 from sysid_trib.validation.residuals import FollowedRuns, fitted_motion
 
 RunList: TypeAlias = Sequence[xr.Dataset]
@@ -66,7 +63,7 @@ def with_error_of_model(
     missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends)]
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
         if taken and others:
-            part = _same_forces(refit(method, taken, library)[0], result)
+            part = _same_forces(refits.refit(method, taken, library)[0], result)
             begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
             missed += [_missed(run, begun) for run in others]
     fitted, held_out = [_numbers(part) for part in parts if part is not None], float("nan")
@@ -86,7 +83,7 @@ def with_error_of_model(
         np.hypot(own, model),
     )
     of = {"error_of_noise": own[:count], "error_of_model": model[:count], "held_out_rms": held_out}
-    return total.assign(described("identification", of))
+    return total.assign(variables.described("identification", of))
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
@@ -116,8 +113,8 @@ def part_fit(
     method: Method, runs: RunList, library: ForceLibrary, limits: tuple[float, float], result: xr.Dataset
 ) -> xr.Dataset | None:
     """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
-    parts = [run.isel(time=between(run, limits)) for run in runs]
-    return _same_forces(refit(method, parts, library, runs)[0], result)
+    parts = [run.isel(time=refits.between(run, limits)) for run in runs]
+    return _same_forces(refits.refit(method, parts, library, runs)[0], result)
 
 
 def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | None:
@@ -131,7 +128,7 @@ def _held_out(
     part: xr.Dataset | None, run: xr.Dataset, library: ForceLibrary, limits: tuple[float, float]
 ) -> Iterator[float]:
     """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
-    kept, size = between(run, limits), run.sizes["time"]
+    kept, size = refits.between(run, limits), run.sizes["time"]
     for held_out in (slice(0, kept.start), slice(kept.stop, size)):
         # Fewer samples tell nothing of a motion whose start and zero are fitted.
         if held_out.stop - held_out.start < 8:
@@ -143,7 +140,7 @@ def _held_out(
 def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     """RMS (rad) of what a model leaves, start and zero fitted; nan without a motion."""
     # What is too stiff predicts nothing, and is not waited for.
-    motion = None if result is None else fitted_motion(rest, result, most_steps=FEW_STEPS_A_PERIOD)
+    motion = None if result is None else fitted_motion(rest, result, most_steps=motions.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
     return root_mean_square(rest.angle.values - motion.offset - motion.x)
@@ -175,7 +172,7 @@ def with_rounding(followed: FollowedRuns) -> xr.Dataset:
     result, squares = followed.result, []
     stated, runs = _numbers(result)[1], followed.runs
     for (at, run), motion in zip(runs.items(), followed.motions, strict=True):
-        noise = noise_of_run(result, at)
+        noise = variables.noise_of_run(result, at)
         step = coarse_step(run, noise)
         if step and motion is not None:
             squares.append(_squares_by_rounding(result, run, motion, rounded_noise(motion.x, step, noise)))
@@ -196,7 +193,7 @@ def _squares_by_rounding(
     result: xr.Dataset, run: xr.Dataset, motion: initial_conditions.FittedMotion, noises: Iterable[Array]
 ) -> Array:
     """Mean squares by which noises move `_numbers` in least squares of a motion; 0 where it moves none."""
-    model, free = model_of(result), _numbers(result)[1][:-1] > 0.0
+    model, free = schema.model_of(result), _numbers(result)[1][:-1] > 0.0
     squares = np.zeros(len(free) + 1)
     try:
         columns = sensitivities(model, run.time.values, np.array([motion.angle, motion.rate]), True)

@@ -11,8 +11,7 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.results.files import is_of_driven
-from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results import files, signal_scale
 from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.validation import findings, holdout, rivals as models
@@ -85,7 +84,7 @@ def plan(
     are those after all records. Of a run only what a search fits counts: where the last third is held out,
     the rest. Errors are by the inverse of Fisher's informations of all runs.
     """
-    if isinstance(result, xr.DataTree) and is_of_driven(result):
+    if isinstance(result, xr.DataTree) and files.is_of_driven(result):
         raise UsageError("A plan is of releases of a free decay; the records of this result are driven.")
     wanted, unit = dict(wanted or {}), signal_units(result)
     given = {
@@ -97,7 +96,7 @@ def plan(
     return planned.assign_attrs(wanted=wanted)
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def _planned(
     result: xr.Dataset | xr.DataTree,
     asked: xr.Dataset,

@@ -15,9 +15,7 @@ from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Trajectory, method_of
 from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.records.decay import Decays, as_runs
-from sysid_trib.results.schema import library_of
-from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described
+from sysid_trib.results import schema, signal_scale, variables
 
 # Confidence of the intervals, and the root of the deviance at their ends.
 CONFIDENCE = 0.95
@@ -33,7 +31,7 @@ OFF = 0.1
 BETTER, MOST_FITS = -0.02, 3
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Tell = silent) -> xr.Dataset:
     """Intervals of coefficients and shape parameters by the profile likelihood of the motion.
 
@@ -99,7 +97,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         "deviance": points[1],
     }
     attrs = {"confidence": CONFIDENCE, "threshold": float(chi2.ppf(CONFIDENCE, 1))}
-    return xr.Dataset(described("profile", values), {"parameter": list(names)}, attrs)
+    return xr.Dataset(variables.described("profile", values), {"parameter": list(names)}, attrs)
 
 
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
@@ -153,7 +151,7 @@ def _roots(likelihood: Fit, fits: dict[float, Fit]) -> tuple[Array, Array]:
 CONTOURS, GRID_STEP, FARTHEST_POINT = (0.68, 0.95), 0.5, 24
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Tell = silent) -> xr.Dataset:
     """Deviance of the motion where two parameters are held, for contours of their profile likelihood.
 
@@ -216,7 +214,7 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     value = estimate[:, None, None] + np.einsum("pa,arc->prc", axes, np.meshgrid(steps, steps, indexing="ij"))
     values = {"estimate": estimate, "standard_error": error, "value": value, "deviance": deviance}
     attrs = {"levels": list(CONTOURS), "thresholds": thresholds.tolist()}
-    data = described("contour", values | {"correlation": correlation[0, 1]})
+    data = variables.described("contour", values | {"correlation": correlation[0, 1]})
     return xr.Dataset(data, {"parameter": list(names)}, attrs)
 
 
@@ -228,7 +226,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
     DecayError
         The motion is pushed by a random force, or no motion follows the record.
     """
-    runs, library, asked = as_runs(decay, driven=True), library_of(result), method_of(result)
+    runs, library, asked = as_runs(decay, driven=True), schema.library_of(result), method_of(result)
     if any(random_force_of(result, run) for run in range(len(runs))):
         raise DecayError(
             "A random force pushes this record, but this is of the free motion: hold it off with "

@@ -21,8 +21,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.likelihood import random_force, sensor_noise, variance_ratio
 from sysid_trib.motion_fit import bands, kalman, linearised
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
-from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described
+from sysid_trib.results import signal_scale, variables
 from sysid_trib.validation.residuals import FollowedRuns
 
 NULL_DRAWS = 60
@@ -36,7 +35,7 @@ NUMBERS = ("p_value", "chi_square", "degrees_of_freedom", "likely_density", "den
 NEAR, E_FOLDS = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]), 12.0
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def random_force_dependence(
     decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, seed: int = 0
 ) -> xr.Dataset:
@@ -119,7 +118,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
 def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
     """What `random_force_dependence` returns, of `NUMBERS` and (aspect, on) p-values; these may be nan."""
     values = dict(zip(NUMBERS, numbers, strict=True)) | {"dependence_p_value": p_values}
-    return xr.Dataset(described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
+    return xr.Dataset(variables.described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
 
 
 def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> kalman.LinearModel:

@@ -16,10 +16,7 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
 from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs, one_or_all
 from sysid_trib.records.equilibrium import with_half_periods
-from sysid_trib.results.references import comparison_covariance, comparison_values, forces_in_model
-from sysid_trib.results.schema import library_of
-from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables, described
+from sysid_trib.results import references, schema, signal_scale, variables
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
@@ -62,10 +59,10 @@ def at_reference(
     covariances = np.full((len(results), count, count), missing)
     for row, result in enumerate(results):
         if result is not None:
-            kept = [symbol for symbol in symbols if symbol in forces_in_model(result)]
+            kept = [symbol for symbol in symbols if symbol in references.forces_in_model(result)]
             at = [*map(symbols.index, kept), len(symbols)]
-            values[row, at] = comparison_values(result, kept, reference)
-            covariances[row][np.ix_(at, at)] = comparison_covariance(result, kept, reference)
+            values[row, at] = references.comparison_values(result, kept, reference)
+            covariances[row][np.ix_(at, at)] = references.comparison_covariance(result, kept, reference)
     return values, covariances
 
 
@@ -75,7 +72,7 @@ def scalars_of(results: Sequence[xr.Dataset | None], name: str) -> Array:
     return np.array([[np.nan if of is None else of[part].item() for of in results] for part in names])
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr.Dataset:
     """The coefficients of an identification by the same forces, fitted in every other defensible way.
 
@@ -103,8 +100,8 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     leave out one and three periods; sampling takes every second sample, with either first; noises are the
     sensor's alone and a random force with it.
     """
-    runs, library = as_runs(decay, driven=True), library_of(result)
-    symbols = forces_in_model(result)
+    runs, library = as_runs(decay, driven=True), schema.library_of(result)
+    symbols = references.forces_in_model(result)
     reference, fits, made = result.reference_frequency.item(), list[Refit](), []
     for fit in _fits(method_of(result), runs, reference):
         tell(fit[0])
@@ -129,7 +126,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
         "high": np.nanmax(everything, axis=0),
     }
     coords = {"fit": list(labels), "force": result.force.values, "unit": result.unit}
-    return xr.Dataset(described("sensitivity", data), coords)
+    return xr.Dataset(variables.described("sensitivity", data), coords)
 
 
 def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
@@ -248,12 +245,12 @@ def sliding_coefficients(
     }
     of_windows = {"window_time": starts + 0.5 * length, "amplitude": amplitude}
     coords = {"force": symbols, "unit": ("force", decided[0].unit.values), "window": np.arange(starts.size)}
-    coords |= described("sliding", of_windows)
-    table = xr.Dataset(described("sliding", data), coords, decided[0].attrs)
+    coords |= variables.described("sliding", of_windows)
+    table = xr.Dataset(variables.described("sliding", data), coords, decided[0].attrs)
     return table.assign(_constancy(table))
 
 
-def _constancy(table: xr.Dataset) -> Variables:
+def _constancy(table: xr.Dataset) -> variables.Variables:
     """Tests of a constant coefficient over the windows that share no sample: chi-square, slope in time."""
     usable = table.apart.values & table.decided.values
     c, error = table.coefficient.values[usable], table.standard_error.values[usable]
@@ -268,4 +265,4 @@ def _constancy(table: xr.Dataset) -> Variables:
         p_value, trend_p = np.full((2, len(square)), np.nan)
     tests = {"mean_coefficient": mean, "chi_square": square, "p_value": p_value, "trend_p_value": trend_p}
     tests |= {"trend": (trend, trend_error), "degrees_of_freedom": max(count - 1, 0)}
-    return described("sliding", tests)
+    return variables.described("sliding", tests)

@@ -13,16 +13,14 @@ from sysid_trib.errors import SimulationError, SysidTribError
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.tracked import TrackedRecord, track
-from sysid_trib.records import sensor, smoothing
+from sysid_trib.records import inputs, sensor, smoothing
 from sysid_trib.records.decay import root_mean_square
-from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
-from sysid_trib.validation.findings import with_noise_and_models
-from sysid_trib.validation.lack_of_fit import NO_LINE, spectral_line
+from sysid_trib.validation import findings, lack_of_fit
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
@@ -92,7 +90,7 @@ def fitted_motion(
     `most_steps` : as that of `trajectory`.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
-    model = replace(model_of(result, run), inputs=inputs_of(decay))
+    model = replace(model_of(result, run), inputs=inputs.inputs_of(decay))
     zero = initial_conditions.first_zero(model)
     if "start_angle" in result and zero is not None:
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
@@ -110,7 +108,7 @@ def with_motions(
     """The record with the angle of each model, nan of one that diverges, and its noise."""
     no_motion = np.full(decay.sizes["time"], np.nan)
     simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
-    return with_noise_and_models(decay, names, simulated)
+    return findings.with_noise_and_models(decay, names, simulated)
 
 
 def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.Dataset:
@@ -159,13 +157,13 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
 def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise: float) -> tuple[float, ...]:
     """What `RESIDUALS` lists of a run: of record minus motion, or of the innovations over their deviation."""
     decay, result = followed.runs[run], followed.result
-    time, line, fitted, noises = decay.time.values, NO_LINE, 0, None
+    time, line, fitted, noises = decay.time.values, lack_of_fit.NO_LINE, 0, None
     stochastic = random_force_of(result, run) or sensor_noise_of(result, run).warm_up
     if motion is not None:
         residual, path = decay.angle.values - motion.offset - motion.x, (motion.x, motion.v)
         if not stochastic and int(decay.attrs.get("integrations", 0)) and MEASURED in decay:
             residual = _measured_residual(decay, result, motion)
-        line = spectral_line(time, residual, path)
+        line = lack_of_fit.spectral_line(time, residual, path)
     try:
         tracked = followed.tracked(run) if stochastic else None
     except SysidTribError:

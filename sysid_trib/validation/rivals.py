@@ -17,8 +17,7 @@ from sysid_trib.likelihood.trials import slope_of_unit
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
-from sysid_trib.results import effects, references, schema, variables
-from sysid_trib.results.files import kind_of
+from sysid_trib.results import effects, files, references, schema, variables
 from sysid_trib.simulation import simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.validation import findings, random_force_test
@@ -104,7 +103,7 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     if main is None or "coefficient" not in main:
         raise UsageError("plan wants a result that identified a model.")
     stated = _stated(main)
-    tree = result if isinstance(result, xr.DataTree) and kind_of(result) == "discover" else None
+    tree = result if isinstance(result, xr.DataTree) and files.kind_of(result) == "discover" else None
     if tree is None or not effects.added_effects(tree):
         return main, [stated], stated
     rivals = _of_discovery(tree)

@@ -12,29 +12,25 @@ from sysid_trib.cycles.backbone import backbone
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.methods import method_of
-from sysid_trib.methods.scope import Method
+from sysid_trib.methods import method_of, scope
 from sysid_trib.records.decay import RECORD_PARTS
-from sysid_trib.results import references, schema
-from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import Variables, chi_square_test, described, group_names, signal_units
-from sysid_trib.validation import refits
-from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
+from sysid_trib.validation import cross_check, random_effects, refits
 from sysid_trib.validation.findings import error_parts, main_result
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
-from sysid_trib.validation.random_effects import mean_of_runs
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def difference(
     first: Identified | Sequence[Identified],
     second: Identified | Sequence[Identified],
     *,
-    level: float = HOMOGENEITY_LEVEL,
+    level: float = cross_check.HOMOGENEITY_LEVEL,
 ) -> xr.Dataset:
     """Contrast of two samples: a contact and none, or two materials, say.
 
@@ -88,7 +84,7 @@ def _difference(
     for side in sides:
         runs = [_run(result, symbols, reference, held) for result in side]
         of_runs, by_noise, by_model = (np.array(part) for part in zip(*runs, strict=True))
-        samples.append((*mean_of_runs(of_runs, by_noise), by_model.mean(axis=0)))
+        samples.append((*random_effects.mean_of_runs(of_runs, by_noise), by_model.mean(axis=0)))
     values, by_noise, between, freedoms, by_model = map(np.array, zip(*samples, strict=True))
     variables = _contrast(values, by_noise, by_model, freedoms, level=level, of_model=of_model)
     verdict = "together they differ" if variables["p_value_of_all"][1] < level else "no difference"
@@ -192,7 +188,7 @@ def _holm(p_values: Array, level: float) -> Mask:
     return refused
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def _held_apart(
     results: Mapping[str, Sequence[xr.Dataset]],
     runs: tuple[Sequence[xr.Dataset], Sequence[xr.Dataset]],
@@ -203,7 +199,7 @@ def _held_apart(
     What both samples lack alike moves both alike, and no difference.
     """
     sides = list(results.values())
-    return _difference(sides, HOMOGENEITY_LEVEL, _model_error_of_difference(sides, runs, library))
+    return _difference(sides, cross_check.HOMOGENEITY_LEVEL, _model_error_of_difference(sides, runs, library))
 
 
 def _model_error_of_difference(
@@ -243,7 +239,7 @@ def held_against(
     first: Sequence[xr.Dataset],
     second: Sequence[xr.Dataset],
     library: ForceLibrary,
-    method: Method,
+    method: scope.Method,
     *,
     constraints: ConstraintTable = NO_CONSTRAINTS,
     tell: Tell = silent,

@@ -12,8 +12,7 @@ from scipy.stats import chi2, f as f_distribution
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, silent
 from sysid_trib.likelihood.random_force import is_fitted, random_force_of
-from sysid_trib.methods import method_of
-from sysid_trib.methods.scope import scope_of
+from sysid_trib.methods import method_of, scope
 from sysid_trib.motion_fit.linearised import linearised_along, random_walk_about
 from sysid_trib.records.decay import Decays, one_or_all
 from sysid_trib.results import references, schema
@@ -82,7 +81,7 @@ def compared_part(pair: Sequence[FollowedRuns]) -> tuple[Sequence[FollowedRuns],
     methods = [_with_held_random_force(result) for result in results]
     # A stretch counts the time since the first sample anew.
     timed = any("t" in force.formula.names for library in libraries for force in library)
-    if len(parts) == len(runs) or timed or not all(scope_of(method).several_runs for method in methods):
+    if len(parts) == len(runs) or timed or not all(scope.scope_of(method).several_runs for method in methods):
         return pair, None
     try:
         of_parts = [m.identify(parts, library) for m, library in zip(methods, libraries, strict=True)]

@@ -14,9 +14,7 @@ from sysid_trib.forces.force import Channel, Force, ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.records.inputs import INPUT, PER_KIND, KnownInput
-from sysid_trib.results.schema import library_of, model_of
-from sysid_trib.results.signal_scale import SIZE_ATTR, UNIT_ATTR, in_units_of_the_motion
-from sysid_trib.results.variables import described, signal_units
+from sysid_trib.results import schema, signal_scale, variables
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
@@ -90,19 +88,19 @@ def forced_response(
     size = np.broadcast_to(np.asarray(drive, dtype=float), w.shape)
     if not np.all(np.isfinite(size) & (size > 0.0)):
         raise UsageError("A drive must be a positive amplitude: a number, or one for each frequency.")
-    forces = library_of(result)
+    forces = schema.library_of(result)
     if is_free_to_move(forces, dict(zip(forces.symbols, result.coefficient.values.tolist(), strict=True))):
         raise UsageError("A body without a restoring force has no resonance; its response is that of a mass.")
     name = _input_of(forces, driven_by, base)
     kind = {channel.input: channel.kind for channel in forces.channels}.get(name, "displacement")
-    units = {"units": signal_units(result) + PER_KIND[kind]} if kind else {}
+    units = {"units": variables.signal_units(result) + PER_KIND[kind]} if kind else {}
     given = xr.Dataset({"drive": ("frequency", size, units)}, {"frequency": w})
     return _response(result, given, name, base, seed)
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed: int) -> xr.Dataset:
-    model, w, size = model_of(result), given.frequency.values, given.drive.values
+    model, w, size = schema.model_of(result), given.frequency.values, given.drive.values
     model = replace(model, library=model.library.select(force.symbol for force in model.forces))
     c = np.array([model.coefficients[force.symbol] for force in model.forces])
     ratio = w / model.reference_frequency
@@ -137,10 +135,10 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     data = dict(zip(RESPONSE, (amplitude, *bands, phase), strict=True))
     data |= dict(zip(SIMULATED_CHECKS, checks, strict=True))
     data |= {"frequency_ratio": w / result.asymptotic_frequency.item(), "left_open": left_open}
-    coords = {"sweep": list(SWEEPS), **described("response", {"frequency": w})}
-    kept = ("library", "library_source", "record_source", UNIT_ATTR, SIZE_ATTR)
+    coords = {"sweep": list(SWEEPS), **variables.described("response", {"frequency": w})}
+    kept = ("library", "library_source", "record_source", signal_scale.UNIT_ATTR, signal_scale.SIZE_ATTR)
     attrs = {key: result.attrs[key] for key in kept if key in result.attrs}
-    return xr.Dataset({"drive": given.drive, **described("response", data)}, coords, attrs)
+    return xr.Dataset({"drive": given.drive, **variables.described("response", data)}, coords, attrs)
 
 
 def _sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:

@@ -14,12 +14,9 @@ from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, r
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
+from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs
-from sysid_trib.records.inputs import inputs_of
-from sysid_trib.records.smoothing import sensor_noise
-from sysid_trib.results.effects import determines
-from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import noise_of_run, text_variable
+from sysid_trib.results import effects, signal_scale, variables
 from sysid_trib.validation import model_error
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
@@ -73,7 +70,7 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
     tested = []
     for at in followed.runs:
         of_run, reason = _dependence(followed, at, bool(random_force_of(followed.result, at)))
-        tested.append(of_run.assign(reason=text_variable((), reason, "why not tested")))
+        tested.append(of_run.assign(reason=variables.text_variable((), reason, "why not tested")))
     return xr.concat(tested, "run", combine_attrs="override")
 
 
@@ -112,7 +109,7 @@ def verdict_on_record(
             verdict = "explained with a random force"
     elif explained == "yes" and not _noise_hides_a_force(followed):
         verdict = "explained"
-    if determines(followed.result):
+    if effects.determines(followed.result):
         return verdict
     # No model of these forces could have been contradicted: its rows leave but the noise, although the motion
     # of coefficients that are not known may diverge.
@@ -143,7 +140,7 @@ def _noise_hides_a_force(followed: FollowedRuns) -> bool:
     if "random_force_density" not in followed.result:
         return False
     for at, decay in followed.runs.items():
-        if noise_of_run(followed.result, at) > MARKED * sensor_noise(decay):
+        if variables.noise_of_run(followed.result, at) > MARKED * smoothing.sensor_noise(decay):
             tested, reason = _dependence(followed, at)
             if reason or len(followed.runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
                 return True
@@ -172,7 +169,7 @@ def checked_library(function: str, library: ForceLibrary | None, methods: Iterab
     return library
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[xr.Dataset]:
     """Identify the forces by methods that share one decision on the noise, with errors of the model.
 
@@ -207,7 +204,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     runs = as_runs(decay, driven=True)
     together, quiet = dict(enumerate(runs)), [with_noise(method, "off") for method in methods]
     results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
-    if any(inputs_of(run) for run in runs):
+    if any(inputs.inputs_of(run) for run in runs):
         return results
     residual_tests = [_residual(followed) for followed in results]
     # Decrements neglect forces: the last method of the whole motion decides.
