@@ -141,7 +141,7 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     followed = dict(zip(names, pair, strict=True))
     compared = simulated_pairs.comparison(pair, draws=draws, seed=seed, tell=tell)
     tell("residuals")
-    records = [with_motions(run, names, [f.motions[at] for f in pair]) for at, run in enumerate(runs)]
+    records = with_motions(followed)
     over_motion = {"residual_over_motion": _residual_over_motion(records)}
     compared = compared.merge(residuals(followed, results[1])).assign(described("cross_check", over_motion))
     compared = compared.assign(findings.failure_of_models(records))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -20,11 +19,11 @@ from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, variable
-from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, first_zero, fit_start
+from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
-from sysid_trib.validation.residuals import fitted_motion, with_motions
+from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
@@ -75,32 +74,33 @@ def identified_driven(
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
     tell("direct")
-    fits = [_followed(runs, verdict.with_noise(direct, "off").identify(decay, library))]
+    together = dict(enumerate(runs))
+    best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
     # A residual of so many times the noise is more than noise.
-    if direct.random_force == "auto" and fits[0][2]["residual_over_noise"] > 1.5:
-        fits.append(_followed(runs, replace(direct, random_force="estimated").identify(decay, library)))
-    best = min(fits, key=lambda fit: fit[2]["residual_rms"])
-    slipped, pairs = best[2]["residual_over_motion"] >= SLIPPED_PART, {"direct": best}
+    if direct.random_force == "auto" and _sizes(best)["residual_over_noise"] > 1.5:
+        stochastic = replace(direct, random_force="estimated").identify(decay, library)
+        best = min(best, FollowedRuns(together, stochastic), key=lambda of: _sizes(of)["residual_rms"])
+    slipped, models = _sizes(best)["residual_over_motion"] >= SLIPPED_PART, {"direct": best}
     tell("trajectory")
     begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force="off")
     if not slipped and not trajectory.start:
         # With the coefficients of all runs.
-        result = best[0]
+        result = best.result
         of_all = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
         frequency = result.reference_frequency.item()
         begun = replace(begun, start=Model(library_of(result), of_all, frequency, shape_values_of(result)))
     try:
-        pairs["trajectory"] = _followed(runs, begun.identify(one_or_all(runs), library))
+        models["trajectory"] = FollowedRuns(together, begun.identify(one_or_all(runs), library))
     except DecayError:
         if slipped:
             raise
-    kept = {name: pair for name, pair in pairs.items() if pair[2]["residual_over_motion"] < SLIPPED_PART}
+    kept = {name: of for name, of in models.items() if _sizes(of)["residual_over_motion"] < SLIPPED_PART}
     if not kept:
         raise DecayError(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
             "of it (--window)."
         )
-    return _tree(runs, kept)
+    return _tree(kept)
 
 
 def clock_of(record: xr.Dataset) -> float:
@@ -114,32 +114,31 @@ def clock_of(record: xr.Dataset) -> float:
     return smoothing.nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 
-# An identification, its motion in each run, and the sizes of what that leaves.
-Followed: TypeAlias = tuple[xr.Dataset, list[FittedMotion | None], dict[str, float]]
 SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
 
 
-def _followed(runs: Sequence[xr.Dataset], result: xr.Dataset) -> Followed:
-    """A result with its motions, and `SIZES` of what they leave, infinite where there is none."""
-    motions, residuals = [fitted_motion(run, result, at) for at, run in enumerate(runs)], []
-    for run, motion in zip(runs, motions, strict=True):
-        if motion is not None:
-            residuals.append(run.angle.values - motion.x - motion.offset)
-    sizes = np.full(len(SIZES), np.inf)
-    if len(residuals) == len(runs):
-        of_runs = [root_mean_square(residual) for residual in residuals]
-        rms = root_mean_square(of_runs)
-        over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(of_runs)])
-        record = root_mean_square([float(run.angle.std()) for run in runs])
-        white = min(1.0, len(runs) * min(map(white_p_value, residuals)))
-        sizes = np.array([rms, over_noise, rms / record, white])
-    return result, motions, dict(zip(SIZES, sizes.tolist(), strict=True))
+def _sizes(followed: FollowedRuns) -> dict[str, float]:
+    """`SIZES` of what the motions leave of all runs, infinite where one has none."""
+    return followed.once("sizes", lambda: dict(zip(SIZES, _sizes_of(followed), strict=True)))
 
 
-def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
-    names, (results, motions, sizes) = list(kept), zip(*kept.values(), strict=True)
-    of_models = {name: [size[name] for size in sizes] for name in SIZES}
-    compared = xr.Dataset(described("driven", of_models), {"model": names})
+def _sizes_of(followed: FollowedRuns) -> list[float]:
+    runs, result = [*followed.runs.values()], followed.result
+    pairs = zip(runs, followed.motions, strict=True)
+    residuals = [run.angle.values - motion.x - motion.offset for run, motion in pairs if motion is not None]
+    if len(residuals) < len(runs):
+        return [np.inf] * len(SIZES)
+    of_runs = [root_mean_square(residual) for residual in residuals]
+    rms = root_mean_square(of_runs)
+    over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(of_runs)])
+    record = root_mean_square([float(run.angle.std()) for run in runs])
+    return [rms, over_noise, rms / record, min(1.0, len(runs) * min(map(white_p_value, residuals)))]
+
+
+def _tree(models: dict[str, FollowedRuns]) -> xr.DataTree:
+    names, results = list(models), [followed.result for followed in models.values()]
+    sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
+    compared = xr.Dataset(described("driven", sizes), {"model": names})
     if len(names) == 2:
         compared = compared.merge(_difference(*results))
     best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
@@ -151,13 +150,10 @@ def _tree(runs: Sequence[xr.Dataset], kept: dict[str, Followed]) -> xr.DataTree:
         "driven": "yes",
         "verdict_on_record": "explained" if best.residual_p_value >= WHITE_LEVEL else verdict,
     }
-    of_runs = zip(runs, zip(*motions, strict=True), strict=True)
-    records = [with_motions(run, names, of_run) for run, of_run in of_runs]
-    groups = dict(zip(names, results, strict=True)) | {
-        "comparison": compared.assign(findings.failure_of_models(records))
-    }
-    groups |= dict(zip(group_names("record", len(runs)), records, strict=True))
-    return xr.DataTree.from_dict(groups)
+    records = with_motions(models)
+    compared = compared.assign(findings.failure_of_models(records))
+    groups = dict(zip(group_names("record", len(records)), records, strict=True))
+    return xr.DataTree.from_dict(dict(zip(names, results, strict=True)) | {"comparison": compared} | groups)
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:

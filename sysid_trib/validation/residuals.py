@@ -1,6 +1,6 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -102,13 +102,14 @@ def fitted_motion(
         return None
 
 
-def with_motions(
-    decay: xr.Dataset, names: Sequence[str], motions: Sequence[FittedMotion | None]
-) -> xr.Dataset:
-    """The record with the angle of each model, nan of one that diverges, and its noise."""
-    no_motion = np.full(decay.sizes["time"], np.nan)
-    simulated = np.stack([no_motion if motion is None else motion.x + motion.offset for motion in motions])
-    return findings.with_noise_and_models(decay, names, simulated)
+def with_motions(models: Mapping[str, FollowedRuns]) -> list[xr.Dataset]:
+    """Each run with the angle of every model, nan of one that diverges, and its noise."""
+    runs, records = next(iter(models.values())).runs.values(), []
+    for run, *motions in zip(runs, *(followed.motions for followed in models.values()), strict=True):
+        none = np.full(run.sizes["time"], np.nan)
+        simulated = np.stack([none if motion is None else motion.x + motion.offset for motion in motions])
+        records.append(findings.with_noise_and_models(run, list(models), simulated))
+    return records
 
 
 def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.Dataset:
