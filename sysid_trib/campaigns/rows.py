@@ -35,20 +35,8 @@ WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
 CHECKSUM = "checksum"
 
 
-# By their names, those that are standard errors of others.
-STATED_ERRORS = {
-    "standard_error": "coefficient",
-    "shape_standard_error": "shape",
-    "reference_frequency_standard_error": "reference_frequency",
-    "asymptotic_frequency_standard_error": "asymptotic_frequency",
-    "random_force_standard_error": "random_force_density",
-}
 # Dimensions beside the record, unit and meaning of each variable.
 VARIABLES = {name: (tuple(dims.split()), *of) for name, (dims, *of) in RESULT_TABLES["campaign"].items()}
-VARIABLES |= {
-    name: (*VARIABLES[of][:2], f"standard error of the {VARIABLES[of][2]}")
-    for name, of in STATED_ERRORS.items()
-}
 # As numpy has what is no number, texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
 
 from sysid_trib.arrays import (
     Variable as Variable,
@@ -21,11 +20,6 @@ from sysid_trib.arrays import (
 PER_FORCE_UNIT = "see the coordinate unit"
 # What validation and physics return, by their names.
 RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
-
-
-def text_variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str) -> Variable:
-    """A variable of texts; an array of them has the width of its longest."""
-    return variable(dims, np.asarray(values, dtype=str), long_name)
 
 
 def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any]) -> Variables:
@@ -45,27 +39,11 @@ def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any
         if isinstance(value, tuple):
             variables |= with_error(name, tuple(dims.split()), value, meaning, units)
         elif units == "text":
-            variables[name] = text_variable(tuple(dims.split()), value, meaning)
+            # An array of texts has the width of its longest.
+            variables[name] = variable(tuple(dims.split()), np.asarray(value, dtype=str), meaning)
         else:
             variables[name] = variable(tuple(dims.split()), value, meaning, units)
     return variables
-
-
-def chi_square_test(
-    dims: str | tuple[str, ...],
-    chi_square: ArrayLike,
-    degrees_of_freedom: ArrayLike,
-    long_name: str,
-    p_value: ArrayLike | None = None,
-) -> Variables:
-    """A chi-square with its degrees of freedom and p-value, computed unless it is given."""
-    if p_value is None:
-        p_value = chi2.sf(chi_square, degrees_of_freedom)
-    return {
-        "chi_square": variable(dims, chi_square, long_name, "1"),
-        "degrees_of_freedom": variable(dims, degrees_of_freedom, "degrees of freedom", "1"),
-        "p_value": variable(dims, p_value, f"p-value of the {long_name}", "1"),
-    }
 
 
 def start_variables(

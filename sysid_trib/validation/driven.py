@@ -13,12 +13,12 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
-from sysid_trib.records import inputs, signal, smoothing
+from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described, group_names, noise_of_run, variable
+from sysid_trib.results.variables import described, group_names, noise_of_run
 from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -222,14 +222,8 @@ def predict(
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
     shown = x + motion.offset
-    residual, unit = angle - shown, signal.unit_of_signal(record)
+    residual = angle - shown
     rms = float(np.sqrt(np.mean(residual[counted] ** 2)))
-    data = {
-        "predicted_angle": variable("time", shown, "prediction", unit),
-        "residual": variable("time", residual, "record minus prediction", unit),
-        "residual_rms": variable((), rms, "RMS of record minus prediction", unit),
-        "residual_over_motion": variable(
-            (), rms / float(np.std(angle[counted])), "RMS of the residual over that of the record", "1"
-        ),
-    }
-    return record.assign(data).assign_attrs(warm_up=warm_up or 0.0)
+    values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
+    values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
+    return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0)

@@ -5,19 +5,21 @@ from typing import Any, overload
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, random_force_of
+from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
-from sysid_trib.results.variables import Variables, chi_square_test, described, with_error
+from sysid_trib.results.variables import described
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import SIMULATED_RECORDS, agreement_of, identified_and_checked
@@ -222,21 +224,23 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
             covariances[at] = references.stated_covariance(results[at], kept)
     values, covariances = values[:, :count], covariances[:, :count, :count]
     usable = np.isfinite(values).all(axis=1)
-    v, c, text = values[usable], covariances[usable], "chi-square about the weighted mean"
+    v, c = values[usable], covariances[usable]
     one_by_one = [_homogeneity(v[:, [j]], c[:, [j]][:, :, [j]]) for j in range(count)]
-    statistics, counts = np.array(one_by_one).T
-    total = chi_square_test((), *_homogeneity(v, c), text)
     errors = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    variables: Variables = {
-        **described("run_agreement", {"value": values, "standard_error": errors, "reason": list(reasons)}),
-        **chi_square_test("quantity", statistics, counts, text),
-        **{f"total_{name}": values_of_test for name, values_of_test in total.items()},
-    }
-    attrs = {"verdict": agreement_of(float(total["p_value"][1]))}
+    variables: dict[str, Any] = {"value": values, "standard_error": errors, "reason": list(reasons)}
+    variables |= _tested("", *np.array(one_by_one).T) | _tested("total_", *_homogeneity(v, c))
+    attrs = {"verdict": agreement_of(float(variables["total_p_value"]))}
     if random_force_of(together):
         variables |= _density_agreement(results, together)
-        attrs["density_verdict"] = agreement_of(float(variables["density_p_value"][1]))
-    return xr.Dataset(variables, {"quantity": names}, attrs)
+        attrs["density_verdict"] = agreement_of(float(variables["density_p_value"]))
+    return xr.Dataset(described("run_agreement", variables), {"quantity": names}, attrs)
+
+
+def _tested(of: str, chi_square: ArrayLike, degrees_of_freedom: ArrayLike) -> dict[str, ArrayLike]:
+    """A chi-square with its p-value, by names that begin so."""
+    tested = {"chi_square": chi_square, "degrees_of_freedom": degrees_of_freedom}
+    tested["p_value"] = chi2.sf(chi_square, degrees_of_freedom)
+    return {f"{of}{name}": value for name, value in tested.items()}
 
 
 def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
@@ -246,7 +250,7 @@ def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
     return random_effects.weighted_mean(values, covariances)[2], float((len(values) - 1) * values.shape[1])
 
 
-def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> Variables:
+def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> dict[str, Any]:
     """Test of the random force of `run_agreement`: whether its densities are the same in all runs.
 
     A ratio of variances is tested by its logarithm: a density has the relative error e, its logarithm the
@@ -271,9 +275,4 @@ def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Datase
             return float(of_some + np.sum(np.exp(log_density) / errors[zero]))
 
         statistic = minimize_scalar(deviance, bracket=(logs.min() - 1.0, logs.max())).fun
-    text = "density of the random force by this run alone"
-    tested = chi_square_test((), statistic, count, "deviance of one density for all runs")
-    return {
-        **with_error("random_force_density", "run", (densities, errors), text, DENSITY_UNITS),
-        **{f"density_{name}": values for name, values in tested.items()},
-    }
+    return {"random_force_density": (densities, errors), **_tested("density_", statistic, count)}

@@ -14,7 +14,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.records import equilibrium, half_sines, signal
 from sysid_trib.records.smoothing import knot_intervals, sensor_noise, smooth
 from sysid_trib.results import schema, signal_scale
-from sysid_trib.results.variables import described, variable
+from sysid_trib.results.variables import described
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
@@ -58,8 +58,8 @@ def lack_of_fit(
     for name in bands.CURVES:
         of_models = np.array([pair[name] for pair in both]).reshape(len(both), 2, -1)
         values |= {name: of_models[:, 0], f"{name}_deviation": of_models[:, 1]}
-    amplitude = variable("amplitude", backbone.amplitude.values, "amplitude", signal.unit_of_signal(decay))
-    return xr.Dataset(described("lack_of_fit", values), {"model": list(results), "amplitude": amplitude})
+    coords = {"model": list(results), **described("lack_of_fit", {"amplitude": backbone.amplitude.values})}
+    return xr.Dataset(described("lack_of_fit", values), coords)
 
 
 # A curve, its largest deviation there in half widths of the band, positive where the model is above the

@@ -32,17 +32,17 @@ class RandomEffects:
         Errors above zero.
     design : (value, column) array of float
         Of full rank, with fewer columns than values.
-    scatter : float
-        The tau with which they are weighted.
+    scatter : float, or (tau,) array of float
+        The tau with which they are weighted; of several all that follows has a row each.
     """
 
     values: Array
     errors: Array
     design: Array
-    scatter: float = 0.0
+    scatter: float | Array = 0.0
 
-    def with_scatter(self, tau: float) -> "RandomEffects":
-        """Values and columns weighted with another tau."""
+    def with_scatter(self, tau: float | Array) -> "RandomEffects":
+        """Values and columns weighted with another tau, or with several."""
         return replace(self, scatter=tau)
 
     @property
@@ -53,22 +53,28 @@ class RandomEffects:
     @property
     def weights(self) -> Array:
         """Inverse variances, (value,)."""
-        return np.asarray(1.0 / (self.errors**2 + self.scatter**2))
+        return np.asarray(1.0 / (self.errors**2 + np.square(self.scatter)[..., None]))
 
     @cached_property
     def root(self) -> Array:
         """Triangular root of the covariance of the effects, (column, column)."""
-        return np.linalg.inv(np.linalg.qr(self.design * np.sqrt(self.weights)[:, None], mode="r"))
+        return np.linalg.inv(np.linalg.qr(self.design * np.sqrt(self.weights)[..., None], mode="r"))
 
     @cached_property
     def effects(self) -> Array:
         """Effects of the columns, (column,)."""
-        return self.root @ (self.root.T @ (self.design.T @ (self.weights * self.values)))
+        moment = (self.weights * self.values) @ self.design
+        return np.asarray(np.einsum("...ij,...kj,...k->...i", self.root, self.root, moment))
 
     @property
-    def chi_square(self) -> float:
+    def fitted(self) -> Array:
+        """Where the effects put each value, (value,)."""
+        return np.asarray(self.effects @ self.design.T)
+
+    @property
+    def chi_square(self) -> Array:
         """Sum of the squared residuals over their variances."""
-        return float(np.sum(self.weights * (self.values - self.design @ self.effects) ** 2))
+        return np.asarray(np.sum(self.weights * (self.values - self.fitted) ** 2, axis=-1))
 
     @cached_property
     def tau(self) -> float:
@@ -93,7 +99,7 @@ class RandomEffects:
         """The scatter by which the residuals have a chi-square; 0 where none need be."""
 
         def excess(tau: float) -> float:
-            return self.with_scatter(tau).chi_square - chi_square
+            return float(self.with_scatter(tau).chi_square) - chi_square
 
         if excess(0.0) <= 0.0:
             return 0.0
@@ -128,8 +134,7 @@ class RandomEffects:
             return np.full(len(self.values), np.nan)
         # At the last one no value's others scatter more than they should; small ones are looked at closely.
         taus = self._tau_of(freedoms) * np.linspace(0.0, 1.0, TAUS) ** 2
-        fits = [self.with_scatter(tau)._without_each() for tau in taus]
-        sizes, others = (np.array(rows) for rows in zip(*fits, strict=True))
+        sizes, others = self.with_scatter(taus)._without_each()
         at = np.maximum(np.argmax(others <= freedoms, axis=0), 1)
         value = np.arange(len(self.values))
         before, after = others[at - 1, value], others[at, value]
@@ -141,15 +146,15 @@ class RandomEffects:
 
     def _of_fitted(self) -> Array:
         """Variances of the fitted values, (value,)."""
-        return np.asarray(np.sum((self.design @ self.root) ** 2, axis=1))
+        return np.asarray(np.sum((self.design @ self.root) ** 2, axis=-1))
 
     def _without_each(self) -> tuple[Array, Array]:
         """Each value's distance from the fit of all others, standardised, and their chi-square."""
         leverage = self.weights * self._of_fitted()
         # A value whose leverage lacks this of one has no others that predict it.
         free = np.where(leverage < 1.0 - 1e-9, 1.0 - leverage, np.nan)
-        size = (self.values - self.design @ self.effects) * np.sqrt(self.weights / free)
-        return size, self.chi_square - size**2
+        size = (self.values - self.fitted) * np.sqrt(self.weights / free)
+        return size, self.chi_square[..., None] - size**2
 
     def shrunken(self) -> tuple[Array, Array]:
         """Where each value really is, with the others' help, and its standard error: (value,) each.
@@ -159,18 +164,16 @@ class RandomEffects:
         """
         last = self._tau_of(float(chi2.ppf(LAST_P_VALUE, self.degrees_of_freedom)))
         taus = max(last, float(np.max(self.errors))) * np.logspace(-4.0, 0.0, TAUS)
-        log_mass, means, variances = np.empty(TAUS), [], []
-        for at, fit in enumerate(map(self.with_scatter, taus)):
-            # Twice the logarithm of the restricted likelihood, and that of the prior.
-            likelihood = np.sum(np.log(fit.weights)) + 2.0 * np.sum(np.log(np.abs(np.diag(fit.root))))
-            prior = taus[at] ** 2 * np.sqrt(np.sum(fit.weights**2))
-            log_mass[at] = np.log(prior) + 0.5 * (likelihood - fit.chi_square)
-            towards = self.errors**2 * fit.weights
-            means.append(self.values + towards * (self.design @ fit.effects - self.values))
-            variances.append((1.0 - towards) * self.errors**2 + towards**2 * fit._of_fitted())
-        mass = softmax(log_mass)
-        mean = mass @ np.array(means)
-        return mean, np.sqrt(mass @ (np.array(variances) + (np.array(means) - mean) ** 2))
+        fits = self.with_scatter(taus)
+        # Twice the logarithm of the restricted likelihood, and the prior.
+        of_root = np.log(np.abs(np.diagonal(fits.root, axis1=1, axis2=2)))
+        likelihood = np.log(fits.weights).sum(axis=1) + 2.0 * of_root.sum(axis=1) - fits.chi_square
+        prior = taus**2 * np.linalg.norm(fits.weights, axis=1)
+        mass, towards = softmax(np.log(prior) + 0.5 * likelihood), self.errors**2 * fits.weights
+        means = self.values + towards * (fits.fitted - self.values)
+        variances = (1.0 - towards) * self.errors**2 + towards**2 * fits._of_fitted()
+        mean = mass @ means
+        return mean, np.sqrt(mass @ (variances + (means - mean) ** 2))
 
 
 def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, float]:

@@ -16,7 +16,7 @@ from sysid_trib.methods import method_of, scope
 from sysid_trib.motion_fit.linearised import linearised_along, random_walk_about
 from sysid_trib.records.decay import Decays, one_or_all
 from sysid_trib.results import references, schema
-from sysid_trib.results.variables import chi_square_test, described, noise_of_run
+from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation import simulate
 from sysid_trib.validation.residuals import FollowedRuns
 
@@ -52,14 +52,12 @@ def comparison(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tel
     z = np.divide(excess, error, out=np.zeros_like(excess), where=error != 0.0)
     chi_square, p_value = _chi_square(difference, known)
     values = {"difference": difference, "expected_difference": expected, "standard_error": error, "z": z}
-    variables = {
-        **described("cross_check", values),
-        **chi_square_test((), chi_square, len(difference), "chi-square of all differences", p_value),
-    }
+    values |= {"chi_square": chi_square, "degrees_of_freedom": len(difference), "p_value": p_value}
     # Where the motion is pushed some records may not be identified.
     attrs: dict[str, Any] = {"errors": "stated" if stated else "simulated", "simulated_records": records}
     attrs |= {} if duration is None else {"compared_stretch": duration}
-    return xr.Dataset(variables, {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]}, attrs)
+    coords = {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]}
+    return xr.Dataset(described("cross_check", values), coords, attrs)
 
 
 def compared_part(pair: Sequence[FollowedRuns]) -> tuple[Sequence[FollowedRuns], float | None]:

@@ -67,24 +67,22 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
     followed : FollowedRuns
         All runs of an identification with a random force.
     """
-    tested = []
-    for at in followed.runs:
-        of_run, reason = _dependence(followed, at, bool(random_force_of(followed.result, at)))
-        tested.append(of_run.assign(reason=variables.text_variable((), reason, "why not tested")))
+    tested = [_dependence(followed, at, bool(random_force_of(followed.result, at))) for at in followed.runs]
     return xr.concat(tested, "run", combine_attrs="override")
 
 
-def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> tuple[xr.Dataset, str]:
+def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr.Dataset:
     """What `dependence_on_motion` says of a run, tested once; nan where the motion does not settle: why."""
-    nothing = np.full((len(ASPECTS), len(ON)), np.nan)
+    nothing, reason = np.full((len(ASPECTS), len(ON)), np.nan), ""
+    # A run without a random force has none that depends on something.
+    tested = dependence((1.0, *[np.nan] * 4), nothing)
     try:
         followed.tracked(run)
         if stochastic:
-            return followed.once(f"dependence {run}", lambda: dependence_on_motion(followed, run)), ""
-        # A run without a random force has none that depends on something.
-        return dependence((1.0, *[np.nan] * 4), nothing), ""
+            tested = followed.once(f"dependence {run}", lambda: dependence_on_motion(followed, run))
     except SysidTribError as error:
-        return dependence([np.nan] * 5, nothing), str(error)
+        tested, reason = dependence([np.nan] * 5, nothing), str(error)
+    return tested.assign(variables.described("random_force", {"reason": reason}))
 
 
 def verdict_on_record(
@@ -141,8 +139,8 @@ def _noise_hides_a_force(followed: FollowedRuns) -> bool:
         return False
     for at, decay in followed.runs.items():
         if variables.noise_of_run(followed.result, at) > MARKED * smoothing.sensor_noise(decay):
-            tested, reason = _dependence(followed, at)
-            if reason or len(followed.runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
+            tested = _dependence(followed, at)
+            if tested.reason.item() or len(followed.runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
                 return True
     return False
 
