@@ -15,7 +15,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.results.files import FORMAT_VERSION
-from sysid_trib.results.variables import Variable, described, run_noise, variable
+from sysid_trib.results.variables import Variable, described, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
@@ -92,8 +92,10 @@ def identification(
         "reference_frequency": (w, w_error),
         "asymptotic_frequency": (limit, limit_error),
     }
+    if len(estimate.noises) > 1:
+        values_of["run_noise"] = list(estimate.noises)
     variables = described("identification", values_of | _shape_values(method, library))
-    for name, (values, units, long_name) in {**run_noise(estimate.noises), **estimate.extra}.items():
+    for name, (values, units, long_name) in estimate.extra.items():
         # A scalar, also if there is but one run.
         numbers = np.squeeze(np.asarray(values, dtype=float))
         variables[name] = variable(("run",) * numbers.ndim, numbers, long_name, units)

@@ -66,13 +66,6 @@ def start_variables(
     }
 
 
-def run_noise(noises: Sequence[float]) -> Mapping[str, tuple[ArrayLike, str, str]]:
-    """The sensor's noise (rad) of each run where there are several, as `Estimate.extra` takes it."""
-    if len(noises) == 1:
-        return {}
-    return {"run_noise": (noises, "rad", "standard deviation of the sensor's noise in the run")}
-
-
 def noise_of_run(result: xr.Dataset, run: int) -> float:
     """The sensor's noise in one run of an identification, rad."""
     return float(result.run_noise.values[run]) if "run_noise" in result else float(result.noise)

@@ -138,8 +138,7 @@ def _planned(
         for length, time in zip(lengths, times, strict=True):
             moving = {name: run for name, run in motions.items() if run is not None and len(run) >= len(time)}
             of_run = {name: run[: len(time)] for name, run in moving.items()}
-            worth = _worth(rivals, known, main, of_run)
-            rows.append({"amplitude": release, "duration": length, **worth})
+            rows.append({"amplitude": release, "duration": length, **_worth(rivals, known, main, of_run)})
             motions_of.append((of_run, time))
     values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     if not np.isfinite(values["entropy"]).any():
