@@ -47,9 +47,9 @@ def _design(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
         if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
             of_condition = column.astype(float).to_frame(str(name))
         else:
-            groups = list(dict.fromkeys(column.astype(str)))[1:]
-            inside = {f"{name}={group}": (column.astype(str) == group).astype(float) for group in groups}
-            of_condition = pd.DataFrame(inside)
+            texts = column.astype(str)
+            groups = texts.astype(pd.CategoricalDtype(texts.unique()))
+            of_condition = pd.get_dummies(groups, prefix=name, prefix_sep="=", drop_first=True, dtype=float)
         columns.append(of_condition - of_condition.mean())
         condition_of += [str(name)] * of_condition.shape[1]
     return pd.concat([part.reset_index(drop=True) for part in columns], axis=1), condition_of

@@ -161,16 +161,17 @@ def _compared(
     table = holdout.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
-    of_best: Sequence[xr.Dataset | None] = trials[best][2].get("residual") or [None] * len(runs)
-    for name, (run, _, rest, _), motion in zip(of_records, parts, of_best, strict=True):
+    _, _, of_best = trials[best]
+    motions: Sequence[xr.Dataset | None] = of_best.get("residual") or [None] * len(runs)
+    for name, (run, _, rest, _), motion in zip(of_records, parts, motions, strict=True):
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
         shown = [] if motion is None else [run.angle.values - motion.residual.values]
         simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
         groups[name] = findings.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
-        of_runs = trials[best][2].get("residual", [])
-        p_value = len(of_runs) * min((white_p_value(run.residual.values) for run in of_runs), default=0.0)
+        residuals = [motion.residual.values for motion in of_best.get("residual", [])]
+        p_value = len(runs) * min(map(white_p_value, residuals), default=0.0)
         table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
     table.attrs |= _not_separable(runs, list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})

@@ -196,11 +196,8 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         tell(f"contour of {' and '.join(names)}", 1.0 - 1.0 / (1.0 + 0.01 * len(fits)))
         for there in itertools.product((row - 1, row, row + 1), (column - 1, column, column + 1)):
             value = estimate + axes @ there
-            if (
-                there in fits
-                or max(map(abs, there)) > FARTHEST_POINT
-                or np.any((value < low) | (value > high))
-            ):
+            refused = max(map(abs, there)) > FARTHEST_POINT or np.any((value < low) | (value > high))
+            if there in fits or refused:
                 continue
             held = dict(zip(names, value.tolist(), strict=True))
             fits[there] = likelihood.holding(held, fits[row, column].values)

@@ -1,6 +1,6 @@
 """Two samples held against each other: in which coefficients they differ, by how much, and how surely."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -190,15 +190,12 @@ def _holm(p_values: Array, level: float) -> Mask:
 
 @signal_scale.in_units_of_the_motion
 def _held_apart(
-    results: Mapping[str, Sequence[xr.Dataset]],
-    runs: tuple[Sequence[xr.Dataset], Sequence[xr.Dataset]],
-    library: ForceLibrary,
+    sides: Sequence[Sequence[xr.Dataset]], runs: Sequence[Sequence[xr.Dataset]], library: ForceLibrary
 ) -> xr.Dataset:
     """`difference`, where the error of the model is what the differences themselves move between parts.
 
     What both samples lack alike moves both alike, and no difference.
     """
-    sides = list(results.values())
     return _difference(sides, cross_check.HOMOGENEITY_LEVEL, _model_error_of_difference(sides, runs, library))
 
 
@@ -275,7 +272,7 @@ def held_against(
             # A record of few half periods has none.
             with suppress(DecayError):
                 groups[f"backbone_{label}"] = backbone(run)
-    groups["/"] = _held_apart(results, (first, second), library)
+    groups["/"] = _held_apart([*results.values()], (first, second), library)
     runs = [*first, *second]
     groups |= dict(zip(group_names("record", len(runs)), runs, strict=True))
     return xr.DataTree.from_dict(groups)
