@@ -18,7 +18,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.rows import LOST, Row, sole_writer
-from sysid_trib.campaigns.store import Store, as_dataset
+from sysid_trib.campaigns.store import as_dataset, store_for
 from sysid_trib.campaigns.study import CampaignRecords, record_at
 from sysid_trib.campaigns.task import Task, empty_row, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
@@ -104,7 +104,7 @@ def campaign(
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):
         count = len(records)
-        store = Store(path, task, records, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
+        store = store_for(path, task, records, max(1, min(LARGEST_BLOCK, count // BLOCKS)))
         blocks, changed, bad = store.unfinished(records)
         done = count - sum(len(at) for at in blocks)
         tell(f"workers; {changed:,} records have changed" if changed else "workers")

@@ -117,11 +117,6 @@ def _place(folder: Path, array: Any, number: int) -> Path:
     return folder / ".".join(["0"] * array.ndim).replace("0", str(number), 1)
 
 
-def read_block(path: Path, arrays: Mapping[str, Any], number: int, count: int) -> dict[str, Array]:
-    """The rows of a block, of so many records, by name (see `row_arrays`)."""
-    return {name: read_chunk(path / name, array, number)[:count] for name, array in arrays.items()}
-
-
 def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
     """The arrays that hold the rows of the records, in the order of the checksum."""
     return {

@@ -6,7 +6,7 @@ renamed into its place when it is whole: at any moment the store can be read, an
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Index
+from sysid_trib.arrays import Array, Index
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
 from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
@@ -30,51 +30,57 @@ LARGEST_LABELS = 2**24
 
 
 class Store:
-    """A store that is open for writing.
+    """A store that is there, its arrays such as a campaign makes.
 
     Parameters
     ----------
     path : Path
-        The store, made if it is not there.
-    task : Task
-    records : CampaignRecords
-    block : int
-        Records in a chunk, of a new store.
 
     Raises
     ------
-    UsageError
-        The store is of another campaign.
     RecordError
-        It cannot be made, or is no store.
+        It is no store of a campaign.
+    ValueError, KeyError
+        Its arrays are others; other errors of zarr where one is damaged.
     """
 
-    def __init__(self, path: Path, task: Task, records: CampaignRecords, block: int) -> None:
-        self.path, self._names = path, names_of(records)
-        with _readable(path):
-            _recover(path)
-            if not path.exists():
-                _make(path, task, records, block)
-            group, arrays = _opened(path)
-            same = group.attrs[FINGERPRINT] == fingerprint(records, task)
-            if same:
-                _check_rows(path, arrays)
-            known = np.asarray(arrays["record"][:]).astype(str).tolist()
-            if same and set(known) < set(self._names):
-                _make(path, task, records, block, group)
-                known, arrays = self._names, _opened(path)[1]
-        if not same or known != self._names:
-            raise UsageError(
-                f"{path}: is the store of another campaign (other task, options or version, or records that "
-                "are not among these); choose another place with -o, or repeat the command that made it to "
-                "go on."
-            )
-        # Opened once: each time takes as long as to write a record.
-        self.arrays, self.rows = arrays, stored.row_arrays(arrays)
-        self.block = int(arrays["status"].chunks[0])
-        self._labels = stored.labels_checksum(arrays)
-        for partial in path.rglob(f"*{stored.UNFINISHED}"):
-            partial.unlink(missing_ok=True)
+    def __init__(self, path: Path) -> None:
+        import zarr
+
+        self.path, self.group = path, zarr.open_group(path, mode="r")
+        if FINGERPRINT not in self.group.attrs:
+            raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
+        # One after the other: of several at once those that are not waited for complain at exit. And once:
+        # each time takes as long as to write a record.
+        places = sorted(path.glob("*/.zarray"))
+        self.arrays = {place.parent.name: zarr.open_array(place.parent, mode="r") for place in places}
+        count, self.block = self.arrays["status"].shape[0], int(self.arrays["status"].chunks[0])
+        for name, array in self.arrays.items():
+            good = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
+            if stored.is_per_record(array):
+                good &= array.shape[0] == count and (name == "record" or array.chunks[0] == self.block)
+            elif array.nbytes > LARGEST_LABELS:
+                good = False
+            if not good:
+                raise ValueError(f"{name} is of another kind or length")
+        self.names: list[str] = self.arrays["record"][:].astype(str).tolist()
+        self._rows, self._labels = stored.row_arrays(self.arrays), stored.labels_checksum(self.arrays)
+
+    def _block(self, number: int) -> tuple[list[str], dict[str, Array]]:
+        """Names and rows of the records of a block."""
+        names = self.names[number * self.block : (number + 1) * self.block]
+        rows = self._rows.items()
+        return names, {k: stored.read_chunk(self.path / k, array, number)[: len(names)] for k, array in rows}
+
+    def check(self) -> None:
+        """Refuse a store in which a record is not as it was written, with the first such record."""
+        for number in range(-(-len(self.names) // self.block)):
+            names, columns = self._block(number)
+            status, known = columns["status"], columns[CHECKSUM]
+            wrong = (status != WAITING) & (known != stored.row_checksums(columns, names, self._labels))
+            wrong |= (status < 0) | (status >= len(STATUS))
+            if wrong.any():
+                raise _damaged(self.path, f"record {names[np.argmax(wrong)]} is not as it was written")
 
     def unfinished(self, records: CampaignRecords) -> tuple[list[Index], int, int]:
         """What is still to be done of a campaign's records.
@@ -106,10 +112,9 @@ class Store:
             The disk is full, or the store is gone.
         """
         number = int(at[0]) // self.block
-        first = number * self.block
-        places, names = at - first, self._names[first : first + self.block]
+        places = at - number * self.block
         try:
-            columns = stored.read_block(self.path, self.rows, number, len(names))
+            names, columns = self._block(number)
             if columns["status"][places].any():
                 # What is done anew does not count until all of it is there.
                 columns["status"][places] = WAITING
@@ -127,6 +132,47 @@ class Store:
                 f"{self.path}: cannot be written ({error.strerror or error}); what was done is "
                 "kept: make room, and repeat the command to go on."
             ) from None
+
+
+def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> Store:
+    """The store of a campaign, to be written to: made, gone on with, or with further records.
+
+    Parameters
+    ----------
+    path : Path
+    task : Task
+    records : CampaignRecords
+    block : int
+        Records in a chunk, of a new store.
+
+    Raises
+    ------
+    UsageError
+        The store is of another campaign.
+    RecordError
+        It cannot be made, or is no store.
+    """
+    names = names_of(records)
+    with _readable(path):
+        _recover(path)
+        if not path.exists():
+            _make(path, task, records, block)
+        store = Store(path)
+        same = store.group.attrs[FINGERPRINT] == fingerprint(records, task)
+        if same:
+            store.check()
+        if same and set(store.names) < set(names):
+            _make(path, task, records, block, store.group)
+            store = Store(path)
+    if not same or store.names != names:
+        raise UsageError(
+            f"{path}: is the store of another campaign (other task, options or version, or records that "
+            "are not among these); choose another place with -o, or repeat the command that made it to "
+            "go on."
+        )
+    for partial in path.rglob(f"*{stored.UNFINISHED}"):
+        partial.unlink(missing_ok=True)
+    return store
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -148,7 +194,7 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     place = Path(path)
     with _readable(place):
-        _check_rows(place, _opened(place)[1])
+        Store(place).check()
         return as_dataset(place)
 
 
@@ -161,48 +207,6 @@ def as_dataset(path: Path) -> xr.Dataset:
         # No value is missing: what was not computed is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
     return store
-
-
-def _opened(path: Path) -> tuple[Any, dict[str, Any]]:
-    """The group of a store, and its arrays, if they are such as a campaign makes.
-
-    Raises
-    ------
-    ValueError, KeyError
-        They are not; other errors of zarr where one is damaged.
-    """
-    import zarr
-
-    group = zarr.open_group(path, mode="r")
-    if FINGERPRINT not in group.attrs:
-        raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
-    # One after the other: of several at once those that are not waited for complain at exit.
-    places = sorted(path.glob("*/.zarray"))
-    arrays = {place.parent.name: zarr.open_array(place.parent, mode="r") for place in places}
-    count, block = arrays["status"].shape[0], arrays["status"].chunks[0]
-    for name, array in arrays.items():
-        good = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
-        if stored.is_per_record(array):
-            good &= array.shape[0] == count and (name == "record" or array.chunks[0] == block)
-        elif array.nbytes > LARGEST_LABELS:
-            good = False
-        if not good:
-            raise ValueError(f"{name} is of another kind or length")
-    return group, arrays
-
-
-def _check_rows(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Refuse a store in which a record is not as it was written, with the first such record."""
-    every, block = stored.row_arrays(arrays), arrays["status"].chunks[0]
-    names, labels = arrays["record"][:].astype(str).tolist(), stored.labels_checksum(arrays)
-    for number, first in enumerate(range(0, len(names), block)):
-        of_block = names[first : first + block]
-        columns = stored.read_block(path, every, number, len(of_block))
-        status, known = columns["status"], columns[CHECKSUM]
-        wrong = (status != WAITING) & (known != stored.row_checksums(columns, of_block, labels))
-        wrong |= (status < 0) | (status >= len(STATUS))
-        if wrong.any():
-            raise _damaged(path, f"record {of_block[np.argmax(wrong)]} is not as it was written")
 
 
 def _damaged(path: Path, reason: object) -> RecordError:
