@@ -52,8 +52,8 @@ class Store:
             raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
         # One after the other: of several at once those that are not waited for complain at exit. And once:
         # each time takes as long as to write a record.
-        places = sorted(path.glob("*/.zarray"))
-        self.arrays = {place.parent.name: zarr.open_array(place.parent, mode="r") for place in places}
+        folders = [place.parent for place in sorted(path.glob("*/.zarray"))]
+        self.arrays: dict[str, Any] = {at.name: zarr.open_array(at, mode="r") for at in folders}
         count, self.block = self.arrays["status"].shape[0], int(self.arrays["status"].chunks[0])
         for name, array in self.arrays.items():
             good = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
@@ -63,7 +63,7 @@ class Store:
                 good = False
             if not good:
                 raise ValueError(f"{name} is of another kind or length")
-        self.names: list[str] = self.arrays["record"][:].astype(str).tolist()
+        self.names: list[str] = np.asarray(self.arrays["record"][:]).astype(str).tolist()
         self._rows, self._labels = stored.row_arrays(self.arrays), stored.labels_checksum(self.arrays)
 
     def _block(self, number: int) -> tuple[list[str], dict[str, Array]]:

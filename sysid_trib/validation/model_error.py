@@ -76,14 +76,8 @@ def with_error_of_model(
     else:
         of_model = np.diag((widening**2 - 1.0) * np.nan_to_num(own) ** 2)
     model, count = np.sqrt(np.diag(of_model)), result.sizes["force"]
-    total = _with_errors(
-        result,
-        result["covariance"] + of_model[:count, :count],
-        result.frequency_covariance + of_model[:count, -1],
-        np.hypot(own, model),
-    )
     of = {"error_of_noise": own[:count], "error_of_model": model[:count], "held_out_rms": held_out}
-    return total.assign(variables.described("identification", of))
+    return _with_errors(result, np.ones(len(own)), of_model).assign(variables.described("identification", of))
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
@@ -152,13 +146,15 @@ def _numbers(result: xr.Dataset) -> tuple[Array, Array]:
     return np.concatenate(values), np.concatenate(errors)
 
 
-def _with_errors(
-    result: xr.Dataset, covariance: xr.DataArray, frequency_covariance: xr.DataArray, errors: Array
-) -> xr.Dataset:
-    """A result with other errors of the same meaning, those of `_numbers`."""
-    changed = {"covariance": covariance, "frequency_covariance": frequency_covariance}
-    of_forces, reference, asymptotic = np.split(errors, [-2, -1])
-    for name, values in zip(STATED, (of_forces, reference[0], asymptotic[0]), strict=True):
+def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
+    """A result with the errors of `_numbers` times factors, and a covariance added."""
+    count = result.sizes["force"]
+    of_forces, errors = factor[:count], np.hypot(factor * _numbers(result)[1], np.sqrt(np.diag(added)))
+    changed = {
+        "covariance": result["covariance"] * np.outer(of_forces, of_forces) + added[:count, :count],
+        "frequency_covariance": result.frequency_covariance * of_forces * factor[-1] + added[:count, -1],
+    }
+    for name, values in zip(STATED, (errors[:count], *errors[count:]), strict=True):
         changed[name] = result[name].copy(data=values)
     return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
 
@@ -180,13 +176,7 @@ def with_rounding(followed: FollowedRuns) -> xr.Dataset:
         return result
     by_rounding = np.sqrt(np.mean(squares, axis=0) / len(runs))
     factor = np.maximum(1.0, np.divide(by_rounding, stated, out=np.ones_like(stated), where=stated > 0.0))
-    of_forces = factor[:-2]
-    return _with_errors(
-        result,
-        result["covariance"] * np.outer(of_forces, of_forces),
-        result.frequency_covariance * of_forces * factor[-1],
-        stated * factor,
-    )
+    return _with_errors(result, factor, np.zeros((len(factor), len(factor))))
 
 
 def _squares_by_rounding(

@@ -114,7 +114,8 @@ class RandomEffects:
 
         Residuals smaller than the errors narrow nothing (Roever et al. 2015).
         """
-        return max(1.0, self.chi_square / self.degrees_of_freedom) * (self.root @ self.root.T)
+        scale = np.maximum(1.0, self.chi_square / self.degrees_of_freedom)
+        return np.asarray(scale * (self.root @ self.root.T))
 
     def p_value(self, columns: Index) -> float:
         """p-value of no effect of some columns at all (F)."""

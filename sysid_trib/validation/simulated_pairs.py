@@ -51,8 +51,9 @@ def comparison(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tel
     # One method with and without its bias: nothing else differs.
     z = np.divide(excess, error, out=np.zeros_like(excess), where=error != 0.0)
     chi_square, p_value = _chi_square(difference, known)
-    values = {"difference": difference, "expected_difference": expected, "standard_error": error, "z": z}
-    values |= {"chi_square": chi_square, "degrees_of_freedom": len(difference), "p_value": p_value}
+    values: dict[str, Any] = {"difference": difference, "expected_difference": expected}
+    values |= {"standard_error": error, "z": z, "chi_square": chi_square, "p_value": p_value}
+    values["degrees_of_freedom"] = len(difference)
     # Where the motion is pushed some records may not be identified.
     attrs: dict[str, Any] = {"errors": "stated" if stated else "simulated", "simulated_records": records}
     attrs |= {} if duration is None else {"compared_stretch": duration}
