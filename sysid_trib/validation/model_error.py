@@ -26,7 +26,7 @@ STATED = ("standard_error", *(f"{name}_standard_error" for name in FREQUENCIES))
 
 def with_error_of_model(
     followed: FollowedRuns, method: Method, library: ForceLibrary, widening: float
-) -> xr.Dataset:
+) -> FollowedRuns:
     """An identification whose errors allow for what its model lacks.
 
     Parameters
@@ -42,8 +42,8 @@ def with_error_of_model(
 
     Returns
     -------
-    Dataset
-        `covariance`, `standard_error` and the errors of both frequencies are the total ones;
+    FollowedRuns
+        In its result `covariance`, `standard_error` and the errors of both frequencies are the total ones;
         `error_of_noise(force)` is what the method states, `error_of_model(force)` the rest. `held_out_rms`
         (rad): the geometric mean of what the parts leave of the samples that they do not hold, 15 and 30 % of
         a run in one go, and of several runs what every other one leaves of the rest whole, start fitted; nan
@@ -77,7 +77,8 @@ def with_error_of_model(
         of_model = np.diag((widening**2 - 1.0) * np.nan_to_num(own) ** 2)
     model, count = np.sqrt(np.diag(of_model)), result.sizes["force"]
     of = {"error_of_noise": own[:count], "error_of_model": model[:count], "held_out_rms": held_out}
-    return _with_errors(result, np.ones(len(own)), of_model).assign(variables.described("identification", of))
+    total = _with_errors(result, np.ones(len(own)), of_model)
+    return followed.with_result(total.assign(variables.described("identification", of)))
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
@@ -159,7 +160,7 @@ def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
     return result.assign({name: values.assign_attrs(result[name].attrs) for name, values in changed.items()})
 
 
-def with_rounding(followed: FollowedRuns) -> xr.Dataset:
+def with_rounding(followed: FollowedRuns) -> FollowedRuns:
     """An identification whose errors allow for the coarse step of a sensor, whose rounding is not white.
 
     Least squares, to first order, of motions of the model, which is complete, that the sensor rounds with its
@@ -173,10 +174,10 @@ def with_rounding(followed: FollowedRuns) -> xr.Dataset:
         if step and motion is not None:
             squares.append(_squares_by_rounding(result, run, motion, rounded_noise(motion.x, step, noise)))
     if not squares:
-        return result
+        return followed
     by_rounding = np.sqrt(np.mean(squares, axis=0) / len(runs))
     factor = np.maximum(1.0, np.divide(by_rounding, stated, out=np.ones_like(stated), where=stated > 0.0))
-    return _with_errors(result, factor, np.zeros((len(factor), len(factor))))
+    return followed.with_result(_with_errors(result, factor, np.zeros((len(factor), len(factor)))))
 
 
 def _squares_by_rounding(

@@ -204,33 +204,28 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
     if any(inputs.inputs_of(run) for run in runs):
         return results
-    residual_tests = [_residual(followed) for followed in results]
     # Decrements neglect forces: the last method of the whole motion decides.
     places = [at for at, method in enumerate(methods) if _is_open(method)]
     open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
+    stochastic: dict[int, FollowedRuns] = {}
     # From here on a residual may be that of a random force, which is then looked for.
-    if open_ones and residual_tests[open_ones[-1]][0] < 0.05:
+    if open_ones and _residual(results[open_ones[-1]])[0] < 0.05:
         stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
-        results = [stochastic.get(at, followed) for at, followed in enumerate(results)]
-        residual_tests = [(1.0, 1.0) if at in stochastic else test for at, test in enumerate(residual_tests)]
-    return [
-        with_model_in_errors(followed, method, library, residual)
-        for method, followed, residual in zip(quiet, results, residual_tests, strict=True)
-    ]
+    for at, method in enumerate(quiet):
+        if at in stochastic:
+            results[at] = model_error.with_rounding(stochastic[at])
+        else:
+            results[at] = with_model_in_errors(results[at], method, library)
+    return results
 
 
-def with_model_in_errors(
-    followed: FollowedRuns, method: Method, library: ForceLibrary, residual: tuple[float, float] | None = None
-) -> FollowedRuns:
-    """The identification with errors that are those of the model too, where the residual is not noise.
-
-    `residual` : of `_residual`, where it is known.
-    """
-    p_value, over_noise = residual or _residual(followed)
+def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
+    """The identification with errors that are those of the model too, where the residual is not noise."""
+    p_value, over_noise = _residual(followed)
     if p_value >= RESIDUAL_LEVEL:
-        return followed.with_result(model_error.with_rounding(followed))
+        return model_error.with_rounding(followed)
     factor = widening(followed.result, over_noise)
-    return followed.with_result(model_error.with_error_of_model(followed, method, library, factor))
+    return model_error.with_error_of_model(followed, method, library, factor)
 
 
 def with_common_noise(
@@ -261,7 +256,7 @@ def with_noise(method: Method, option: RandomForceOption) -> Method:
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
-    whole = residuals({"": followed}, followed.result)
+    whole = followed.once("residual", lambda: residuals({"": followed}, followed.result))
     return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
 
 
