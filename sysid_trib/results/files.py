@@ -65,12 +65,10 @@ def kind_of(tree: xr.DataTree) -> str:
         return ""
     if {"steps", "ranking"} <= set(tree.children):
         return "discover"
-    if "comparison" not in tree.children:
-        return ""
-    checked = tree["comparison"]
-    if "driven" in checked.attrs:
-        return "driven"
-    return "compare" if "best" in checked.attrs else "cross_check" if "first" in checked.attrs else ""
+    checked = tree["comparison"].attrs if "comparison" in tree.children else {}
+    # The first of these that it has says what made it.
+    kinds = {"driven": "driven", "best": "compare", "first": "cross_check"}
+    return next((kind for attr, kind in kinds.items() if attr in checked), "")
 
 
 def is_of_driven(tree: xr.DataTree) -> bool:

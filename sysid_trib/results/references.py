@@ -51,10 +51,9 @@ def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float)
     frequency : float, rad/s
         The reference frequency.
     """
-    coefficients = result.coefficient.sel(force=list(kept)).values
-    return np.append(
-        coefficients * reference_factors(result, kept, frequency), result.asymptotic_frequency.item()
-    )
+    factors = reference_factors(result, kept, frequency)
+    coefficients = result.coefficient.sel(force=list(kept)).values * factors
+    return np.append(coefficients, result.asymptotic_frequency.item())
 
 
 def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:

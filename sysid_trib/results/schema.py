@@ -101,10 +101,8 @@ def identification(
         variables[name] = variable(("run",) * numbers.ndim, numbers, long_name, units)
     symbols = list(library.symbols)
     coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
-    inputs = {
-        str(k): str(v.attrs.get("units", "")) for k, v in as_runs(decay, driven=True)[0].variables.items()
-    }
-    coords |= force_labels(library.forces, inputs)
+    recorded = as_runs(decay, driven=True)[0].variables.items()
+    coords |= force_labels(library.forces, {str(k): str(v.attrs.get("units", "")) for k, v in recorded})
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
 
@@ -112,15 +110,14 @@ def identification(
 def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = None) -> dict[str, Variable]:
     """What describes each force: coordinates over `force`; of inputs their units by name."""
     # The degree in the rate says how a coefficient changes with its reference: a sensor's does not.
-    degrees = ((f.degree, None if f.kind == "sensor" else f.speed_degree) for f in forces)
-    degree, speed_degree = zip(*([np.nan if q is None else q for q in pair] for pair in degrees), strict=True)
+    speed_degree = [None if f.kind == "sensor" else f.speed_degree for f in forces]
     values = {
         "name": [f.name for f in forces],
         "formula": [f.formula.text for f in forces],
         "unit": [f.units_with(inputs or {}) for f in forces],
         "parity": [f.parity for f in forces],
-        "degree": list(degree),
-        "speed_degree": list(speed_degree),
+        "degree": np.array([f.degree for f in forces], dtype=float),
+        "speed_degree": np.array(speed_degree, dtype=float),
     }
     return described("identification", values)
 
@@ -207,11 +204,11 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
     """
     frequency = result.reference_frequency.item()
     kept = result.active.values & np.isclose(result.refers_to.values, frequency, rtol=1e-12)
-    coefficients = dict(
-        zip(result.force.values[kept].tolist(), result.coefficient.values[kept].tolist(), strict=True)
+    identified = zip(
+        result.force.values[kept].tolist(), result.coefficient.values[kept].tolist(), strict=True
     )
     acting = library_of(result).in_run(run + 1)
-    coefficients = {symbol: c for symbol, c in coefficients.items() if symbol in acting.symbols}
+    coefficients = {symbol: c for symbol, c in identified if symbol in acting.symbols}
     return Model(acting, coefficients, frequency, shape_values_of(result, acting))
 
 

@@ -154,10 +154,9 @@ def _compared(
         subject = "this record" if len(runs) == 1 else "these runs together"
         label, (_, row, _) = next(iter(trials.items()))
         raise DecayError(f"No method can identify {subject}. {label}: {row['reason']}.")
-    steps = [np.median(np.diff(run.time.values)) for run in runs]
-    periods = [2.0 * np.median(np.diff(half_sines.extremum_time)) for *_, half_sines in parts]
+    medians = [(np.median(np.diff(of.extremum_time)), np.median(np.diff(run.time))) for run, *_, of in parts]
     # Samples of a period.
-    blocks = [max(1, round(period / step)) for period, step in zip(periods, steps, strict=True)]
+    blocks = [max(1, round(2.0 * half_period / step)) for half_period, step in medians]
     table = holdout.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]

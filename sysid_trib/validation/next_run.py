@@ -147,9 +147,8 @@ def _planned(
     values |= {"meets": np.all(values["standard_error"] <= limits, axis=1)}
     values |= {"samples": (values["duration"] * rate).astype(int) + 1}
     best = _best_first(values, limits, len(rivals))
-    data = xr.Dataset(
-        described("plan", {name: column[best] for name, column in values.items()}), {"force": known.fitted}
-    )
+    ranked = {name: column[best] for name, column in values.items()}
+    data = xr.Dataset(described("plan", ranked), {"force": known.fitted})
     data.amplitude.attrs["units"] = signal_units(main)
     data.attrs = {
         "models": [rival.name for rival in rivals],
@@ -234,9 +233,9 @@ def _worth(
     pairs = [(rival, runs[rival.name]) for rival in rivals if rival.name in runs]
     # A model that has no such motion is distinguished by any.
     moving = np.array([rival.probability for rival, _ in pairs])
-    entropy, right = (
-        models.informed(moving, models.log_odds(pairs)) if len(pairs) > 1 else (0.0, moving.sum())
-    )
+    entropy, right = 0.0, moving.sum()
+    if len(pairs) > 1:
+        entropy, right = models.informed(moving, models.log_odds(pairs))
     after = models.covariance_after(runs[known.name])
     of_noise = np.sqrt(np.sum((known.directions @ after) * known.directions, axis=1))
     stated = dict(zip(known.model.coefficients, of_noise.tolist(), strict=False))

@@ -231,10 +231,9 @@ def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
     logs = logs - logs.max(axis=2, keepdims=True)
     posterior = np.exp(logs) / np.exp(logs).sum(axis=2, keepdims=True)
     entropy = -np.sum(posterior * np.log(np.maximum(posterior, 1e-300)), axis=2).mean(axis=1)
-    right = [
-        np.mean(of_truth[:, at] - np.delete(of_truth, at, axis=1).max(axis=1) > np.log(ODDS))
-        for at, of_truth in enumerate(logs)
-    ]
+    pairs = enumerate(logs)
+    ahead = [of_truth[:, at] - np.delete(of_truth, at, axis=1).max(axis=1) for at, of_truth in pairs]
+    right = np.mean(np.array(ahead) > np.log(ODDS), axis=1)
     return float(probabilities @ entropy), float(probabilities @ right)
 
 
