@@ -54,8 +54,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
     """
     places = np.flatnonzero(store.status.values == IDENTIFIED)
     units = store.signal_units.values[places].astype(str)
-    names, counts = np.unique(units, return_counts=True)
-    usual = names[np.argmax(counts)] if len(names) else ""
+    usual = pd.Series(units).mode().get(0, "")
     places = places[units == usual]
     done = store.isel(record=places).sel({"method": method})
     reference = done.reference_frequency.values

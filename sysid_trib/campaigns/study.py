@@ -189,13 +189,13 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         _refuse_unknown(table, known or table, f"{name}: '{part}'")
         for key, value in table.items():
             _check(value, known[key][1] if key in known else ANY, f"{name}: '{key}' of '{part}'")
-    counts = [data.get("records", 100), data.get("seed", 0)]
-    if not all(isinstance(count, int) and 0 <= count < 2**63 for count in counts) or not counts[0]:
+    records, seed = data.get("records", 100), data.get("seed", 0)
+    if not all(isinstance(count, int) and 0 <= count < 2**63 for count in (records, seed)) or not records:
         raise RecordError(f"{name}: 'records' and 'seed' must be whole numbers, the first above zero.")
     if lacking := [key for key in STUDY_PARTS["sampling"] if key not in values["sampling"]]:
         raise RecordError(f"{name}: 'sampling' needs '{lacking[0]}'.")
     library = str(data.get("library", "contact_forces"))
-    study = Study(str(data.get("title", Path(path).stem)), counts[0], counts[1], library, values)
+    study = Study(str(data.get("title", Path(path).stem)), records, seed, library, values)
     sampling = study.drawn(0)["sampling"]
     if not 1.0 < sampling["duration"] * sampling["rate"] <= LONGEST_RECORD:
         raise RecordError(f"{name}: {SAMPLES_ALLOWED}.")
