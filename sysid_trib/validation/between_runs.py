@@ -208,17 +208,17 @@ def _quantity(
     (table, condition_of), design = columns, columns[0].to_numpy()
     terms, conditions = list(table), list(dict.fromkeys(condition_of[1:]))
     effects, shrunken = np.full((2, len(terms)), np.nan), np.full((2, len(values)), np.nan)
-    p_values, interval, scatter = np.full(len(conditions), np.nan), np.full(3, np.nan), [np.nan, np.nan]
-    off = np.full(len(values), np.nan)
+    p_values, interval, off = (np.full(count, np.nan) for count in (len(conditions), 3, len(values)))
+    scatter_p_value, homogeneity_p_value = np.nan, np.nan
     verdict = UNDECIDED_RUNS
     if known.sum() > design.shape[1] and np.linalg.matrix_rank(design[known]) == design.shape[1]:
         # In units of the errors, whatever the quantity's own.
         unit = float(np.median(errors[known]))
         scaled = values[known] / unit, errors[known] / unit
         fit = RandomEffects(*scaled, design[known])
-        p_value, weighted = fit.homogeneity_p_value, fit.with_scatter(fit.tau)
+        scatter_p_value, weighted = fit.homogeneity_p_value, fit.with_scatter(fit.tau)
         interval = unit * np.array([fit.tau, *fit.tau_interval])
-        scatter = [p_value, RandomEffects(*scaled, design[known, :1]).homogeneity_p_value]
+        homogeneity_p_value = RandomEffects(*scaled, design[known, :1]).homogeneity_p_value
         effects = unit * np.stack([weighted.effects, np.sqrt(np.diag(weighted.widened_covariance))])
         off[known] = fit.deleted_residuals()
         for at, name in enumerate(conditions):
@@ -226,15 +226,15 @@ def _quantity(
         shrunken[:, known] = unit * np.stack(fit.shrunken())
         acting = [name for name, p in zip(conditions, p_values, strict=True) if p < level]
         varies = [f"varies with {' and '.join(acting)}"] if acting else []
-        verdict = ", ".join([*varies, *["scatters"] * bool(p_value < level)]) or COMMON
+        verdict = ", ".join([*varies, *["scatters"] * bool(scatter_p_value < level)]) or COMMON
     said = {
-        "effect": (effects[0], effects[1]),
-        "shrunken": (shrunken[0], shrunken[1]),
+        "effect": tuple(effects),
+        "shrunken": tuple(shrunken),
         "z": off,
         "condition_p_value": p_values,
         **_with_interval("between_run", interval),
-        "scatter_p_value": scatter[0],
-        "homogeneity_p_value": scatter[1],
+        "scatter_p_value": scatter_p_value,
+        "homogeneity_p_value": homogeneity_p_value,
         "verdict": verdict,
     }
     if laboratory is not None:

@@ -167,9 +167,9 @@ def _backbones(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) ->
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
         with suppress(DecayError):
-            backbone = smoothed_backbone(run)
-            groups[of_record] = backbone[0]
-            groups[of_models] = lack_of_fit(run, results, backbone)
+            backbone, weights = smoothed_backbone(run)
+            groups[of_record] = backbone
+            groups[of_models] = lack_of_fit(run, results, (backbone, weights))
     return groups
 
 
