@@ -56,12 +56,10 @@ class Store:
         self.arrays: dict[str, Any] = {at.name: zarr.open_array(at, mode="r") for at in folders}
         count, self.block = self.arrays["status"].shape[0], int(self.arrays["status"].chunks[0])
         for name, array in self.arrays.items():
-            good = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
-            if stored.is_per_record(array):
-                good &= array.shape[0] == count and (name == "record" or array.chunks[0] == self.block)
-            elif array.nbytes > LARGEST_LABELS:
-                good = False
-            if not good:
+            plain = array.dtype.kind in KINDS and not array.filters and array.chunks[1:] == array.shape[1:]
+            in_blocks = array.shape[0] == count and (name == "record" or array.chunks[0] == self.block)
+            sized = in_blocks if stored.is_per_record(array) else array.nbytes <= LARGEST_LABELS
+            if not (plain and sized):
                 raise ValueError(f"{name} is of another kind or length")
         self.names: list[str] = np.asarray(self.arrays["record"][:]).astype(str).tolist()
         self._rows, self._labels = stored.row_arrays(self.arrays), stored.labels_checksum(self.arrays)
