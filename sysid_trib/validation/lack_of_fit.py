@@ -1,7 +1,6 @@
 """Where models miss a record: in damping or frequency, by a force over angle and rate, by a spectral line."""
 
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -63,7 +62,7 @@ def lack_of_fit(
 
 # A curve, its largest deviation there in half widths of the band, positive where the model is above the
 # record; the amplitudes between which that is, infinite beyond the ends of the record's.
-Departure: TypeAlias = tuple[str, float, tuple[float, float]]
+Departure = tuple[str, float, tuple[float, float]]
 
 
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:

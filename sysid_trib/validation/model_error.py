@@ -1,7 +1,6 @@
 """The error of a model: by how much its coefficients move between parts of a record."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -18,7 +17,7 @@ from sysid_trib.simulation import initial_conditions, motions
 from sysid_trib.validation import holdout, refits
 from sysid_trib.validation.residuals import FollowedRuns, fitted_motion
 
-RunList: TypeAlias = Sequence[xr.Dataset]
+RunList = Sequence[xr.Dataset]
 FREQUENCIES = ("reference_frequency", "asymptotic_frequency")
 ESTIMATED = ("coefficient", *FREQUENCIES)
 STATED = ("standard_error", *(f"{name}_standard_error" for name in FREQUENCIES))

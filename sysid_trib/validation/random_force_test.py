@@ -7,7 +7,6 @@ same path).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -161,7 +160,7 @@ def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.rando
 
 # A record with the model's columns (nuisances), columns that are tried, and records of noise alone, all as
 # columns of one linear model; and where the first two end among these.
-TrialModel: TypeAlias = tuple[kalman.LinearModel, tuple[int, int]]
+TrialModel = tuple[kalman.LinearModel, tuple[int, int]]
 
 
 def _white(trial: TrialModel, ratio: float) -> tuple[Array, Array, Array, float]:

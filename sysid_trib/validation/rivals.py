@@ -4,7 +4,6 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -30,7 +29,7 @@ DRAWINGS = 400
 
 # A motion and what may move it, over the noise, (sample, 1 + direction + 3): the angle; by one standard error
 # of each direction of the model; and by the start and the sensor's zero, of which nothing is known.
-RunPrediction: TypeAlias = Array
+RunPrediction = Array
 
 
 @dataclass(frozen=True)
