@@ -102,18 +102,16 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     """
     runs, library = as_runs(decay, driven=True), schema.library_of(result)
     symbols = references.forces_in_model(result)
-    reference, fits, made = result.reference_frequency.item(), list[Refit](), []
-    for fit in _fits(method_of(result), runs, reference):
-        tell(fit[0])
-        fits.append(fit)
-        made.append(refit(*fit[1:], library, runs))
-    results, reasons = zip(*made, strict=True)
+    reference, made = result.reference_frequency.item(), []
+    for label, method, parts in _fits(method_of(result), runs, reference):
+        tell(label)
+        made.append((*label.split(": ", 1), *refit(method, parts, library, runs)))
+    kinds, labels, results, reasons = zip(*made, strict=True)
     values, covariances = at_reference(results, symbols, reference)
     values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
     estimate = result.coefficient.values
     everything = np.vstack([estimate, values])
-    kinds, labels = zip(*(label.split(": ", 1) for label, *_ in fits), strict=True)
     data = {
         "coefficient": values,
         "standard_error": errors,
