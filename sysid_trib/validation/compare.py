@@ -134,8 +134,8 @@ def _compared(
 ) -> xr.DataTree:
     runs = as_runs(decay, driven=True)
     parts = [(run, *holdout.split(run), envelope(run)) for run in runs]
-    groups = dict(zip(variables.group_names("envelope", len(runs)), [part[3] for part in parts], strict=True))
-    of_records = variables.group_names("record", len(runs))
+    of_records, of_envelopes = (variables.group_names(name, len(runs)) for name in ("record", "envelope"))
+    groups = dict(zip(of_envelopes, [half_sines for *_, half_sines in parts], strict=True))
     if taken := sorted({*groups, *of_records} & set(named)):
         raise UsageError(f"'{taken[0]}' is the name of a run; label the method otherwise.")
     if driven := is_driven(runs):

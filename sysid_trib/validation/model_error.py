@@ -56,7 +56,7 @@ def with_error_of_model(
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
     runs, result, limits = [*followed.runs.values()], followed.result, RECORD_PARTS.values()
-    whole, own = _numbers(result)
+    whole, own = (_numbers(result, names) for names in (ESTIMATED, STATED))
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
     pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
     missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends)]
@@ -65,10 +65,10 @@ def with_error_of_model(
             part = _same_forces(refits.refit(method, taken, library)[0], result)
             begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
             missed += [_missed(run, begun) for run in others]
-    fitted, held_out = [_numbers(part) for part in parts if part is not None], float("nan")
+    fitted, held_out = [part for part in parts if part is not None], float("nan")
     if fitted:
-        changes = [values - whole for values, _ in fitted]
-        errors = [np.nan_to_num(error) for _, error in fitted]
+        changes = [_numbers(part, ESTIMATED) - whole for part in fitted]
+        errors = [np.nan_to_num(_numbers(part, STATED)) for part in fitted]
         of_model = covariance_by_parts(changes, errors, np.nan_to_num(own))
         if missed and np.all(np.isfinite(missed)):
             held_out = float(np.exp(np.mean(np.log(missed))))
@@ -115,7 +115,7 @@ def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | No
     """The identification of a part where it has finite coefficients of the same forces as the result."""
     if part is None or part.force.values.tolist() != result.force.values.tolist():
         return None
-    return part if np.all(np.isfinite(_numbers(part)[0])) else None
+    return part if np.all(np.isfinite(_numbers(part, ESTIMATED))) else None
 
 
 def _held_out(
@@ -140,16 +140,15 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     return root_mean_square(rest.angle.values - motion.offset - motion.x)
 
 
-def _numbers(result: xr.Dataset) -> tuple[Array, Array]:
-    """`ESTIMATED` of an identification, and their errors; nan where one has none."""
-    values, errors = ([np.ravel(result[name].values) for name in names] for names in (ESTIMATED, STATED))
-    return np.concatenate(values), np.concatenate(errors)
+def _numbers(result: xr.Dataset, names: Sequence[str]) -> Array:
+    """What an identification has `ESTIMATED`, or the errors that it has `STATED` of it; nan of none."""
+    return np.concatenate([np.ravel(result[name].values) for name in names])
 
 
 def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
-    """A result with the errors of `_numbers` times factors, and a covariance added."""
+    """A result whose `STATED` errors are multiplied by factors, and have a covariance added."""
     count = result.sizes["force"]
-    of_forces, errors = factor[:count], np.hypot(factor * _numbers(result)[1], np.sqrt(np.diag(added)))
+    of_forces, errors = factor[:count], np.hypot(factor * _numbers(result, STATED), np.sqrt(np.diag(added)))
     changed = {
         "covariance": result["covariance"] * np.outer(of_forces, of_forces) + added[:count, :count],
         "frequency_covariance": result.frequency_covariance * of_forces * factor[-1] + added[:count, -1],
@@ -166,7 +165,7 @@ def with_rounding(followed: FollowedRuns) -> FollowedRuns:
     zero anywhere.
     """
     result, squares = followed.result, []
-    stated, runs = _numbers(result)[1], followed.runs
+    stated, runs = _numbers(result, STATED), followed.runs
     for (at, run), motion in zip(runs.items(), followed.motions, strict=True):
         noise = variables.noise_of_run(result, at)
         step = coarse_step(run, noise)
@@ -182,8 +181,8 @@ def with_rounding(followed: FollowedRuns) -> FollowedRuns:
 def _squares_by_rounding(
     result: xr.Dataset, run: xr.Dataset, motion: initial_conditions.FittedMotion, noises: Iterable[Array]
 ) -> Array:
-    """Mean squares by which noises move `_numbers` in least squares of a motion; 0 where it moves none."""
-    model, free = schema.model_of(result), _numbers(result)[1][:-1] > 0.0
+    """Mean squares by which noises move what is `ESTIMATED` in least squares of a motion; 0 where it moves none."""
+    model, free = schema.model_of(result), _numbers(result, STATED)[:-1] > 0.0
     squares = np.zeros(len(free) + 1)
     try:
         columns = sensitivities(model, run.time.values, np.array([motion.angle, motion.rate]), True)
