@@ -181,7 +181,7 @@ def with_rounding(followed: FollowedRuns) -> FollowedRuns:
 def _squares_by_rounding(
     result: xr.Dataset, run: xr.Dataset, motion: initial_conditions.FittedMotion, noises: Iterable[Array]
 ) -> Array:
-    """Mean squares by which noises move what is `ESTIMATED` in least squares of a motion; 0 where it moves none."""
+    """Mean squares by which noises move the `ESTIMATED` in least squares of a motion; 0 if they do not."""
     model, free = schema.model_of(result), _numbers(result, STATED)[:-1] > 0.0
     squares = np.zeros(len(free) + 1)
     try:
