@@ -29,7 +29,7 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.least_squares import constraint_map
 from sysid_trib.likelihood.regression import begin
-from sysid_trib.likelihood.rows import deviation_matrix, linearised, rows_about, solve, weak_regression
+from sysid_trib.likelihood.rows import rows_about, solve, weak_rows
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.likelihood.variance_ratio import WhiteRows
 from sysid_trib.likelihood.weak_form import coloured
@@ -152,13 +152,11 @@ KINDS: dict[str, Callable[[DenseRows], Array]] = {
 def dense_rows(decay: xr.Dataset, forces: str) -> DenseRows:
     """Rows of a record as `Direct` has them beside a random force."""
     library = forces_to_identify(BOTH.select(forces.split()), None, sensors=True)
-    constraints, every = constraint_map(Constraints(), library, {}), np.ones(len(library), bool)
+    constraints = constraint_map(Constraints(), library, {})
     runs = begin([decay], library, constraints, reference_frequency=None, shapes={})
-    rows = weak_regression(runs, [linearised(run) for run in runs])
-    runs = solve(rows, runs[0], every, constraints).applied_to(runs)
-    (run, *_), *_ = regress_stochastic(runs, every, constraints, "estimated")
-    matrix = deviation_matrix(run)
-    acting, weak = coloured(matrix, run.sensor.filter_), rows_about(run, matrix)
+    runs = solve(weak_rows(runs), constraints).runs
+    (run, *_) = regress_stochastic(runs, constraints, "estimated")[0].rows.runs
+    acting, weak = coloured(run.operator, run.sensor.filter_), rows_about(run, run.operator)
     form = run.form
     half = max(3, round(np.pi / float(np.median(np.diff(form.tau)))))
     padded = np.pad(np.hypot(run.x, run.v), half, mode="edge")

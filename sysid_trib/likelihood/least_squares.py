@@ -41,6 +41,11 @@ class ConstraintMap:
     low: Array
     high: Array
 
+    @property
+    def in_model(self) -> Mask:
+        """Coefficients (force,) that may be other than zero."""
+        return self.matrix.any(axis=1) | (self.constant != 0.0)
+
     def impose(self, coefficients: Array) -> Array:
         """The coefficients (force,) with the free ones within their bounds and the others by them."""
         return self.matrix @ np.clip(coefficients[self.free], self.low, self.high) + self.constant

@@ -1,24 +1,15 @@
 """Refined instrumental variables: force columns along the motion of the identified model (Young 2011)."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.regression import RunRegression, Runs, common_values, shifted
-from sysid_trib.likelihood.rows import (
-    Operator,
-    Rows,
-    Solution,
-    linearised,
-    rms_forces,
-    solve,
-    weak_regression,
-)
+from sysid_trib.likelihood.rows import Solution, solve, weak_rows
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
@@ -34,79 +25,64 @@ SETTLED_STEP = 0.02
 SETTLED_WITHOUT_NOISE = 1e-10
 
 
-def refine_columns(
-    runs: Runs, rows: Rows, linear_about: Runs, active: Mask, constraints: ConstraintMap
-) -> tuple[Runs, Rows, bool]:
+def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -> Solution | None:
     """Take the columns from the motion of the identified model, and solve again, until nothing changes.
 
     Parameters
     ----------
     runs : tuple of RunRegression
         With a first estimate.
-    rows : Rows
-        That it is from.
     linear_about : tuple of RunRegression
         About whose paths the rows are linear; about each motion itself where that does not settle.
-    active : (force,) array of bool
-        Forces that are in the model.
     constraints : ConstraintMap
+        Of the forces that are in the model.
 
     Returns
     -------
-    runs : tuple of RunRegression
-    rows : Rows
-        About the last motion, so that they hold the final estimate's covariance.
-    settled : bool
-        Otherwise runs and rows are those given.
+    Solution or None
+        Of the rows about the last motion, so that its covariance is the final estimate's; None if it does
+        not settle.
     """
-    for operators in ([linearised(run) for run in linear_about], None):
-        refined = _refined(runs, operators, active, constraints)
-        if refined is not None:
-            return *refined, True
-    return runs, rows, False
+    return _refined(runs, linear_about, constraints) or _refined(runs, None, constraints)
 
 
-def _refined(
-    runs: Runs, operators: Sequence[Operator] | None, active: Mask, constraints: ConstraintMap
-) -> tuple[Runs, Rows] | None:
-    """Runs and rows at which nothing changes; without `operators` by those about each motion.
+def _refined(runs: Runs, linear_about: Runs | None, constraints: ConstraintMap) -> Solution | None:
+    """The solution at which nothing changes; without `linear_about` the rows are linear about each motion.
 
     Over many periods a small error of an operator turns what the motion still misses into other forces. Where
     forces are nearly the same, so that the last steps are slow, it is then the nearest motion.
     """
     followed: Runs | None = None
-    nearest: tuple[float, Runs, Rows] | None = None
+    nearest: tuple[float, Solution] | None = None
     last, halvings = None, 0
     runs = tuple(replace(run, sensitivity=None) for run in runs)
     for _ in range(MAX_REFINEMENTS):
         try:
-            runs = tuple(simulated(run, active) for run in runs)
+            runs = tuple(simulated(run, constraints) for run in runs)
         except SimulationError:
             break
         if any(has_slipped(run) for run in runs):
             # From a motion that follows the record a part of the step is one of less.
             halvings += 1
-            if operators is not None or halvings > MOST_HALVINGS or followed is None:
+            if linear_about is not None or halvings > MOST_HALVINGS or followed is None:
                 break
             step_back = 0.5 * (common_values(followed) - common_values(runs))
             runs = tuple(replace(run, start=at.start) for run, at in zip(runs, followed, strict=True))
             runs = shifted(runs, step_back, constraints)
             continue
         followed = runs
-        rows = weak_regression(runs, operators)
-        solution = solve(rows, runs[0], active, constraints)
-        after = solution.applied_to(runs)
-        change = common_values(after) - common_values(runs)
-        step = step_in_errors(runs, after, solution)
+        solution = solve(weak_rows(runs, linear_about), constraints)
+        step = step_in_errors(solution)
         if np.all(np.abs(step) <= 1.0):
-            return runs, rows
+            return solution
         missed = max(_missed(run) for run in runs)
-        if operators is None and (nearest is None or missed < nearest[0]):
-            nearest = missed, runs, rows
+        if linear_about is None and (nearest is None or missed < nearest[0]):
+            nearest = missed, solution
         ahead = _extrapolation(step, last)
         last = None if ahead else step
-        runs = shifted(after, ahead * change, constraints)
-    return None if nearest is None else nearest[1:]
+        change = common_values(solution.runs) - common_values(runs)
+        runs = shifted(solution.runs, ahead * change, constraints)
+    return None if nearest is None else nearest[1]
 
 
 def has_slipped(run: RunRegression) -> bool:
@@ -119,11 +95,12 @@ def _missed(run: RunRegression) -> float:
     return float(np.sqrt(np.mean((run.measured - run.x) ** 2) / np.mean(run.angle**2)))
 
 
-def step_in_errors(before: Runs, after: Runs, solution: Solution) -> Array:
+def step_in_errors(solution: Solution) -> Array:
     """Change of coefficients and frequency, (force + 1,), over the smallest that still counts."""
+    before, after = solution.rows.runs, solution.runs
     # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
     swing = root_mean_square([np.sqrt(np.mean(run.x**2)) for run in after])
-    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / rms_forces(after), after[0].frequency)
+    smallest = SETTLED_WITHOUT_NOISE * np.append(swing / solution.rows.rms_forces, after[0].frequency)
     counts = SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest
     return (common_values(after) - common_values(before)) / counts
 
@@ -141,23 +118,20 @@ def _extrapolation(step: Array, last: Array | None) -> float:
     return rate / (1.0 - rate) if parallel and 0.4 < rate < 0.95 else 0.0
 
 
-def simulated(run: RunRegression, active: Mask) -> RunRegression:
-    """A run with the motion of its present model as path, the start fitted to the record.
-
-    `active` : forces that are in the model, (force,).
-    """
+def simulated(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
+    """A run with the motion of its present model as path, the start fitted to the record."""
     values = dict(zip(run.library.symbols, run.coefficients.tolist(), strict=True))
     # Where nothing pulls a body back, an error of its start grows.
-    motion = motion_of_run(run, active, near=not is_free_to_move(run.library, values))
+    motion = motion_of_run(run, constraints, near=not is_free_to_move(run.library, values))
     columns = run.columns_along(motion.x, motion.v, known=motion.hidden)
     path = replace(run, x=motion.x, v=motion.v, columns=columns, exact=True, near=None)
     start = motion.angle, motion.rate
     return replace(path, start=start, offset=motion.offset, sensitivity=motion.sensitivity)
 
 
-def motion_of_run(run: RunRegression, active: Mask, *, near: bool = False) -> FittedMotion:
+def motion_of_run(run: RunRegression, constraints: ConstraintMap, *, near: bool = False) -> FittedMotion:
     """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
-    pairs = zip(run.library.symbols, run.coefficients.tolist(), active & run.acts, strict=True)
+    pairs = zip(run.library.symbols, run.coefficients.tolist(), constraints.in_model & run.acts, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
     model = Model(run.library, kept, run.frequency, run.shapes, run.inputs)
     angle, offset = run.measured + run.offset, run.offset

@@ -6,19 +6,19 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask, dependent_columns
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.likelihood.force_columns import cell_averages, value_along
+from sysid_trib.likelihood.force_columns import cell_averages, derivatives_along, value_along
 from sysid_trib.likelihood.least_squares import ConstraintMap
-from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_band
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
-from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form
+from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, cholesky_factor, noise_operator
 from sysid_trib.records.inputs import INPUT, KnownInput, inputs_for, values_of_inputs
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise, smooth
-from sysid_trib.simulation.model import rescaling_factors
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,32 @@ class RunRegression:
         """The record as an angle of the motion, (sample,), rad: without the sensor's zero and its terms."""
         return self.angle - self.offset - self.columns @ np.where(self.of_sensor, self.coefficients, 0.0)
 
+    @cached_property
+    def gain(self) -> Array:
+        """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
+        pairs = zip(self.library, self.coefficients.tolist(), strict=True)
+        terms = ((force, c, self.shapes) for force, c in pairs)
+        return 1.0 + derivatives_along(terms, (self.elapsed, self.x, self.v), kind="sensor")[0]
+
+    @cached_property
+    def operator(self) -> sp.csr_matrix:
+        """The operator of small deviations about the path, (row, sample); it does not depend on the noise.
+
+        It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made
+        good.
+        """
+        k, time, acting = self.stiffness_scale, self.elapsed, self.acting.tolist()
+        given = {name: values for force in self.library for name, values in self.given(force, time).items()}
+        terms = ((force, c, self.shapes) for force, c in zip(self.library, acting, strict=True))
+        stiffness, damping = derivatives_along(terms, (time, self.x, self.v), given)
+        matrix = noise_operator(self.form, k * (1.0 + stiffness), np.sqrt(k) * damping)
+        return (matrix @ sp.diags_array(1.0 / self.gain)).tocsr() if self.of_sensor.any() else matrix
+
+    @cached_property
+    def white_factor(self) -> Array:
+        """Cholesky factor of the covariance of the rows about the path in white noise of unit size."""
+        return cholesky_factor(covariance_band(self.operator))
+
     def given(self, force: Force, time: Array) -> dict[str, Array]:
         """What the formulas of a force hold of inputs at times (s) since the first sample."""
         return values_of_inputs(self.inputs, force.channels, time, self.frequency)
@@ -240,37 +266,6 @@ def _as_forces(run: RunRegression) -> Array:
         terms = columns[:, run.of_sensor]
         columns[:, run.of_sensor] = terms + np.gradient(np.gradient(terms, tau, axis=0), tau, axis=0)
     return columns
-
-
-def update(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
-    """The runs with the next estimate; a fitted stiffness is turned into the reference frequency.
-
-    Parameters
-    ----------
-    runs : tuple of RunRegression
-    coefficients : (force,) array of float
-    steps : (run,) or (run + 1,) array of float
-        Zeros of the sensor (rad), then the stiffness where the frequency is fitted.
-    constraints : ConstraintMap
-
-    Returns
-    -------
-    tuple of RunRegression
-        The columns of their motions are those before.
-    """
-    first, former = runs[0], runs[0].frequency
-    frequency = former
-    if first.frequency_free:
-        frequency = float(former * np.sqrt(max(0.25, 1.0 + steps[-1])))
-        factors = rescaling_factors(first.library.forces, former, frequency)
-        # A force without a degree in v keeps its size at least: w^2 c stays. A term of the sensor has no w^2.
-        factors = np.where(np.isnan(factors), (former / frequency) ** 2, factors)
-        coefficients = coefficients * np.where(first.of_sensor, 1.0, factors)
-    changed = [
-        replace(run, offset=run.offset + float(step), v=run.v * (former / frequency))
-        for run, step in zip(runs, steps, strict=False)
-    ]
-    return with_common_values(changed, constraints.impose(coefficients), frequency)
 
 
 def with_common_values(runs: Sequence[RunRegression], coefficients: Array, frequency: float) -> Runs:

@@ -3,56 +3,26 @@
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.force_columns import derivatives_along
 from sysid_trib.likelihood.least_squares import ConstraintMap, bounds_reached, whitened
-from sysid_trib.likelihood.regression import RunRegression, Runs, update
-from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.weak_form import cholesky_factor, noise_operator
+from sysid_trib.likelihood.regression import RunRegression, Runs, with_common_values
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
-
-# The operator of small deviations, and the Cholesky factor of the covariance of its rows in white noise.
-Operator: TypeAlias = tuple[sp.csr_matrix, Array]
-
-
-def linearised(run: RunRegression) -> Operator:
-    """The operator about a run's path, with what whitens its rows in white noise alone."""
-    matrix = deviation_matrix(run)
-    return matrix, cholesky_factor(covariance_band(matrix))
-
-
-def deviation_matrix(run: RunRegression) -> sp.csr_matrix:
-    """The operator of small deviations about a run's path, (row, sample), which does not depend on the noise.
-
-    It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made good.
-    """
-    k, acting = run.stiffness_scale, zip(run.library, run.acting.tolist(), strict=True)
-    given = {name: values for force in run.library for name, values in run.given(force, run.elapsed).items()}
-    terms = ((force, c, run.shapes) for force, c in acting)
-    stiffness, damping = derivatives_along(terms, (run.elapsed, run.x, run.v), given)
-    matrix = noise_operator(run.form, k * (1.0 + stiffness), np.sqrt(k) * damping)
-    return (matrix @ sp.diags_array(1.0 / gain_of_sensor(run))).tocsr() if run.of_sensor.any() else matrix
-
-
-def gain_of_sensor(run: RunRegression) -> Array:
-    """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
-    pairs = zip(run.library, run.coefficients.tolist(), strict=True)
-    terms = ((force, c, run.shapes) for force, c in pairs)
-    return 1.0 + derivatives_along(terms, (run.elapsed, run.x, run.v), kind="sensor")[0]
+from sysid_trib.simulation.model import rescaling_factors
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows ``target = columns @ coefficients + nuisances @ steps + noise``.
+    """Rows ``target = columns @ coefficients + nuisances @ steps + noise`` of runs about their paths.
 
     Attributes
     ----------
+    runs : tuple of RunRegression
     target : (row,) array of float
     columns : (row, force) array of float
     nuisances : (row, run) or (row, run + 1) array of float
@@ -63,11 +33,19 @@ class Rows:
         Rows of two periods, over which residuals may be correlated.
     """
 
+    runs: Runs
     target: Array
     columns: Array
     nuisances: Array
     factor: Array | None = None
     lags: int = 2 * KNOTS_PER_PERIOD
+
+    @property
+    def rms_forces(self) -> Array:
+        """RMS of each force along the motions (force,), rad: a coefficient in units of it is a force."""
+        of_runs = [np.mean(run.columns**2, axis=0) for run in self.runs]
+        rms = np.sqrt(np.average(of_runs, axis=0, weights=[run.form.rows for run in self.runs]))
+        return np.where(rms > 0, rms, 1.0)
 
 
 def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None = None) -> Rows:
@@ -99,10 +77,10 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
         near, force = (0.0, run.forcing) if run.near is None else run.near
         target = target - form.curvature @ (run.x - near) - form.value @ (k * run.x - force)
     nuisances = [-(matrix @ np.ones_like(run.x))] + [stiffness] * run.frequency_free
-    return Rows(target, columns, np.column_stack(nuisances), factor)
+    return Rows((run,), target, columns, np.column_stack(nuisances), factor)
 
 
-def strong_regression(runs: Sequence[RunRegression]) -> Rows:
+def strong_rows(runs: Runs) -> Rows:
     """Rows theta'' + theta of the smoothed records, one a sample.
 
     For comparison: the noise of second derivatives makes them far less precise than the weak form, and
@@ -111,26 +89,32 @@ def strong_regression(runs: Sequence[RunRegression]) -> Rows:
     rows = []
     for run in runs:
         x, _, acceleration, _ = smooth(run.form.tau, run.angle)
+        target = -(acceleration / run.stiffness_scale + x)
         nuisances = np.column_stack([-np.ones_like(x)] + [x] * run.frequency_free)
         lags = 2 * round(2.0 * np.pi / float(np.median(np.diff(run.form.tau))))
-        rows.append(Rows(-(acceleration / run.stiffness_scale + x), run.columns, nuisances, lags=lags))
-    return stack_rows(runs, rows)
+        rows.append(Rows((run,), target, run.columns, nuisances, lags=lags))
+    return stacked(rows)
 
 
-def weak_regression(runs: Sequence[RunRegression], operators: Sequence[Operator] | None = None) -> Rows:
-    """The weak rows of all runs about their paths, with what whitens them; linearised there by default."""
-    near = operators or [linearised(run) for run in runs]
-    return stack_rows(runs, [rows_about(run, *of_run) for run, of_run in zip(runs, near, strict=True)])
+def weak_rows(runs: Runs, near: Runs | None = None) -> Rows:
+    """The weak rows of all runs about their paths, with what whitens them in white noise of the samples.
+
+    Linearised there, or about the paths of other ones `near`.
+    """
+    pairs = zip(runs, near or runs, strict=True)
+    return stacked([rows_about(run, at.operator, at.white_factor) for run, at in pairs])
 
 
-def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
-    """Rows of several runs, each weighted by its noise, as one regression.
+def stacked(rows: Sequence[Rows]) -> Rows:
+    """Rows of several runs, each weighted by its noise relative to their RMS, as one regression.
 
     It has common coefficients and a common stiffness, and a zero of the sensor for each run.
     """
     if len(rows) == 1:
         return rows[0]
-    pairs = list(zip(rows, run_weights(runs), strict=True))
+    runs = tuple(run for of_run in rows for run in of_run.runs)
+    noise = np.array([run.noise for run in runs])
+    pairs = list(zip(rows, np.sqrt(np.mean(np.square(noise))) / noise, strict=True))
     zeros = scipy.linalg.block_diag(*(w * run.nuisances[:, :1] for run, w in pairs))
     stiffness = np.concatenate([w * run.nuisances[:, 1:] for run, w in pairs])
     # Rows of different runs are independent: the factor of all of them is banded as well.
@@ -138,6 +122,7 @@ def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
     bands = max(map(len, factors), default=0)
     padded = [np.pad(factor, ((0, bands - len(factor)), (0, 0))) for factor in factors]
     return Rows(
+        runs,
         np.concatenate([w * run.target for run, w in pairs]),
         np.concatenate([w * run.columns for run, w in pairs]),
         np.column_stack([zeros, stiffness]),
@@ -146,29 +131,17 @@ def stack_rows(runs: Sequence[RunRegression], rows: Sequence[Rows]) -> Rows:
     )
 
 
-def run_weights(runs: Sequence[RunRegression]) -> Array:
-    """Weight of the rows of each run, (run,): its noise, relative to their RMS."""
-    if len(runs) == 1:
-        return np.ones(1)
-    noise = np.array([run.noise for run in runs])
-    return np.asarray(np.sqrt(np.mean(np.square(noise))) / noise)
-
-
-def rms_forces(runs: Sequence[RunRegression]) -> Array:
-    """RMS of each force along the motions (force,), rad: a coefficient in units of it is a force."""
-    of_runs = [np.mean(run.columns**2, axis=0) for run in runs]
-    rms = np.sqrt(np.average(of_runs, axis=0, weights=[run.form.rows for run in runs]))
-    return np.where(rms > 0, rms, 1.0)
-
-
 @dataclass(frozen=True)
 class Solution:
-    """Least squares of the rows.
+    """Least squares of rows.
 
     Attributes
     ----------
+    rows : Rows
+    runs : tuple of RunRegression
+        With the estimate; along the paths of the rows.
     coefficients : (force,) array of float
-        Zero where a force is not in the model.
+        Of the rows, at the frequency that they were made with; zero where a force is not in the model.
     steps : (run,) or (run + 1,) array of float
         Of the nuisances: the sensor's zero in each run (rad), the stiffness.
     covariance : (force + 1, force + 1) array of float
@@ -181,6 +154,8 @@ class Solution:
         With the coefficients that are held at a bound.
     """
 
+    rows: Rows
+    runs: Runs
     coefficients: Array
     steps: Array
     covariance: Array
@@ -188,13 +163,9 @@ class Solution:
     lags: int
     constraints: ConstraintMap
 
-    def applied_to(self, runs: Runs) -> Runs:
-        """The runs with this solution as their estimate."""
-        return update(runs, self.coefficients, self.steps, self.constraints)
 
-
-def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintMap) -> Solution:
-    """Solve the rows for the active coefficients, (force,); `run` is any of those in the rows.
+def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
+    """Solve the rows for the free coefficients.
 
     Notes
     -----
@@ -207,9 +178,8 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
     # Here, since importing pysindy takes as long as twenty identifications.
     from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
 
-    kept = constraints.keep(active)
-    in_model = kept.matrix.any(axis=1) | (kept.constant != 0.0)
-    rescaling = _rescaling(run, run.coefficients * in_model)
+    run, kept = rows.runs[0], constraints
+    rescaling = _rescaling(run, run.coefficients * kept.in_model)
     shift = rescaling - kept.matrix @ rescaling[kept.free]
     nuisances = rows.nuisances
     if run.frequency_free:
@@ -227,7 +197,7 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
         white = whitened(rows.factor, np.column_stack([design, target]))
         side = bounds_reached(white[:, :-1], white[:, -1], low, high)[:count]
         limits = np.where(side < 0, kept.low, kept.high)[side != 0]
-        return solve(rows, run, active, kept.hold(side != 0, limits))
+        return solve(rows, kept.hold(side != 0, limits))
     coefficients = kept.matrix @ free + kept.constant
     jacobian = np.zeros((len(coefficients) + 1, len(solved)))
     jacobian[:-1, :count] = kept.matrix
@@ -237,8 +207,9 @@ def solve(rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintM
         jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ fit.covariance_[0] @ jacobian.T
+    runs = _updated(rows.runs, coefficients, steps, kept)
     noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
-    return Solution(coefficients, steps, covariance, noise, lags, kept)
+    return Solution(rows, runs, coefficients, steps, covariance, noise, lags, kept)
 
 
 def _rescaling(run: RunRegression, coefficients: Array) -> Array:
@@ -247,26 +218,42 @@ def _rescaling(run: RunRegression, coefficients: Array) -> Array:
     return np.where(run.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
 
 
-def with_errors_of_dropped(
-    solution: Solution, rows: Rows, run: RunRegression, active: Mask, constraints: ConstraintMap
-) -> Solution:
+def _updated(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
+    """The runs with the next estimate, the columns of their motions those before.
+
+    A fitted stiffness, the last of the steps, is turned into the reference frequency.
+    """
+    first, former = runs[0], runs[0].frequency
+    frequency = former
+    if first.frequency_free:
+        frequency = float(former * np.sqrt(max(0.25, 1.0 + steps[-1])))
+        factors = rescaling_factors(first.library.forces, former, frequency)
+        # A force without a degree in v keeps its size at least: w^2 c stays. A term of the sensor has no w^2.
+        factors = np.where(np.isnan(factors), (former / frequency) ** 2, factors)
+        coefficients = coefficients * np.where(first.of_sensor, 1.0, factors)
+    changed = [
+        replace(run, offset=run.offset + float(step), v=run.v * (former / frequency))
+        for run, step in zip(runs, steps, strict=False)
+    ]
+    return with_common_values(changed, constraints.impose(coefficients), frequency)
+
+
+def with_errors_of_dropped(solution: Solution, active: Mask, constraints: ConstraintMap) -> Solution:
     """The solution with the variances that forces which are not active would have if they were added."""
     covariance = solution.covariance.copy()
     for j in constraints.free[~active[constraints.free]]:
         added = active.copy()
         added[j] = True
-        covariance[j, j] = solve(rows, run, added, constraints).covariance[j, j]
+        covariance[j, j] = solve(solution.rows, constraints.keep(added)).covariance[j, j]
     return replace(solution, covariance=covariance)
 
 
-def select(rows: Rows, scale: Array, optimizers: Sequence[Any], constraints: ConstraintMap) -> Mask:
+def select(rows: Rows, optimizers: Sequence[Any], constraints: ConstraintMap) -> Mask:
     """Forces to which all of the optimisers give a coefficient.
 
     Parameters
     ----------
     rows : Rows
-    scale : (force,) array of float, rad
-        See `rms_forces`.
     optimizers : sequence of pysindy optimisers
         They see the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
         are projected out and never thresholded.
@@ -279,7 +266,7 @@ def select(rows: Rows, scale: Array, optimizers: Sequence[Any], constraints: Con
     """
     kept = np.ones(len(constraints.free), bool)
     if optimizers:
-        columns = rows.columns @ constraints.matrix / scale[constraints.free]
+        columns = rows.columns @ constraints.matrix / rows.rms_forces[constraints.free]
         target = rows.target - rows.columns @ constraints.constant
         white = whitened(rows.factor, np.column_stack([rows.nuisances, columns, target]))
         count = rows.nuisances.shape[1]

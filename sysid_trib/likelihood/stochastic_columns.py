@@ -14,13 +14,13 @@ import numpy as np
 from scipy.linalg import cho_solve_banded
 from scipy.signal import lfilter
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.random_force import RandomForceOption, average_over_ratios
 from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, motion_of_run, step_in_errors
-from sysid_trib.likelihood.regression import RunRegression, Runs, common_values
-from sysid_trib.likelihood.rows import Rows, Solution, gain_of_sensor, solve, stack_rows
+from sysid_trib.likelihood.regression import RunRegression, Runs, common_values, shifted
+from sysid_trib.likelihood.rows import Solution, solve, stacked
 from sysid_trib.likelihood.two_noises import WeighedRun, with_noises
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.records.smoothing import least_squares_spline
@@ -29,38 +29,32 @@ MAX_SMOOTHED_PATHS = 12
 # After so many rounds a step of this part of an error ends them: paths that hop between branches of a force
 # that jumps come no nearer. The step is then among the errors.
 ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
-# Shift and covariance where the ratios of both noises are given, or there are none.
-NOTHING_OPEN = np.zeros(1), np.zeros((1, 1))
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
 
 
 def regress_stochastic(
-    runs: Runs, active: Mask, constraints: ConstraintMap, option: RandomForceOption
-) -> tuple[Runs, Rows, bool, tuple[Array, Array]]:
+    runs: Runs, constraints: ConstraintMap, option: RandomForceOption
+) -> tuple[Solution, bool]:
     """Estimate forces, a random force and the sensor's noise, along motions that are smoothed with them.
 
     Parameters
     ----------
     runs : tuple of RunRegression
         With a first estimate.
-    active : (force,) array of bool
-        Forces that are in the model.
     constraints : ConstraintMap
+        Of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
         A number is the one-sided density, held.
 
     Returns
     -------
-    runs : tuple of RunRegression
-        Along their smoothed motions, with noises; along the free ones where no random force is most likely.
-    rows : Rows
-        About these motions; of them the last solution is still to be taken.
+    solution : Solution
+        Of the rows about smoothed motions, with noises; about the free ones where no random force is most
+        likely. It is the mean over the ratios of the two variances that the record leaves open, and its
+        covariance allows for these, and for the last step where that is among the errors.
     settled : bool
         Whether the estimate has stopped moving.
-    further : two arrays of float
-        Of coefficients and reference frequency: what moves the last solution and is added to its covariance,
-        since the ratios of the two variances are not known exactly; its step where that is among the errors.
 
     Raises
     ------
@@ -71,37 +65,35 @@ def regress_stochastic(
         # A motion that slipped where both noises were known would slip again, or now and then.
         tried = [turn <= COLOUR_ROUND or run.near is not None for run in runs]
         runs = tuple(
-            _about_free_motion(run, active) if may_follow else run.along_own_path()
+            _about_free_motion(run, constraints) if may_follow else run.along_own_path()
             for run, may_follow in zip(runs, tried, strict=True)
         )
         # With a density that is given, as in records that are simulated, the sensor's noise is white.
         # What a driven model lacks is no noise of the sensor, whatever its colour.
         driven = any(run.inputs for run in runs)
         colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
-        weighed = [with_noises(run, active, constraints, option, colour=colour) for run in runs]
-        runs = tuple(of_run.run for of_run in weighed)
-        rows = stack_rows(runs, [of_run.rows for of_run in weighed])
-        solution = solve(rows, runs[0], active, constraints)
-        after = solution.applied_to(runs)
-        step = float(np.max(np.abs(step_in_errors(runs, after, solution))))
+        weighed = [with_noises(run, constraints, option, colour=colour) for run in runs]
+        solution = solve(stacked([of_run.rows for of_run in weighed]), constraints)
+        step = float(np.max(np.abs(step_in_errors(solution))))
         settled = step <= (1.0 if turn < ROUNDS_TO_SETTLE else STEP_AMONG_ERRORS / SETTLED_STEP)
         if (settled and turn >= COLOUR_ROUND) or turn == MAX_SMOOTHED_PATHS - 1:
             break
-        pairs = enumerate(zip(after, weighed, strict=True))
+        pairs = enumerate(zip(solution.runs, weighed, strict=True))
         runs = tuple(_along_smoothed(run, of_run, solution, at) for at, (run, of_run) in pairs)
-    shift, covariance = NOTHING_OPEN
+    covariance, after = solution.covariance, solution.runs
     if isinstance(option, str):
-        shift, covariance = _average_by_ratios(weighed, active, constraints)
+        shift, added = _average_by_ratios(weighed, constraints)
+        covariance, after = covariance + added, shifted(after, shift, constraints)
     if step > 1.0:
-        change = common_values(after) - common_values(runs)
+        change = common_values(solution.runs) - common_values(solution.rows.runs)
         covariance = covariance + np.outer(change, change)
-    return runs, rows, settled, (shift, covariance)
+    return replace(solution, runs=after, covariance=covariance), settled
 
 
-def _about_free_motion(run: RunRegression, active: Mask) -> RunRegression:
+def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
     """A run whose path is about a free motion of its present model, where that follows the record."""
     try:
-        free = motion_of_run(run, active, near=True)
+        free = motion_of_run(run, constraints, near=True)
     except SimulationError:
         return run.along_own_path()
     along = run.columns_along(free.x, free.v)
@@ -133,7 +125,7 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution,
     innovation = -(weighed.acting.T @ cho_solve_banded((rows.factor, True), residual))
     noise = lfilter([1.0], run.sensor.filter_, innovation)
     try:
-        change = (run.measured - run.x - noise) / gain_of_sensor(run)
+        change = (run.measured - run.x - noise) / run.gain
         spline, x = least_squares_spline(tau, change)
     except DecayError:
         return run
@@ -141,26 +133,26 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution,
     return replace(run, x=run.x + x, v=v)
 
 
-def _average_by_ratios(
-    weighed: Sequence[WeighedRun], active: Mask, constraints: ConstraintMap
-) -> tuple[Array, Array]:
-    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself."""
+def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap) -> tuple[Array, Array]:
+    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself.
+
+    What that moves them by, and adds to their covariance.
+    """
 
     def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
         """With another ratio of a run, and the covariance."""
-        runs, rows = [of_run.run for of_run in weighed], [of_run.rows for of_run in weighed]
-        runs[at] = replace(runs[at], ratio=ratio)
-        rows[at] = replace(rows[at], factor=weighed[at].factor(ratio.ratio))
-        other = solve(stack_rows(runs, rows), runs[0], active, constraints)
-        return common_values(other.applied_to(tuple(runs))), other.covariance
+        changed = [*weighed[:at], weighed[at].with_ratio(ratio), *weighed[at + 1 :]]
+        other = solve(stacked([of_run.rows for of_run in changed]), constraints)
+        return common_values(other.runs), other.covariance
 
-    shift, covariance = NOTHING_OPEN
+    shifts, covariances = [], []
     for at, of_run in enumerate(weighed):
         run, rows = of_run.run, of_run.by_ratio(of_run.run.sensor)
         assert run.ratio is not None
-        average = average_over_ratios(rows, run.ratio, len(run.time), partial(solved, at))
-        shift, covariance = shift + average[0], covariance + average[1]
-    return shift, covariance
+        shift, added = average_over_ratios(rows, run.ratio, len(run.time), partial(solved, at))
+        shifts.append(shift)
+        covariances.append(added)
+    return np.sum(shifts, axis=0), np.sum(covariances, axis=0)
 
 
 def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:

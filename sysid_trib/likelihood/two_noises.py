@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array
 from sysid_trib.likelihood.colour import Lines, lines_above, most_likely_colour, sensor_colour
 from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.regression import RunRegression
-from sysid_trib.likelihood.rows import Rows, deviation_matrix, rows_about
+from sysid_trib.likelihood.rows import Rows, rows_about
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_band
 from sysid_trib.likelihood.variance_ratio import (
     VarianceRatio,
@@ -88,6 +88,12 @@ class WeighedRun:
         """Cholesky factor of the rows' covariance in the run's noises, with this ratio of their variances."""
         return cholesky_factor(self._band, self.run.form.gram, ratio)
 
+    def with_ratio(self, ratio: VarianceRatio | None) -> "WeighedRun":
+        """The run and its rows with a ratio of the two variances."""
+        assert ratio is not None
+        run, factor = replace(self.run, ratio=ratio), self.factor(ratio.ratio)
+        return replace(self, run=run, rows=replace(self.rows, runs=(run,), factor=factor))
+
     def by_ratio(self, sensor: NoiseModel) -> Callable[[float], WhiteRows]:
         """The white rows of a ratio of the two variances, with a sensor's noise of one colour."""
         degrees = float(DEGREES_OF_PRIOR)
@@ -111,16 +117,15 @@ class WeighedRun:
 
 
 def with_noises(
-    run: RunRegression, active: Mask, constraints: ConstraintMap, option: RandomForceOption, *, colour: bool
+    run: RunRegression, constraints: ConstraintMap, option: RandomForceOption, *, colour: bool
 ) -> WeighedRun:
     """A run with its two noises.
 
     Parameters
     ----------
     run : RunRegression
-    active : (force,) array of bool
-        Forces that are in the model.
     constraints : ConstraintMap
+        Of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
         A number is the one-sided density, held.
     colour : bool
@@ -131,12 +136,11 @@ def with_noises(
     The gain of the likelihood by a random force is over the most likely noise of the sensor without one,
     which has a colour of its own.
     """
-    matrix = deviation_matrix(run)
-    rows, kept = rows_about(run, matrix), constraints.keep(active)
-    target = rows.target - rows.columns @ kept.constant
+    rows = rows_about(run, run.operator)
+    free, target = rows.columns @ constraints.matrix, rows.target - rows.columns @ constraints.constant
     # By columns, as LAPACK takes them many times.
-    table = np.asfortranarray(np.column_stack([rows.columns @ kept.matrix, rows.nuisances, target]))
-    weighed = WeighedRun(run, matrix, rows, table)
+    table = np.asfortranarray(np.column_stack([free, rows.nuisances, target]))
+    weighed = WeighedRun(run, run.operator, rows, table)
     if isinstance(option, str):
         weighed = _estimated(weighed, colour)
     else:
@@ -144,8 +148,7 @@ def with_noises(
         last = None if run.ratio is None else run.ratio.variance
         ratio = held_ratio(weighed.by_ratio(run.sensor), per_tau, last)
         weighed = replace(weighed, run=replace(run, ratio=ratio))
-    assert weighed.run.ratio is not None
-    return replace(weighed, rows=replace(rows, factor=weighed.factor(weighed.run.ratio.ratio)))
+    return weighed.with_ratio(weighed.run.ratio)
 
 
 def _estimated(weighed: WeighedRun, colour: bool) -> WeighedRun:

@@ -13,7 +13,6 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood import rows as whitened_rows
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import (
     RandomForceOption,
@@ -24,8 +23,16 @@ from sysid_trib.likelihood.random_force import (
 )
 from sysid_trib.likelihood.refined_columns import refine_columns
 from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
-from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.stochastic_columns import NOTHING_OPEN, regress_stochastic
+from sysid_trib.likelihood.rows import (
+    Rows,
+    Solution,
+    select,
+    solve,
+    strong_rows,
+    weak_rows,
+    with_errors_of_dropped,
+)
+from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.smoothing import swing_frequency
@@ -157,35 +164,31 @@ class Direct(Constrained):
         runs = begin(
             runs_given, offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
-        chosen = np.ones(len(offered), bool)
         for _ in range(FIRST_ESTIMATES):
-            rows = whitened_rows.weak_regression(runs)
-            after = whitened_rows.solve(rows, runs[0], chosen, constraints).applied_to(runs)
+            after = solve(weak_rows(runs), constraints).runs
             runs = tuple(run.along_own_path() for run in after)
-        begun = runs
+        rows = strong_rows(runs) if self.form == "strong" else weak_rows(runs)
+        chosen = np.ones(len(offered), bool)
         if not self._fits_random_force:
-            strong = self.form == "strong"
-            rows = (whitened_rows.strong_regression if strong else whitened_rows.weak_regression)(runs)
-            chosen = _selected(self, runs, rows, constraints)
+            chosen = _selected(self, rows, constraints)
         # About the motion of the kept forces alone the choice is better founded than about all of them.
         for _ in range(MAX_SELECTIONS):
             active = chosen
-            runs, rows, refined, (shift, added) = self._regressed(begun, runs, rows, active, constraints)
-            chosen = _selected(self, runs, rows, constraints)
+            solution, refined = self._regressed(runs, rows, constraints.keep(active))
+            rows = solution.rows
+            chosen = _selected(self, rows, constraints)
             if np.array_equal(chosen, active):
                 break
         if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
-            runs = shifted(runs, nearer - common_values(runs), constraints)
-            runs, rows, refined = refine_columns(runs, rows, runs, active, constraints)
-        solution = whitened_rows.solve(rows, runs[0], active, constraints)
-        solution = replace(solution, covariance=solution.covariance + added)
-        solution = whitened_rows.with_errors_of_dropped(solution, rows, runs[0], active, constraints)
-        runs = shifted(solution.applied_to(runs), shift, constraints)
-        estimate = _estimate(runs, solution)
+            after = shifted(solution.runs, nearer - common_values(solution.runs), constraints)
+            again = refine_columns(after, after, constraints.keep(active))
+            solution, refined = again or solution, again is not None
+        solution = with_errors_of_dropped(solution, active, constraints)
+        estimate = _estimate(solution)
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
         )
-        result = result.assign(_random_force(runs, self.random_force))
+        result = result.assign(_random_force(solution.runs, self.random_force))
         reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
         result = asked.marked(result, [offered.symbols[i] for i in reached])
         return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
@@ -194,25 +197,28 @@ class Direct(Constrained):
     def _fits_random_force(self) -> bool:
         return is_fitted(self.random_force) and self._takes_random_force
 
-    def _regressed(
-        self, begun: Runs, runs: Runs, rows: whitened_rows.Rows, active: Mask, constraints: ConstraintMap
-    ) -> tuple[Runs, whitened_rows.Rows, bool, tuple[Array, Array]]:
-        """Runs and rows of the active forces, whether these have settled, what open ratios add."""
+    def _regressed(self, begun: Runs, rows: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
+        """The solution with the forces that are in the model, and whether it has settled.
+
+        `begun` : the runs from which all began; `rows` : those that the last solution was from.
+        """
         if self._fits_random_force:
-            return regress_stochastic(begun, active, constraints, self.random_force)
-        if self.form == "strong":
-            return runs, rows, False, NOTHING_OPEN
-        runs, linear_about = whitened_rows.solve(rows, runs[0], active, constraints).applied_to(runs), begun
-        if not self.refine:
-            return runs, rows, False, NOTHING_OPEN
-        if not active.all():
-            linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in zip(runs, begun, strict=True))
-        return *refine_columns(runs, rows, linear_about, active, constraints), NOTHING_OPEN
+            return regress_stochastic(begun, constraints, self.random_force)
+        solution, linear_about = solve(rows, constraints), begun
+        if self.form == "strong" or not self.refine:
+            return solution, False
+        # What was dropped is no part of the motion's stiffness and damping.
+        if begun[0].coefficients[~constraints.in_model].any():
+            pairs = zip(solution.runs, begun, strict=True)
+            linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)
+        refined = refine_columns(solution.runs, linear_about, constraints)
+        return refined or solution, refined is not None
 
 
-def _estimate(runs: Runs, solution: whitened_rows.Solution) -> Estimate:
+def _estimate(solution: Solution) -> Estimate:
     """The estimate of the last regression as results take it; the noise is that with a random force."""
-    noises = [NoiseModel(run.noise, run.sensor.filter_).standard_deviation for run in runs]
+    runs = solution.runs
+    noises = [replace(run.sensor, innovation=run.noise).standard_deviation for run in runs]
     if any(run.inputs for run in runs):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
         rms = [float(np.std(run.measured - run.x)) for run in runs if run.exact]
@@ -253,7 +259,7 @@ def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Arra
     return np.append(result.coefficient.values, result.reference_frequency.item())
 
 
-def _selected(method: Direct, runs: Runs, rows: whitened_rows.Rows, constraints: ConstraintMap) -> Mask:
+def _selected(method: Direct, rows: Rows, constraints: ConstraintMap) -> Mask:
     """Forces that are kept, by significance and by the optimiser."""
     optimizers = [] if method.optimizer is None else [method.optimizer]
     if method.significance is not None:
@@ -261,4 +267,4 @@ def _selected(method: Direct, runs: Runs, rows: whitened_rows.Rows, constraints:
 
         removed = rows.nuisances.shape[1]
         optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))
-    return whitened_rows.select(rows, whitened_rows.rms_forces(runs), optimizers, constraints)
+    return select(rows, optimizers, constraints)
