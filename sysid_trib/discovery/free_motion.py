@@ -149,15 +149,11 @@ def model_identification(
     covariance = np.zeros((len(values) + 1, len(values) + 1))
     free = [*range(len(model.trials)), len(values)]
     covariance[np.ix_(free, free)] = total_covariance(model, widening, model_error)
-    estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra)
+    shape_errors = {name: widening * error for name, error in model.shape_errors().items()}
+    estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra, shape_errors)
     method = Direct(frequency, shapes=dict(identified.shapes), constraints=fixed, random_force="estimated")
     library = identified.library
     result = identification(method, one_or_all(list(runs)), library, estimate, offered=library)
     result = Constraints(fixed).marked(result)
     filters = [rows.path.sensor.filter_ for rows in model.rows]
-    result = result.assign(random_force_variables(random_forces(model), filters))
-    if "shape" in result:
-        errors = model.shape_errors()
-        fitted = [widening * errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
-        result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
-    return result
+    return result.assign(random_force_variables(random_forces(model), filters))

@@ -12,8 +12,8 @@ from scipy.stats import chi2, norm
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
+from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.motion_fit.linearised import sensor_on
-from sysid_trib.motion_fit.tracked import TrackedRecord, track
 from sysid_trib.results.schema import covariance_with_frequency
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, noise_of_run

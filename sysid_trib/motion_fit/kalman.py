@@ -81,6 +81,12 @@ class LinearModel:
             first=first,
         )
 
+    def by_parameters(self, columns: Array) -> "LinearModel":
+        """The model with columns for other parameters, of which these are functions, (column, parameter)."""
+        tables = self.observed_parameters, self.start, self.by_column
+        shown, start, by_column = (table @ columns for table in tables)
+        return replace(self, observed_parameters=shown, start=start, by_column=by_column)
+
     @cached_property
     def mismatch(self) -> Array:
         """Where the exact steps end, from the path's next state, (step, state)."""

@@ -75,8 +75,27 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of all parameters by the curvature here, (parameter, parameter)."""
-        return self.parameters.covariance(self.sensitivity, self.values)
+        """Covariance of all parameters by the curvature here, (parameter, parameter); 0 of fixed ones."""
+        jacobian = self.parameters.jacobian(self.values)
+        return np.asarray(jacobian @ self._inverse @ jacobian.T)
+
+    def clustered_covariance(self, blocks: int) -> Array:
+        """Covariance of all parameters where the residual is correlated, but not from block to block.
+
+        The sandwich of Liang and Zeger (1986), for so many blocks of samples (times blocks/(blocks - 1)).
+        """
+        parts = (np.array_split(of_fit, blocks) for of_fit in (self.sensitivity, self.residual))
+        scores = np.stack([table.T @ part for table, part in zip(*parts, strict=True)])
+        outer = self.parameters.jacobian(self.values) @ self._inverse
+        return np.asarray(outer @ (scores.T @ scores) @ outer.T * blocks / (blocks - 1.0))
+
+    @property
+    def _inverse(self) -> Array:
+        """Inverse of the products of the sensitivities, (free, free)."""
+        size = np.linalg.norm(self.sensitivity, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        scaled = self.sensitivity / size
+        return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
 
     @cached_property
     def root(self) -> Array:

@@ -176,43 +176,9 @@ class Parameters:
         values : (parameter,) array of float
             Where they are taken.
         """
-        return table @ self._jacobian(values) if len(self.free) < len(self) else table
+        return table @ self.jacobian(values) if len(self.free) < len(self) else table
 
-    def covariance(self, sensitivity: Array, values: Array) -> Array:
-        """Covariance of all parameters in noise of unit variance; fixed ones have none.
-
-        Parameters
-        ----------
-        sensitivity : (sample, free) array of float
-            Derivative of the whitened residual by the free parameters.
-        values : (parameter,) array of float
-            Where it is taken.
-        """
-        jacobian = self._jacobian(values)
-        return np.asarray(jacobian @ _inverse_of_products(sensitivity) @ jacobian.T)
-
-    def clustered_covariance(self, sensitivity: Array, residual: Array, values: Array, blocks: int) -> Array:
-        """Covariance of all parameters where the residual is correlated, but not from block to block.
-
-        Parameters
-        ----------
-        sensitivity, values
-            See `covariance`.
-        residual : (sample,) array of float
-            Whitened.
-        blocks : int
-            In which the samples are taken, one after the other.
-
-        Notes
-        -----
-        The sandwich of Liang and Zeger (1986), for so many blocks (times blocks/(blocks - 1)).
-        """
-        parts = zip(np.array_split(sensitivity, blocks), np.array_split(residual, blocks), strict=True)
-        scores = np.stack([table.T @ part for table, part in parts])
-        outer = self._jacobian(values) @ _inverse_of_products(sensitivity)
-        return np.asarray(outer @ (scores.T @ scores) @ outer.T * blocks / (blocks - 1.0))
-
-    def _jacobian(self, values: Array) -> Array:
+    def jacobian(self, values: Array) -> Array:
         """Derivative of each parameter by the free ones, (parameter, free) array of float."""
         rows = np.zeros((len(self), len(self.free)))
         rows[self.free, range(len(self.free))] = 1.0
@@ -230,11 +196,3 @@ class Parameters:
         """Values by name, of held shapes too."""
         held = self.library.shape_values(self.shapes)
         return held | dict(zip(self.common, values.tolist(), strict=False))
-
-
-def _inverse_of_products(sensitivity: Array) -> Array:
-    """Inverse of the products of the columns, (free, free)."""
-    size = np.linalg.norm(sensitivity, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    scaled = sensitivity / size
-    return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))

@@ -276,12 +276,10 @@ class FitProblem:
         of_both[: len(places), : len(places)] = covariance[np.ix_(places, places)]
         of_starts = start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2])
         frequency, method = model.reference_frequency, replace(method, shapes=dict(model.shapes))
-        estimate = Estimate(values[:count], of_both, frequency, noises, {**of_starts, **extra})
-        runs = one_or_all(self.runs)
-        result = identification(method, runs, parameters.library, estimate, offered=self.offered)
-        if "shape" in result:
-            errors = dict(zip(parameters.names, np.sqrt(np.diag(covariance)), strict=True))
-            errors = {name: errors[name] for name in parameters.fit_shapes}
-            fitted = [errors.get(name, np.nan) for name in result.shape_parameter.values.tolist()]
-            result["shape_standard_error"] = result.shape_standard_error.copy(data=fitted)
-        return result
+        errors = dict(zip(parameters.names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+        shape_errors = {name: errors[name] for name in parameters.fit_shapes}
+        extra = {**of_starts, **extra}
+        estimate = Estimate(values[:count], of_both, frequency, noises, extra, shape_errors)
+        return identification(
+            method, one_or_all(self.runs), parameters.library, estimate, offered=self.offered
+        )

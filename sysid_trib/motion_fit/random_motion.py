@@ -58,7 +58,7 @@ class Iterate:
     values : (parameter,) array of float
         Where the runs are linear.
     linear : sequence of LinearModel
-        The runs about their filtered paths, with the columns of all common parameters, then of the run's own.
+        The runs about their filtered paths, with columns for the free parameters.
     ratios : sequence of VarianceRatio
         Of each run: per_tau of the random force over the variance of the sensor's noise.
     """
@@ -84,25 +84,13 @@ class Iterate:
         return replace(self, ratios=ratios)
 
     @cached_property
-    def jacobian(self) -> Array:
-        """Derivative of all parameters by the free ones, (parameter, free)."""
-        return self.parameters.by_free(np.eye(len(self.values)), self.values)
-
-    @cached_property
-    def _blocks(self) -> list[Array]:
-        """Derivative of the columns' parameters of each run by the free ones, (column, free)."""
-        common = self.jacobian[: len(self.parameters.common)]
-        own = [self.jacobian[self.parameters.of_run(run)] for run in range(len(self.linear))]
-        return [np.concatenate([common, part]) for part in own]
-
-    @cached_property
     def rows(self) -> WhiteRows:
         """Normalised innovations of all runs as one regression on the free parameters."""
         targets, designs = [], []
-        for linear, ratio, block in zip(self.linear, self.ratios, self._blocks, strict=True):
+        for linear, ratio in zip(self.linear, self.ratios, strict=True):
             of_run, size = linear.rows(ratio.ratio), np.sqrt(ratio.variance)
             targets.append(of_run.target / size)
-            designs.append(of_run.design @ block / size)
+            designs.append(of_run.design / size)
         return WhiteRows(np.concatenate(targets), np.concatenate(designs), 0.0)
 
     @cached_property
@@ -135,13 +123,12 @@ class Iterate:
         At the parameters of most likelihood.
         """
         linear, ratio = self.linear[run], self.ratios[run]
-        change, covariance = linear.filtered_motion(ratio.ratio, self._blocks[run] @ self.solution[0])
+        change, covariance = linear.filtered_motion(ratio.ratio, self.solution[0])
         return linear.path + change[..., 0], np.sqrt(ratio.variance * np.maximum(covariance[:, 1, 1], 0.0))
 
     def innovations(self, run: int) -> Array:
         """What is predicted wrongly one sample ahead, (sample,), rad."""
-        ratio, deviation = self.ratios[run].ratio, self._blocks[run] @ self.solution[0]
-        return self.linear[run].innovations(ratio, deviation)[1][:, 0]
+        return self.linear[run].innovations(self.ratios[run].ratio, self.solution[0])[1][:, 0]
 
     def stepped(self, step: Array) -> Array:
         """The parameters after a step of the free ones, within their limits."""
@@ -187,13 +174,12 @@ class Iterate:
 
     def _rows_by_ratio(self, run: int, colour: Array | None = None) -> Callable[[float], WhiteRows]:
         """Innovations of a run by the ratio of its variances, as a regression on the parameters it has."""
-        block, linear = self._blocks[run], self.linear[run]
+        linear = self.linear[run]
         linear = linear if colour is None else replace(linear, sensor_filter=colour)
 
         def rows(ratio: float) -> WhiteRows:
             white = linear.rows(ratio)
-            design = white.design @ block
-            return replace(white, design=design[:, np.any(design != 0.0, axis=0)])
+            return replace(white, design=white.design[:, np.any(white.design != 0.0, axis=0)])
 
         return rows
 
@@ -255,9 +241,9 @@ def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit
     for run in range(len(best.linear)) if density is None else ():
         shift, added = best.average_by_ratio(run)
         covariance, step = covariance + added, step + shift
-    rows, of_all = best.rows, best.jacobian @ covariance @ best.jacobian.T
+    jacobian, rows = problem.parameters.jacobian(best.values), best.rows
     fit = Fit(problem, best.stepped(step), rows.design @ step - rows.target, rows.design)
-    return fit, of_all, best.with_gains_over_colours()
+    return fit, jacobian @ covariance @ jacobian.T, best.with_gains_over_colours()
 
 
 def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
@@ -275,11 +261,13 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
 def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Array]]) -> Iterate:
     """The runs about their paths."""
     parameters, linear = problem.parameters, []
-    model, starts = parameters.model(values), parameters.per_run(values)
-    for record, (path, rate_error), start in zip(problem.records, paths, starts, strict=True):
-        of_run, given = replace(model, inputs=record.inputs), (record.time, record.angle)
-        around = linearised_about(of_run, given, path, start, parameters.common, rate_error)
-        linear.append(replace(around, sensor_filter=record.filter_))
+    model, jacobian = parameters.model(values), parameters.jacobian(values)
+    of_runs = zip(problem.records, paths, parameters.per_run(values), strict=True)
+    for run, (record, (path, rate_error), start) in enumerate(of_runs):
+        acting, given = replace(model, inputs=record.inputs), (record.time, record.angle)
+        around = linearised_about(acting, given, path, start, parameters.common, rate_error)
+        columns = np.concatenate([jacobian[: len(parameters.common)], jacobian[parameters.of_run(run)]])
+        linear.append(replace(around.by_parameters(columns), sensor_filter=record.filter_))
     return Iterate(parameters, values, linear)
 
 

@@ -38,6 +38,8 @@ class Estimate:
         Standard deviation of the sensor's noise in each run.
     extra : mapping of str to (values, str, str)
         Further scalars, or one number for each run: values, units, long name.
+    shape_errors : mapping of str to float
+        Standard errors of the shape parameters that were fitted.
     """
 
     coefficients: Array
@@ -45,6 +47,7 @@ class Estimate:
     reference_frequency: float
     noises: Sequence[float]
     extra: Mapping[str, tuple[ArrayLike, str, str]] = field(default_factory=dict)
+    shape_errors: Mapping[str, float] = field(default_factory=dict)
 
 
 def identification(
@@ -94,7 +97,7 @@ def identification(
     }
     if len(estimate.noises) > 1:
         values_of["run_noise"] = list(estimate.noises)
-    variables = described("identification", values_of | _shape_values(method, library))
+    variables = described("identification", values_of | _shape_values(method, library, estimate))
     for name, (values, units, long_name) in estimate.extra.items():
         # A scalar, also if there is but one run.
         numbers = np.squeeze(np.asarray(values, dtype=float))
@@ -122,11 +125,12 @@ def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = Non
     return described("identification", values)
 
 
-def _shape_values(method: Any, library: ForceLibrary) -> dict[str, Any]:
-    """Shape parameters as they were held; nothing where the forces have none (netCDF has no empty axis)."""
+def _shape_values(method: Any, library: ForceLibrary, estimate: Estimate) -> dict[str, Any]:
+    """Shape parameters and their errors; nothing where the forces have none (netCDF has no empty axis)."""
     shapes = library.shape_values(dict(getattr(method, "shapes", {})))
-    held = {"shape": list(shapes.values()), "shape_standard_error": np.full(len(shapes), np.nan)}
-    return {"shape_parameter": list(shapes), **held} if shapes else {}
+    errors = [estimate.shape_errors.get(name, np.nan) for name in shapes]
+    values = {"shape": list(shapes.values()), "shape_standard_error": errors}
+    return {"shape_parameter": list(shapes), **values} if shapes else {}
 
 
 def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:

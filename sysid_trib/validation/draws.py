@@ -128,8 +128,7 @@ def _parts(likelihood: Fit) -> list[ProposalPart]:
                 break
             fit, step = likelihood.holding(held, before), SHAPE_GROWTH * step
             # The others given the shape, which is as wide as the step to it.
-            given = parameters.fix(held).covariance(fit.sensitivity, fit.values)
-            given += np.outer(fit.values - before, fit.values - before)
+            given = fit.covariance + np.outer(fit.values - before, fit.values - before)
             parts.append((fit.values[free], given[np.ix_(free, free)]))
     return parts
 

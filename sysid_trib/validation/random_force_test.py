@@ -17,7 +17,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood import random_force, sensor_noise, variance_ratio
 from sysid_trib.motion_fit import bands, kalman, linearised
-from sysid_trib.motion_fit.tracked import TrackedRecord, track
+from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.results import signal_scale, variables
 from sysid_trib.validation.residuals import FollowedRuns
 
