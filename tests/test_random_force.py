@@ -80,7 +80,7 @@ def test_the_smoothed_motion_is_that_of_statsmodels(filter_):
     model.smoother_output = SMOOTHER_ALL
     further = len(filter_) - 1
     record = linear.record - linear.observed_parameters @ deviation
-    added = np.pad(linear.mismatch + linear.by_column @ deviation, ((0, 1), (0, further)))
+    added = np.pad(linear.steps.end - linear.path[1:] + linear.by_column @ deviation, ((0, 1), (0, further)))
     model.bind(np.ascontiguousarray(record[None]))
     model["state_intercept"] = added.T
     start = np.pad(linear.start @ deviation, (0, further))

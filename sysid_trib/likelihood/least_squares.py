@@ -6,10 +6,9 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 from scipy.stats import chi2
 
-from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -148,16 +147,10 @@ def white_least_squares(columns: Array, target: Array, lags: int = 0) -> tuple[A
 
 def _correlated(residual: Array) -> bool:
     """True if the residuals of neighbouring rows are correlated (Ljung and Box 1978)."""
-    count = len(residual)
-    lags: Index = np.arange(1, min(CORRELATION_TEST_LAGS, count // 2 - 1) + 1)
-    if not lags.size or not residual.any():
+    most = min(CORRELATION_TEST_LAGS, len(residual) // 2 - 1)
+    if most < 1 or not residual.any():
         return False
-    return ljung_box_p_value(autocorrelation(residual, lags), lags, count) < CORRELATION_LEVEL
-
-
-def bounds_reached(columns: Array, target: Array, low: Array, high: Array) -> Array:
-    """Bound that each coefficient has reached in bounded least squares: -1 the low, 1 the high, or 0."""
-    return np.asarray(lsq_linear(columns, target, (low, high), method="bvls").active_mask)
+    return ljung_box_p_value(autocorrelation(residual, most), len(residual)) < CORRELATION_LEVEL
 
 
 def whitened(factor: Array | None, table: Array) -> Array:

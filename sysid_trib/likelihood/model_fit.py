@@ -78,7 +78,9 @@ def fit_model(
         guess = guess + part * (model.estimate - guess) if turn else model.estimate
         after = _next_round(model, guess, reach, part, of_any_ratio=turn + 1 < WHOLE_STEPS)
         if after is None:
-            return _best([*rounds, model])
+            # The likeliest round of a path that ran away.
+            best = min([*rounds, model], key=lambda fitted: fitted.likelihood.deviance)
+            return replace(best, settled=False)
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
         # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small
         # part of the way has a small part of the fall.
@@ -155,11 +157,6 @@ def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
     if _agree(last) and not on_its_way:
         return max(last, key=lambda fitted: fitted.likelihood.deviance)
     return replace(best, settled=False)
-
-
-def _best(rounds: Sequence[FittedModel]) -> FittedModel:
-    """The likeliest round of a path that ran away."""
-    return replace(min(rounds, key=lambda fitted: fitted.likelihood.deviance), settled=False)
 
 
 def _agree(rounds: Sequence[FittedModel]) -> bool:

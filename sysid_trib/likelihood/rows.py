@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
+from scipy.optimize import lsq_linear
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.least_squares import ConstraintMap, bounds_reached, whitened
+from sysid_trib.likelihood.least_squares import ConstraintMap, whitened
 from sysid_trib.likelihood.regression import RunRegression, Runs, with_common_values
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
 from sysid_trib.simulation.model import rescaling_factors
@@ -190,12 +191,11 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
     solved, count = fit.coef_[0], len(kept.free)
     free, steps = solved[:count], solved[count:]
     if np.any((free < kept.low) | (free > kept.high)):
-        low, high = (
-            np.pad(limit, (0, len(steps)), constant_values=side * np.inf)
-            for limit, side in ((kept.low, -1.0), (kept.high, 1.0))
-        )
+        # Nuisances have no bounds.
+        low, high = np.full((2, len(solved)), [[-np.inf], [np.inf]])
+        low[:count], high[:count] = kept.low, kept.high
         white = whitened(rows.factor, np.column_stack([design, target]))
-        side = bounds_reached(white[:, :-1], white[:, -1], low, high)[:count]
+        side = lsq_linear(white[:, :-1], white[:, -1], (low, high), method="bvls").active_mask[:count]
         limits = np.where(side < 0, kept.low, kept.high)[side != 0]
         return solve(rows, kept.hold(side != 0, limits))
     coefficients = kept.matrix @ free + kept.constant

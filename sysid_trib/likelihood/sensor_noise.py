@@ -9,7 +9,7 @@ import xarray as xr
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from sysid_trib.arrays import Array, Index
+from sysid_trib.arrays import Array
 from sysid_trib.results.variables import Variables, noise_of_run, variable
 
 MAX_ORDER = 20
@@ -230,22 +230,24 @@ MOST_LAGS = 20
 WHITE_LEVEL = 1e-3
 
 
-def autocorrelation(values: Array, lags: Index) -> Array:
-    """Autocorrelation at some lags, (lag,), of values whose mean is left in: residuals should have none."""
+def autocorrelation(values: Array, most: int) -> Array:
+    """Autocorrelation at the lags from 1 to `most`, of values whose mean is left in: residuals have none."""
     whole = float(values @ values)
-    return np.array([values[lag:] @ values[:-lag] for lag in lags]) / (whole if whole > 0.0 else 1.0)
+    products = [values[lag:] @ values[:-lag] for lag in range(1, most + 1)]
+    return np.array(products) / (whole if whole > 0.0 else 1.0)
 
 
-def ljung_box_p_value(correlation: Array, lags: Index, count: int) -> float:
-    """P-value that so many values are white, by their autocorrelations at some lags, (lag,)."""
+def ljung_box_p_value(correlation: Array, count: int) -> float:
+    """P-value that so many values are white, by their autocorrelation at the first lags, (lag,)."""
+    lags = np.arange(1, len(correlation) + 1)
     statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
     return float(chi2.sf(statistic, len(lags)))
 
 
 def white_p_value(residual: Array) -> float:
     """P-value that a residual, (sample,), is white; 1 of one too short to tell."""
-    lags = np.arange(1, min(MOST_LAGS, len(residual) // 4) + 1)
-    return ljung_box_p_value(autocorrelation(residual, lags), lags, len(residual)) if len(lags) else 1.0
+    most = min(MOST_LAGS, len(residual) // 4)
+    return ljung_box_p_value(autocorrelation(residual, most), len(residual)) if most else 1.0
 
 
 def covariance_band(operator: sp.csr_matrix, other: sp.csr_matrix | None = None) -> Array:

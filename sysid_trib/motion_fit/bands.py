@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.stats import chi2, norm
@@ -201,10 +202,8 @@ def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | 
 
 def _nearest(time: Array, wanted: Array) -> Index:
     """Indices of the nearest samples; -1 where the record has none within half a step."""
-    at = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
-    at = at - (wanted - time[at - 1] < time[at] - wanted)
     half = 0.51 * float(np.median(np.diff(time)))
-    return np.where(np.abs(time[at] - wanted) <= half, at, -1)
+    return pd.Index(time).get_indexer(wanted.ravel(), "nearest", tolerance=half).reshape(wanted.shape)
 
 
 def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tuple[Array, Array, Array]:

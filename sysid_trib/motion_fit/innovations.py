@@ -21,7 +21,6 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 
-LAGS = 20
 # Of noise as 1/f so many taps: each is a state, and further ones change little at the frequency of a swing.
 MOST_TAPS = 49
 
@@ -201,9 +200,9 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
 def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
     """`innovations` of a record that was followed before."""
     innovation, deviation = tracked.innovations()
-    lags, spans = np.arange(1, 1 + min(LAGS, max(1, len(innovation) // 4))), _spans(tracked)
-    correlation = sensor_noise.autocorrelation(innovation / deviation, lags)
-    white = sensor_noise.ljung_box_p_value(correlation, lags, len(innovation))
+    most, spans = min(sensor_noise.MOST_LAGS, max(1, len(innovation) // 4)), _spans(tracked)
+    correlation = sensor_noise.autocorrelation(innovation / deviation, most)
+    white = sensor_noise.ljung_box_p_value(correlation, len(innovation))
     smoothed, force, force_error = _random_force(tracked, spans)
     frequency, rms = tracked.model.reference_frequency, root_mean_square(innovation)
     width = float(np.median(np.diff(tracked.time[np.flatnonzero(np.diff(spans, prepend=-1))])))
@@ -218,7 +217,7 @@ def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
         "ljung_box_p_value": white,
         "averaging_time": width,
     }
-    return xr.Dataset(described("innovations", values), {"time": decay.time, "lag": lags})
+    return xr.Dataset(described("innovations", values), {"time": decay.time, "lag": np.arange(1, most + 1)})
 
 
 def _spans(tracked: TrackedRecord) -> Index:

@@ -88,11 +88,6 @@ class LinearModel:
         return replace(self, observed_parameters=shown, start=start, by_column=by_column)
 
     @cached_property
-    def mismatch(self) -> Array:
-        """Where the exact steps end, from the path's next state, (step, state)."""
-        return self.steps.end - self.path[1:]
-
-    @cached_property
     def _noise_transition(self) -> Array:
         """Companion matrix of the states of coloured noise, (order, order)."""
         order = len(self.sensor_filter) - 1
@@ -187,9 +182,11 @@ class LinearModel:
     @cached_property
     def _signals(self) -> tuple[Array, Array, Array]:
         """Signals (sample, signal), what each step adds, first states: of the record, then of the columns."""
+        # Where the exact steps end, from the path's next state.
+        mismatch = self.steps.end - self.path[1:]
         return (
             np.column_stack([self.record, -self.observed_parameters]),
-            np.concatenate([self.mismatch[:, :, None], self.by_column], axis=2),
+            np.concatenate([mismatch[:, :, None], self.by_column], axis=2),
             np.pad(self.start, ((0, 0), (1, 0))),
         )
 

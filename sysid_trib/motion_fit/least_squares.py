@@ -171,7 +171,7 @@ def fitted(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, 
 
     def sensitivity(free: Array) -> Array:
         here = parameters.expand(free)
-        return parameters.by_free(problem.white_sensitivity(here, residuals(*free)), here)
+        return problem.white_sensitivity(here, residuals(*free))
 
     rows = np.empty((0, len(inside)))
     if ridge:

@@ -166,18 +166,6 @@ class Parameters:
             values[self.index(name)] = tied_value(tie, self._known(values))
         return values
 
-    def by_free(self, table: Array, values: Array) -> Array:
-        """Derivatives by the free parameters, by the chain rule.
-
-        Parameters
-        ----------
-        table : (..., parameter) array of float
-            Derivatives by all parameters, as if none were tied.
-        values : (parameter,) array of float
-            Where they are taken.
-        """
-        return table @ self.jacobian(values) if len(self.free) < len(self) else table
-
     def jacobian(self, values: Array) -> Array:
         """Derivative of each parameter by the free ones, (parameter, free) array of float."""
         rows = np.zeros((len(self), len(self.free)))

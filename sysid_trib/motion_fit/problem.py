@@ -211,7 +211,7 @@ class FitProblem:
         return np.concatenate([record.white(v) for record, v in zip(self.records, values, strict=True)])
 
     def white_sensitivity(self, values: Array, residuals: Sequence[Array]) -> Array:
-        """Derivative of the whitened residuals by each parameter, as if none were tied.
+        """Derivative of the whitened residuals by the free parameters, (sample, free).
 
         Parameters
         ----------
@@ -219,15 +219,12 @@ class FitProblem:
             Where it is taken.
         residuals : sequence of (sample,) array of float, rad
             The residuals there, of each run.
-
-        Returns
-        -------
-        (sample, parameter) array of float; 0 for parameters that are fixed.
         """
-        return self.white([self._sensitivity(values, run, here) for run, here in enumerate(residuals)])
+        tables = [self._sensitivity(values, run, here) for run, here in enumerate(residuals)]
+        return np.asarray(self.white(tables) @ self.parameters.jacobian(values))
 
     def _sensitivity(self, values: Array, run: int, here: Array) -> Array:
-        """Derivative of one run's residual (`here`) by all parameters."""
+        """Derivative of a run's residual (`here`) by each parameter as if none were tied; 0 of fixed ones."""
         parameters, record = self.parameters, self.records[run]
         table = np.zeros((len(here), len(values)))
         *starts, offset = range(len(values))[parameters.of_run(run)]

@@ -31,7 +31,7 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.sensor_noise import NoiseModel, autocorrelation
+from sysid_trib.likelihood.sensor_noise import MOST_LAGS, NoiseModel, autocorrelation
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
 from sysid_trib.motion_fit.least_squares import Fit
@@ -287,8 +287,8 @@ def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iter
     result = fit.problem.identification(method, fit.values, covariance, noises, extra)
     forces = [random_force_of_ratio(ratio, frequency, method.random_force) for ratio in ratios]
     result = result.assign(random_force_variables(forces, filters))
-    lags = np.arange(1, 1 + min(20, len(e) - 1))
-    white = described("innovations", {"autocorrelation": autocorrelation(e, lags)})
-    result = result.assign(white).assign_coords(lag=lags)
+    correlation = autocorrelation(e, min(MOST_LAGS, len(e) - 1))
+    white = described("innovations", {"autocorrelation": correlation})
+    result = result.assign(white).assign_coords(lag=np.arange(1, 1 + len(correlation)))
     orders = ", ".join(str(len(filter_) - 1) for filter_ in filters)
     return result.assign_attrs(noise_model=f"autoregression of order {orders}, beside a random force")
