@@ -51,7 +51,7 @@ def force_of(symbol: str, shapes: Shapes) -> Force:
 
 def trial_of(symbol: str, shapes: Shapes) -> TrialEffect:
     force = force_of(symbol, shapes)
-    return TrialEffect(force, {f"{symbol}.{name}": shapes[name] for name in force.shape})
+    return TrialEffect(force, {f"{symbol}.{name}": shapes[name] for name in force.shape}, added=False)
 
 
 def in_range(symbol: str, shapes: Shapes) -> bool:

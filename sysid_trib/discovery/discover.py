@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.discovery.fits import Fits
-from sysid_trib.discovery.parts import closing_effect, not_improving, verdict_of
+from sysid_trib.discovery import parts, to_xarray
+from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.search import Search, search, with_steps
-from sysid_trib.discovery.to_xarray import groups_of
 from sysid_trib.discovery.unseen import RecordPart, predicted, search_parts, start_forces
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
@@ -26,10 +25,7 @@ from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.methods.scope import without_old_arguments
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
-from sysid_trib.results.effects import misnamed_effects
-from sysid_trib.results.schema import provenance
-from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import group_names
+from sysid_trib.results import effects, schema, signal_scale, variables
 
 
 def discover(
@@ -133,7 +129,7 @@ def discover(
 _How = tuple[float | None, bool, float, Settings, Tell]
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def _discovery(
     decay: Decays,
     model_forces: ForceLibrary,
@@ -164,29 +160,29 @@ def _discovery(
     predict = partial(predicted, parts=later, runs=noises, frequency=start.rows[0].path.frequency)
     fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
-    closing = closing_effect(done)
+    closing = parts.closing_effect(done)
     if refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
         seen = runs
     tell("where model and record differ")
-    groups = groups_of(seen, done, offered, reference_frequency)
+    groups = to_xarray.groups_of(seen, done, offered)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
-    for name, at in zip(group_names("record", len(seen)), of_seen, strict=True):
+    for name, at in zip(variables.group_names("record", len(seen)), of_seen, strict=True):
         groups[name].attrs["kept_window"] = whole[at].time.values[[0, -1]]
     tree = xr.DataTree.from_dict(groups)
     options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
     options |= {"refit": refit, "reference_frequency": reference_frequency, "constraints": dict(constraints)}
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
-        **provenance(None, one_or_all(runs), model),
+        **schema.provenance(None, one_or_all(runs), model),
         "method": "discover",
         "options": json.dumps(options),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
-        "verdict": verdict_of(done, closing),
+        "verdict": parts.verdict_of(done, closing),
         "closing_effect": closing,
-        "not_improving": not_improving(done),
+        "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
         "converged": str(done.converged),
         "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
@@ -197,7 +193,7 @@ def _discovery(
         "stretches": "" if seen is runs else _stretches_of(learnt, len(runs)),
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
-    if misnamed_effects(tree):
+    if effects.misnamed_effects(tree):
         tree.attrs["verdict"] = "unknown effect"
     return tree
 
@@ -232,14 +228,14 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     all of them; else the colour with what was named is tried, of which that of the search is outside.
     """
     done = search(fits, growing=True, tell=tell)
-    if verdict_of(done) == "nothing missing":
+    if parts.verdict_of(done) == "nothing missing":
         return done
     tell("colour of the sensor's noise")
     start, last, outside = fits.start, done.models[-1], fits.start.settings.outside_of_set
 
     def with_colour(model: FittedModel) -> float:
         """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
-        return fits.evidence(model) + start_model.colour_penalty(model)
+        return evidence(model) + start_model.colour_penalty(model)
 
     # Else what is left of the record is no noise yet.
     settled = done.converged or not done.effects

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.fits import Fits, least_penalty, log_rows
+from sysid_trib.discovery.fits import Fits, evidence, least_penalty, log_rows
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import correlation_of, each_column, projected
 from sysid_trib.likelihood.fitted_model import FittedModel
@@ -127,7 +127,7 @@ def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
 
     None if no such model is more likely than the present one.
     """
-    settings, here = current.model.settings, fits.evidence(current.model)
+    settings, here = current.model.settings, evidence(current.model)
     aim, best = here - settings.least_gain, None
     proposed = list[tuple[float, list[int], tuple[str, ...]]]()
     for gone in (*((symbol,) for symbol in current.effects), *combinations(current.effects, 2)):
@@ -137,8 +137,8 @@ def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
         if score > aim - here + settings.far:
             break
         move = move_of(current, fits, gone, at, aim)
-        if move is not None and fits.evidence(move) < aim:
-            best, aim = move, fits.evidence(move)
+        if move is not None and evidence(move) < aim:
+            best, aim = move, evidence(move)
     return best
 
 
@@ -150,7 +150,7 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
     """
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
-    limit, gain_of_column, off = fits.evidence(model) - settings.outside_of_set, 0.0, 0.0
+    limit, gain_of_column, off = evidence(model) - settings.outside_of_set, 0.0, 0.0
     models = list[FittedModel]()
     # As many again as are fitted, since those that gain most may be what no sample can be; and those of
     # which a column says little.
@@ -161,12 +161,12 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
         by_chance = frozenset((*current.effects, force.symbol)) in fits.by_chance
         if by_chance or of_column <= (1.0 - tolerance) * gain_of_column:
             continue
-        added = move_of(current, fits, (), [at], min([limit, *map(fits.evidence, models)]))
+        added = move_of(current, fits, (), [at], min([limit, *map(evidence, models)]))
         if added is None:
             continue
         gain = model.deviance - added.deviance
         p_value = current.p_value_of(gain, force, current.effective_rows[at])
-        if p_value < settings.level and fits.evidence(added) < limit:
+        if p_value < settings.level and evidence(added) < limit:
             gain_of_column = gain_of_column if models else of_column
             off = max(off, abs(gain / of_column - 1.0))
             models.append(added)
@@ -178,7 +178,7 @@ def rivals_of(current: Screening, fits: Fits, symbol: str) -> dict[str, float]:
 
     Fitted are as many as the settings say, and all that would be in the set along the present path.
     """
-    settings, here = current.model.settings, fits.evidence(current.model)
+    settings, here = current.model.settings, evidence(current.model)
     likelier = {symbol: 0.0}
     for place, (score, at) in enumerate(replacing(current, (symbol,), by_chance=True)):
         if place >= settings.fitted and score > settings.outside_of_set:
@@ -186,7 +186,7 @@ def rivals_of(current: Screening, fits: Fits, symbol: str) -> dict[str, float]:
         move = move_of(current, fits, (symbol,), at, here + settings.far)
         # None: outside of every credible set, or it failed, or there was no time.
         if move is not None:
-            likelier["".join(current.trials[i].force.symbol for i in at)] = fits.evidence(move) - here
+            likelier["".join(current.trials[i].force.symbol for i in at)] = evidence(move) - here
     return likelier
 
 
@@ -226,7 +226,7 @@ def pairs_of(current: Screening, fits: Fits, symbol: str) -> dict[tuple[str, str
     shapes = len(model.columns_of(symbol)) - 1
     if not shapes:
         return {}
-    here, likelier = fits.evidence(model), dict[tuple[str, str], float]()
+    here, likelier = evidence(model), dict[tuple[str, str], float]()
     scored = [
         (score, pair)
         for score, pair in sorted(replacing_pairs(current, (symbol,)))
@@ -236,7 +236,7 @@ def pairs_of(current: Screening, fits: Fits, symbol: str) -> dict[tuple[str, str
         if not _both_add(current, symbol, pair):
             continue
         move = move_of(current, fits, (symbol,), pair, here + settings.outside_of_set)
-        if move is not None and (excess := fits.evidence(move) - here) < settings.outside_of_set:
+        if move is not None and (excess := evidence(move) - here) < settings.outside_of_set:
             first, second = (current.trials[at].force.symbol for at in pair)
             likelier[first, second] = excess
     return dict(sorted(likelier.items(), key=lambda scored: scored[1]))

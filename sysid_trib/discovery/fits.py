@@ -9,18 +9,16 @@ import xarray as xr
 from scipy.special import log_ndtr, softmax
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery import single_columns, unseen
 from sysid_trib.discovery.screen import Screening, screen
-from sysid_trib.discovery.single_columns import are_physical, strengths
-from sysid_trib.discovery.unseen import Prediction, noise_p_value
 from sysid_trib.forces.force import Force
+from sysid_trib.likelihood import model_fit, start_model
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.model_fit import NOT_FITTED, ROUNDS_AGREE, fit_model
-from sysid_trib.likelihood.start_model import refitted
 from sysid_trib.likelihood.trials import TrialEffect, reference_power
 
 
-def evidence(model: FittedModel, effects: Sequence[str]) -> float:
-    """Minus twice the logarithm of the evidence of a model, for its effects besides those of the start.
+def evidence(model: FittedModel) -> float:
+    """Minus twice the logarithm of the evidence of a model, for the effects that were added.
 
     Notes
     -----
@@ -32,7 +30,7 @@ def evidence(model: FittedModel, effects: Sequence[str]) -> float:
     is not more than all of it; of one at an end of its range the part inside of it.
     """
     total = model.deviance
-    for symbol in effects:
+    for symbol in model.effects:
         at, *shapes = model.columns_of(symbol)
         total += least_penalty(model, [model.trials[at].force]) + errors_off(model, symbol) ** 2
         if shapes:
@@ -139,29 +137,21 @@ class Fits:
     by_chance: set[frozenset[str]] = field(default_factory=set)
     tried: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
     runs: Sequence[xr.Dataset] = ()
-    predict: Callable[[FittedModel], Prediction] | None = None
-    best: tuple[FittedModel, Prediction] | None = None
+    predict: Callable[[FittedModel], unseen.Prediction] | None = None
+    best: tuple[FittedModel, unseen.Prediction] | None = None
     # Whether a model of these forces goes on, and models in a row that were no better; by the coefficients
     # predictions and p-values of noise.
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     _refused: int = 0
-    _predictions: dict[bytes, Prediction] = field(default_factory=dict)
+    _predictions: dict[bytes, unseen.Prediction] = field(default_factory=dict)
     _p_values: dict[bytes, float] = field(default_factory=dict)
-
-    def effects_of(self, model: FittedModel) -> tuple[str, ...]:
-        """Symbols of what a model has besides the start model's forces."""
-        return self._symbols(model.trials)
-
-    def evidence(self, model: FittedModel) -> float:
-        """Minus twice the logarithm of the evidence of a model."""
-        return evidence(model, self.effects_of(model))
 
     def screened(self, model: FittedModel) -> Screening:
         """The candidates that are not in a model, held against one of the same effects, once."""
-        key = frozenset(effects := self.effects_of(model))
+        key = frozenset(model.effects)
         if key not in self.screenings:
             rest = [force for force in self.candidates if force.symbol not in key]
-            self.screenings[key] = screen(model, rest, effects)
+            self.screenings[key] = screen(model, rest)
         return self.screenings[key]
 
     @property
@@ -183,7 +173,7 @@ class Fits:
         forces are dropped alone from the shapes of the near model too: its optimum may be a better one.
         """
         stay = [t for t in near.trials if t.force.symbol not in drop]
-        key = frozenset(self._symbols([*stay, *add]))
+        key = frozenset(trial.force.symbol for trial in (*stay, *add) if trial.added)
         fitted, failed_before = self.kept.get(key), len(self.failed)
         if fitted is not None and add and not any(trial.starts for trial in add):
             return fitted
@@ -209,8 +199,7 @@ class Fits:
         def possible(fitted: FittedModel) -> bool:
             """True if the forces besides the start model's may have their coefficients."""
             columns = [table[:, : len(fitted.trials)] for table in fitted.tables]
-            size, most = strengths(fitted, columns), fitted.settings.strongest
-            physical = are_physical(fitted.trials, fitted.coefficients, size, most)
+            physical = single_columns.are_physical(fitted, fitted.trials, fitted.coefficients, columns)
             return bool(np.all(physical[len(self.start.trials) :]))
 
         known = dict(zip([t.force.symbol for t in near.trials], near.coefficients.tolist(), strict=True))
@@ -219,8 +208,8 @@ class Fits:
         def fit(part: float) -> FittedModel | None:
             """A fit from the coefficients and paths of the near model; None without a finite likelihood."""
             try:
-                fitted = fit_model(paths, trials, first, worst=worst, possible=possible, part=part)
-            except NOT_FITTED:
+                fitted = model_fit.fit_model(paths, trials, first, worst=worst, possible=possible, part=part)
+            except model_fit.NOT_FITTED:
                 return None
             return fitted if fitted.is_finite else None
 
@@ -238,20 +227,15 @@ class Fits:
             self.failed += [trial.force.symbol for trial in added]
         return model.without_caches() if model is not None and settled else None
 
-    def _symbols(self, trials: Sequence[TrialEffect]) -> tuple[str, ...]:
-        """Symbols of the trials besides the start model's."""
-        of_start = {trial.force.symbol for trial in self.start.trials}
-        return tuple(trial.force.symbol for trial in trials if trial.force.symbol not in of_start)
-
     def _is_local_optimum(self, model: FittedModel | None) -> bool:
         """True if a fit has settled where it is less likely than a model that it contains."""
         if model is None or not model.settled:
             return False
-        effects = {*self.effects_of(model)}
-        contained = [kept.deviance for symbols, kept in self.kept.items() if symbols <= effects]
-        return model.deviance > min(contained, default=np.inf) + ROUNDS_AGREE
+        effects, kept = {*model.effects}, self.kept.items()
+        contained = [fitted.deviance for symbols, fitted in kept if symbols <= effects]
+        return model.deviance > min(contained, default=np.inf) + model_fit.ROUNDS_AGREE
 
-    def foretold(self, model: FittedModel) -> Prediction:
+    def foretold(self, model: FittedModel) -> unseen.Prediction:
         """How a model predicts what was held out."""
         assert self.predict is not None
         key = model.coefficients.tobytes()
@@ -263,7 +247,7 @@ class Fits:
         """True if a model may grow: not so many in a row were no better; else `best` is that to end with."""
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self._known:
-            referred = refitted(model)
+            referred = start_model.refitted(model)
             after = self.foretold(referred)
             # It predicts better than another one, or leaves nothing that another could explain.
             better = self.best is None or bool(after[1] < self.best[1][1]) or self.is_complete(referred)
@@ -278,7 +262,7 @@ class Fits:
         """`noise_p_value` of a model, once."""
         key = model.coefficients.tobytes()
         if key not in self._p_values:
-            self._p_values[key] = noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
+            self._p_values[key] = unseen.noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
         return self._p_values[key]
 
     def is_complete(self, model: FittedModel) -> bool:

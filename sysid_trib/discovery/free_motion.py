@@ -124,7 +124,6 @@ def model_identification(
     model: FittedModel,
     motions: Sequence[FreeMotion],
     runs: Sequence[xr.Dataset],
-    frequency: float | None,
     widening: float = 1.0,
     model_error: Array | None = None,
 ) -> xr.Dataset:
@@ -151,6 +150,8 @@ def model_identification(
     covariance[np.ix_(free, free)] = total_covariance(model, widening, model_error)
     shape_errors = {name: widening * error for name, error in model.shape_errors().items()}
     estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra, shape_errors)
+    # None where it was fitted.
+    frequency = None if model.frequency_free else identified.reference_frequency
     method = Direct(frequency, shapes=dict(identified.shapes), constraints=fixed, random_force="estimated")
     library = identified.library
     result = identification(method, one_or_all(list(runs)), library, estimate, offered=library)

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery.fits import probabilities
+from sysid_trib.discovery.fits import evidence, probabilities
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search, may_gain
 from sysid_trib.discovery.unseen import improvements
@@ -95,7 +95,7 @@ def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
     for name in search.rivals[symbol]:
         model = search.fits.kept.get(rest | {name} - {""})
         if model is not None:
-            scores[name] = _deviances(model) + (search.fits.evidence(model) - model.deviance)
+            scores[name] = _deviances(model) + (evidence(model) - model.deviance)
     own = scores.setdefault(symbol, np.zeros(len(RECORD_PARTS)))
     return {name: score - own for name, score in scores.items()}
 
@@ -206,14 +206,14 @@ def closing_effect(done: Search) -> str:
         return ""
     last = done.fits.screened(model)
     missing = last.omnibus_p_value < settings.level or may_gain(last)
-    return "" if missing or not done.fits.is_complete(refitted(model)) else done.fits.effects_of(model)[-1]
+    return "" if missing or not done.fits.is_complete(refitted(model)) else model.effects[-1]
 
 
 def not_improving(done: Search) -> str:
     """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
     model = done.next_best
     asked = model is not None and done.converged and len(done.effects) < model.settings.max_effects
-    return done.fits.effects_of(model)[-1] if model is not None and asked else ""
+    return model.effects[-1] if model is not None and asked else ""
 
 
 def verdict_of(done: Search, closing: str = "") -> str:

@@ -44,7 +44,7 @@ class Screening:
         Part of its column that the model's cannot make.
     correlation : (trial, trial) array of float
         Of these parts.
-    strength : (trial,) array of float
+    relative_force : (trial,) array of float
         RMS of its force, with a coefficient of 1, over the restoring force.
     tests : float
         Number of independent tests, those of the omnibus test counted as as many.
@@ -56,8 +56,6 @@ class Screening:
         Of the test that knows no candidate (see `omnibus`).
     whole : Likelihood
         Of the model's columns along its path, steps of its shapes among them.
-    effects : tuple of str
-        Of the model, that candidates may replace.
     fine : dict of int to bool
         Whether the motion is known as finely as a trial acts, of those that were asked.
     """
@@ -77,8 +75,12 @@ class Screening:
     omnibus_z: Array
     omnibus_p_value: float
     whole: Likelihood
-    effects: tuple[str, ...] = ()
     fine: dict[int, bool] = field(default_factory=dict)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Symbols of the model's effects, which candidates may replace."""
+        return self.model.effects
 
     @property
     def first_trial(self) -> int:
@@ -119,7 +121,7 @@ class Screening:
         """Truth, for each trial, of a motion that is known as finely as it acts."""
         unasked = [at for at in trials if at not in self.fine]
         if unasked:
-            known = single.are_known_finely(self.model, [self.trials[at] for at in unasked], self.effects)
+            known = single.are_known_finely(self.model, [self.trials[at] for at in unasked])
             self.fine.update(zip(unasked, known.tolist(), strict=True))
         return [self.fine[at] for at in trials]
 
@@ -188,17 +190,9 @@ class Screening:
         return self.p_value_with(self.model.columns_without((symbol,)), column, gain)
 
 
-def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[str] = ()) -> Screening:
-    """Hold candidates against a model, at grids of their shape parameters.
-
-    Parameters
-    ----------
-    model : FittedModel
-    candidates : sequence of Force
-    effects : sequence of str
-        Of the model, that candidates may replace.
-    """
-    settings, (trials, columns) = model.settings, _tried(model, candidates, effects)
+def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
+    """Hold candidates against a model, at grids of their shape parameters."""
+    settings, (trials, columns) = model.settings, _tried(model, candidates)
     good, columns = single.where_finite(columns)
     along = [trial_columns(rows.path) for rows in model.rows]
     products = single.products_with(model, columns, along)
@@ -210,10 +204,9 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     reasons = ["" if finite else NOT_FINITE for finite in good]
     for at in np.flatnonzero(good & (part[: len(trials)] < settings.testable)):
         reasons[at] = SAME_EFFECT
-    relative_force = single.strengths(model, columns)
     able = np.array([not reason for reason in reasons], dtype=bool)
     deviance, coefficients, errors, effective_rows = single.each_column(products, base, offered, whole)
-    fitted = able & single.are_physical(trials, coefficients, relative_force, settings.strongest)
+    fitted = able & single.are_physical(model, trials, coefficients, columns)
     gains = np.maximum(0.0, np.where(fitted, whole.deviance - deviance, 0.0))
     correlation = single.correlation_of(rest[: len(trials), : len(trials)])
     tests = FAMILIES * independent_tests(correlation[np.ix_(able, able)], settings.seed)
@@ -228,13 +221,12 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
         effective_rows=effective_rows,
         outside=part[: len(trials)],
         correlation=correlation,
-        relative_force=relative_force,
+        relative_force=single.strengths(model, columns),
         tests=tests,
         products=products,
         omnibus_z=z,
         omnibus_p_value=p_value,
         whole=whole,
-        effects=tuple(effects),
     )
     # Of each candidate the trial that gains most is asked, the next one where that is too fine.
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
@@ -243,9 +235,7 @@ def screen(model: FittedModel, candidates: Sequence[Force], effects: Sequence[st
     return screening
 
 
-def _tried(
-    model: FittedModel, candidates: Sequence[Force], effects: Sequence[str]
-) -> tuple[list[TrialEffect], list[Array]]:
+def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialEffect], list[Array]]:
     """Candidates at grids of their shapes, refined, and where several are climbed; columns in each run."""
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns, scores = refined(model, trials)
@@ -254,9 +244,9 @@ def _tried(
     # Of a few of its values, and with one that may be as far off.
     likely = gains >= (1.0 - model.settings.family_tolerance) ** 2 * np.max(gains, initial=0.0)
     promising = {trials[at].force.symbol for at in np.flatnonzero(likely)}
-    families = {trial.force.family for trial in model.trials if trial.force.symbol in effects}
+    families = {trial.force.family for trial in model.trials if trial.added}
     several = [force for force in candidates if force.symbol in promising or force.family in families]
-    tops = climbed(model, several, effects)
+    tops = climbed(model, several)
     if not tops:
         return trials, columns
     further = [rows.coarse_columns(tops) for rows in model.rows]

@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid_trib.discovery import exchange
-from sysid_trib.discovery.fits import Fits
-from sysid_trib.discovery.free_motion import free_motions
+from sysid_trib.discovery import exchange, free_motion
+from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import projected
 from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import Tell, silent
 from sysid_trib.forces.library import load_library
+from sysid_trib.likelihood import model_fit, start_model
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.model_fit import fit_model, fitted_along
-from sysid_trib.likelihood.start_model import refitted
 
 Rivals = dict[str, dict[str, float]]
+# Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named.
+BARE_MENTION = 2.0
 
 
 @dataclass(frozen=True)
@@ -116,15 +116,15 @@ def search(
     rivals: Rivals = {}
     converged = False
     for _ in range(start.settings.most_fits):
-        tell(f"candidates beside {', '.join(fits.effects_of(model)) or 'the start model'}")
+        tell(f"candidates beside {', '.join(model.effects) or 'the start model'}")
         current = fits.screened(model)
         step = exchange.likelier_exchange(current, fits)
         if step is None and len(current.effects) < most and may_gain(current):
             if not growing or fits.goes_on(model):
-                step = min(exchange.extended(current, fits), key=fits.evidence, default=None)
+                step = min(exchange.extended(current, fits), key=evidence, default=None)
             elif fits.best is not None:
                 step = fits.best[0]
-                most = len(fits.effects_of(step))
+                most = len(step.effects)
         if step is None:
             step = exchange.not_beyond_chance(current, fits)
         if step is None:
@@ -158,7 +158,7 @@ def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> S
         rivals,
         {symbol: exchange.pairs_of(last, fits, symbol) for symbol in effects},
         _outstanding(last, further, fits),
-        min(further, key=fits.evidence, default=None),
+        min(further, key=evidence, default=None),
         _collinear(last),
         converged,
         fits.out_of_time,
@@ -189,7 +189,7 @@ def _outstanding(last: Screening, further: Sequence[FittedModel], fits: Fits) ->
     settings = last.model.settings
     gaining = [last.trials[at].force.symbol for at in last.best() if last.p_values[at] < settings.level]
     not_fitted = [name for name in gaining[: settings.fitted] if name in fits.failed or fits.ended]
-    return [*(fits.effects_of(model)[-1] for model in further), *not_fitted]
+    return [*(model.effects[-1] for model in further), *not_fitted]
 
 
 def may_gain(current: Screening) -> bool:
@@ -238,7 +238,7 @@ def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedMode
     The model as the search has it; with its frequency as the reference; the rivals of its effects; and
     whether it is followed.
     """
-    referred, settings, effects = refitted(model), model.settings, fits.effects_of(model)
+    referred, settings, effects = start_model.refitted(model), model.settings, model.effects
     followed = not effects or _is_followed(referred)
     others = list[tuple[tuple[bool, int], float, str, str, FittedModel]]()
     for symbol, costs in rivals.items():
@@ -247,10 +247,10 @@ def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedMode
             if name in ("", symbol) or excess >= settings.outside_of_set or fitted is None:
                 continue
             plain = _plainness(fitted, name) if followed else (False, 0)
-            if not followed or (excess < settings.tie and plain < _plainness(model, symbol)):
+            if not followed or (excess < BARE_MENTION and plain < _plainness(model, symbol)):
                 others.append((plain, excess, symbol, name, fitted))
     for _, excess, symbol, name, fitted in sorted(others, key=lambda other: other[:2]):
-        other = refitted(fitted)
+        other = start_model.refitted(fitted)
         if _is_followed(other):
             costs = {tied: its_excess - excess for tied, its_excess in rivals[symbol].items()}
             kept = {s: of_effect for s, of_effect in rivals.items() if s != symbol} | {name: costs}
@@ -272,7 +272,7 @@ def _is_followed(model: FittedModel) -> bool:
     """
     if not model.settled or np.any(model.likelihood.ratios > 0.0):
         return model.settled
-    return all(motion.over_noise < model.settings.free_residual for motion in free_motions(model))
+    return all(motion.over_noise < model.settings.free_residual for motion in free_motion.free_motions(model))
 
 
 def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
@@ -284,7 +284,7 @@ def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedMode
         first = np.append(last.coefficients[kept], last.stiffness)
         paths = [rows.path for rows in last.rows]
         trials = [last.trials[at] for at in kept]
-        fewer = refitted(fit_model(paths, trials, first))
+        fewer = start_model.refitted(model_fit.fit_model(paths, trials, first))
         # With so much missing it may have no motion of its own: then along that of the model with more.
-        models.insert(0, fewer if fewer.follows else fitted_along(paths, trials, first))
+        models.insert(0, fewer if fewer.follows else model_fit.fitted_along(paths, trials, first))
     return models

@@ -85,17 +85,10 @@ FINER = 9
 STARTS = 3
 
 
-def climbed(
-    model: FittedModel, candidates: Iterable[Force], effects: Sequence[str] = ()
-) -> list[TrialEffect]:
+def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect]:
     """Candidates of several shapes, each at the combination where its column gains most.
 
-    Parameters
-    ----------
-    model : FittedModel
-    candidates : iterable of Force
-    effects : sequence of str
-        Of the model: a candidate of the family of some stands in the place of these.
+    A candidate of the family of some of the model's effects stands in the place of these.
 
     Notes
     -----
@@ -108,10 +101,10 @@ def climbed(
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
     several = [f for f in candidates if len(f.shape) > 1 and not has_frequency_parameter(f)]
-    family = {t.force.symbol: t.force.family for t in model.trials if t.force.symbol in effects}
+    effects = [trial.force for trial in model.trials if trial.added]
     tops = list[TrialEffect]()
     for force in several:
-        gone = [symbol for symbol in family if family[symbol] == force.family]
+        gone = [effect.symbol for effect in effects if effect.family == force.family]
         ends = _ends(model, trials_of([force], (), frequency, finer), gone)
         tops += [replace(ends[0], starts=tuple(ends[1 : 1 + STARTS]))] if ends else []
     return tops
@@ -165,7 +158,6 @@ def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str
     base, first = model.columns_without(gone), 1 + model.columns
     bare = likelihood(products, base)
     deviance, coefficients, _, _ = single.each_column(products, base, range(first, first + len(trials)), bare)
-    strongest = model.settings.strongest
-    physical = single.are_physical(trials, coefficients, single.strengths(model, columns), strongest)
+    physical = single.are_physical(model, trials, coefficients, columns)
     of_gone = bare.deviance - likelihood(products, range(1, first)).deviance if gone else 0.0
     return np.where(good & physical, bare.deviance - deviance, 0.0), of_gone

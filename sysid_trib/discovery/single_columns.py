@@ -28,11 +28,12 @@ def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, str
 
 
 def are_physical(
-    trials: Sequence[TrialEffect], coefficients: Array, relative_force: Array, strongest: float
+    model: FittedModel, trials: Sequence[TrialEffect], coefficients: Array, columns: Sequence[Array]
 ) -> Mask:
-    """True where a trial may have its coefficient, (trial,)."""
-    forces = zip(trials, coefficients, relative_force, strict=True)
-    return np.array([is_physical(trial.force, c, size, strongest) for trial, c, size in forces], dtype=bool)
+    """True where a trial may have its coefficient beside a model, (trial,); by its column in each run."""
+    forces = zip(trials, coefficients, strengths(model, columns), strict=True)
+    most = model.settings.strongest
+    return np.array([is_physical(trial.force, c, size, most) for trial, c, size in forces], dtype=bool)
 
 
 def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
@@ -227,9 +228,9 @@ def _at_place(values: Array, place: Array) -> Array:
     return np.asarray((1.0 - part) * values[lower, column] + part * values[lower + 1, column])
 
 
-def base_of(model: FittedModel, effects: Sequence[str] = ()) -> Array:
-    """Orthonormal base of the model's columns, those of `effects` left out, (row, column)."""
-    kept = model.columns_without(effects)
+def base_of(model: FittedModel, without: Sequence[str] = ()) -> Array:
+    """Orthonormal base of the model's columns, those of some forces left out, (row, column)."""
+    kept = model.columns_without(without)
     return np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
 
 
@@ -249,31 +250,31 @@ def outside_of(model: FittedModel, columns: Sequence[Array], base: Array) -> tup
 
 
 def known_finely(
-    model: FittedModel, columns: Sequence[Array], aside: Sequence[Array], effects: Sequence[str] = ()
+    model: FittedModel, columns: Sequence[Array], aside: Sequence[Array], without: Sequence[str] = ()
 ) -> Mask:
     """True if columns are the same along a motion that is as likely, (column,).
 
     `columns`, `aside` : (row, column) of each run, along its path and along one of `model.possible_rows`;
-    `effects` : of the model, which these may replace: with them they need not be told apart.
+    `without` : effects of the model that these may replace: with them they need not be told apart.
 
     Notes
     -----
     With a random force a motion is known as well as the sensor tells it. What a column gains along the path
     is its square correlation with the one along the motion: but for a part that `tolerance` allows.
     """
-    base = base_of(model, effects)
+    base = base_of(model, without)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
     return _alike(here, there, model.settings.tolerance) | (part < model.settings.testable)
 
 
-def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect], effects: Sequence[str]) -> Mask:
+def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
     """`known_finely` of trials; without a random force of all."""
     if not np.any(model.likelihood.ratios):
         return np.ones(len(trials), dtype=bool)
     # Drawn again, and not kept with each screening: they are as large as the rows of the model.
     possible = model.possible_rows()
     here, aside = ([run.coarse_columns(trials) for run in rows] for rows in (model.rows, possible))
-    return known_finely(model, here, aside, effects)
+    return known_finely(model, here, aside, without=model.effects)
 
 
 def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:

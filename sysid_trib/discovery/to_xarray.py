@@ -11,16 +11,12 @@ import xarray as xr
 from scipy.stats import norm
 
 from sysid_trib.arrays import Array
-from sysid_trib.discovery import free_motion, parts
-from sysid_trib.discovery.demodulation import demodulate
+from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
-from sysid_trib.discovery.omnibus_test import trial_names
 from sysid_trib.discovery.search import Search
-from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.decay import root_mean_square
-from sysid_trib.results.effects import PAIR, PAIRS
-from sysid_trib.results.variables import described, group_names
+from sysid_trib.results import effects, variables
 from sysid_trib.validation.findings import with_noise_and_models
 
 # Variables of each group.
@@ -28,19 +24,17 @@ TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(enco
 Motions = Sequence[Sequence[free_motion.FreeMotion]]
 
 
-def groups_of(
-    seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary, frequency: float | None
-) -> dict[str, xr.Dataset]:
+def groups_of(seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary) -> dict[str, xr.Dataset]:
     """What `discover` returns, group by group; `seen` : what the models are fitted to."""
     motions = [free_motion.free_motions(model) for model in search.models]
     # Where the final model leaves more than noise, sets and errors allow for how names and coefficients move
     # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
-    names, records = group_names("record", len(seen)), _records(seen, motions)
+    names, records = variables.group_names("record", len(seen)), _records(seen, motions)
     groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
     for when, name, at in (("", "before", 0), ("_after", "after", -1)):
-        spans, attrs = demodulate(motions[at])
+        spans, attrs = demodulation.demodulate(motions[at])
         groups[f"discrepancy{when}"] = _group("discrepancy", spans, attrs=attrs)
         candidates, forces = parts.detectability(search.screenings[at])
         symbols = [force.symbol for force in forces]
@@ -49,7 +43,7 @@ def groups_of(
         groups[f"detectability{when}"] = _group("detectability", candidates, coords)
         errors = search.screenings[at].widening, error if at else None
         model = search.models[at], motions[at]
-        groups[name] = free_motion.model_identification(*model, seen, frequency, *errors)
+        groups[name] = free_motion.model_identification(*model, seen, *errors)
     groups["ranking"] = _ranking(search, offered)
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
@@ -66,7 +60,7 @@ def _group(
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """A group, its variables as `variables.toml` has them."""
-    return xr.Dataset(described(TABLES[name], values), coords, attrs)
+    return xr.Dataset(variables.described(TABLES[name], values), coords, attrs)
 
 
 def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, Any]:
@@ -88,7 +82,7 @@ def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
         simulated = np.stack([run.angle.values - motion.residual for motion in ends])
         values = {"residual_noise": ends[-1].noise.standard_deviation}
         both = with_noise_and_models(run, ["before", "after"], simulated)
-        records.append(both.assign(described(TABLES["records"], values)))
+        records.append(both.assign(variables.described(TABLES["records"], values)))
     return records
 
 
@@ -130,7 +124,7 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
     places = [symbols.index(symbol) for symbol in search.effects]
     coefficients = final.coefficients[places]
     errors = np.sqrt(np.diag(free_motion.total_covariance(final, widening, error)))[places]
-    improved = improvements(search.predictions)
+    improved = unseen.improvements(search.predictions)
     values = texts_of(
         [final.trials[at].force for at in places], ("symbol", "name", "family", "kind", "unit", "formula")
     )
@@ -206,7 +200,7 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
         table, names = np.array([*costs.values()]), list(costs)
         stands.append(int(np.sum(table.min(axis=0) > -settings.outside_of_set)))
         # "" for no force in the effect's place.
-        likeliest.append(PAIRS.join(names[best] for best in table.argmin(axis=0)))
+        likeliest.append(effects.PAIRS.join(names[best] for best in table.argmin(axis=0)))
     return {
         "tie_probability": probability,
         "chance_probability": by_chance,
@@ -221,7 +215,7 @@ def _pairs(search: Search) -> dict[str, Any]:
     """Pairs of candidates that may be the truth in the place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
-    texts = [PAIRS.join(PAIR.join(names) for names in of_effect) for of_effect in pairs]
+    texts = [effects.PAIRS.join(effects.PAIR.join(names) for names in of_effect) for of_effect in pairs]
     return {"pairs": texts, "pair_odds": np.exp(-0.5 * best)}
 
 
@@ -242,7 +236,7 @@ def _omnibus(search: Search) -> xr.Dataset:
     names = {"z": "omnibus_z", "widening": "widening", "p_value": "omnibus_p_value"}
     values = {name: np.array([getattr(s, of) for s in search.screenings]) for name, of in names.items()}
     values["significant"] = values["p_value"] < search.models[0].settings.level
-    return _group("omnibus", values, {"trial_force": trial_names()})
+    return _group("omnibus", values, {"trial_force": omnibus_test.trial_names()})
 
 
 def _holdout(search: Search, final: Sequence[free_motion.FreeMotion]) -> xr.Dataset:

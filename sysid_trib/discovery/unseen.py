@@ -269,7 +269,7 @@ def noise_p_value(model: FittedModel, runs: Sequence[xr.Dataset], unseen: Callab
     follows = all(size < most * noise for size, noise in sizes)
     if follows and unseen() < most * root_mean_square(noises):
         return 1.0
-    followed = FollowedRuns(dict(enumerate(runs)), model_identification(model, motions, runs, None))
+    followed = FollowedRuns(dict(enumerate(runs)), model_identification(model, motions, runs))
     try:
         least = min(dependence_on_motion(followed, at).p_value.item() for at in range(len(runs)))
     except SysidTribError:

@@ -56,6 +56,11 @@ class FittedModel:
         return self.likelihood.coefficients[: len(self.trials)]
 
     @property
+    def effects(self) -> tuple[str, ...]:
+        """Symbols of what was added to the start model."""
+        return tuple(trial.force.symbol for trial in self.trials if trial.added)
+
+    @property
     def terms(self) -> Terms:
         """The trials with their coefficients."""
         return list(zip(self.trials, self.coefficients.tolist(), strict=True))

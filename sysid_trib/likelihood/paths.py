@@ -23,14 +23,11 @@ from scipy.interpolate import BSpline, PPoly
 from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Force, channels_of
-from sysid_trib.likelihood.force_columns import derivatives_along
-from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood import force_columns, sensor_noise, weak_form
 from sysid_trib.likelihood.trials import Settings, TrialEffect
-from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, noise_operator, points_between
 from sysid_trib.records.inputs import INPUT, KnownInput, values_of_inputs
 from sysid_trib.records.smoothing import SplinesAt, least_squares_spline
-from sysid_trib.simulation.internal_states import states_along
-from sysid_trib.simulation.stepped_states import GivenMotion, tangent_along, values_along
+from sysid_trib.simulation import internal_states, stepped_states
 
 # Trials with their coefficients.
 Terms: TypeAlias = Sequence[tuple[TrialEffect, float]]
@@ -81,9 +78,9 @@ class RecordPath:
     time: Array
     angle: Array
     frequency: float
-    form: WeakForm
+    form: weak_form.WeakForm
     spline: BSpline
-    sensor: NoiseModel
+    sensor: sensor_noise.NoiseModel
     origin: float
     intervals: int
     settings: Settings
@@ -120,7 +117,7 @@ class RecordPath:
 
     @cached_property
     def _between(self) -> tuple[SplinesAt, sp.csr_matrix]:
-        return points_between(self.form.tau, self.intervals, self.settings.points_per_period)
+        return weak_form.points_between(self.form.tau, self.intervals, self.settings.points_per_period)
 
     @property
     def integrals(self) -> sp.csr_matrix:
@@ -135,13 +132,13 @@ class RecordPath:
         return tau, self._at(splines), self._at(splines, 1), self.elapsed_at(tau)
 
     @cached_property
-    def motion(self) -> GivenMotion:
+    def motion(self) -> stepped_states.GivenMotion:
         """The path as history-dependent forces follow it, with what came before."""
         if self.before is None:
-            return GivenMotion(*self.points)
+            return stepped_states.GivenMotion(*self.points)
         early, *others = self.before.points
         pairs = zip((early - early[-1], *others), self.points, strict=True)
-        return GivenMotion(*(np.concatenate([first[:-1], last]) for first, last in pairs))
+        return stepped_states.GivenMotion(*(np.concatenate([first[:-1], last]) for first, last in pairs))
 
     @cached_property
     def _forcing(self) -> Array | float:
@@ -169,12 +166,12 @@ class RecordPath:
         acting = [*terms, *((trial, (1.0 + stiffness) * c) for trial, c in self.held)]
         tau, x, v, time = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
-        of_x, of_v = derivatives_along(
+        of_x, of_v = force_columns.derivatives_along(
             ((trial.force, c, trial.shapes) for trial, c in acting), (time, x, v), given
         )
         for trial, c in acting:
             if trial.force.kind == "force" and not trial.force.memoryless and c:
-                past_x, past_v = tangent_along(self.motion, trial.force, trial.shapes)
+                past_x, past_v = stepped_states.tangent_along(self.motion, trial.force, trial.shapes)
                 of_x, of_v = of_x + c * past_x[-len(tau) :], of_v + c * past_v[-len(tau) :]
         return 1.0 + stiffness + of_x, of_v
 
@@ -188,7 +185,7 @@ class RecordPath:
         weights = 1.0 - np.abs(np.arange(1 - parts, parts)) / parts
         whole = np.convolve(np.ones(points), weights, "same")
         means = (np.convolve(values, weights, "same") / whole for values in tangent)
-        return noise_operator(self.form, *(np.asarray(mean[::parts]) for mean in means))
+        return weak_form.noise_operator(self.form, *(np.asarray(mean[::parts]) for mean in means))
 
     def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
         """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
@@ -213,7 +210,7 @@ class RecordPath:
     def sensor_slopes(self, terms: Terms) -> tuple[Array, Array]:
         """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
         forces = ((trial.force, c, trial.shapes) for trial, c in terms)
-        return derivatives_along(forces, (self.elapsed, *self.at_samples), kind="sensor")
+        return force_columns.derivatives_along(forces, (self.elapsed, *self.at_samples), kind="sensor")
 
     def _force(self, terms: Terms) -> Array:
         """Sum of the forces of a model along the path, (point,), rad."""
@@ -231,7 +228,7 @@ class RecordPath:
                 with_past.setdefault(trial.force.symbol, []).append(at)
         for rows in with_past.values():
             force, shapes = trials[rows[0]].force, [trials[at].shapes for at in rows]
-            together = values_along(self.motion, force, shapes)
+            together = stepped_states.values_along(self.motion, force, shapes)
             together = self._collocated(force, shapes) if together is None else together
             values[:, rows] = together[-len(values) :]
         return values
@@ -271,7 +268,7 @@ class RecordPath:
         columns = np.full((len(x), len(shapes)), np.nan)
         for column, of in zip(columns.T, shapes, strict=True):
             with suppress(SysidTribError):
-                hidden = states_along(force, motion.tau, x, v, of, time=motion.time)
+                hidden = internal_states.states_along(force, motion.tau, x, v, of, time=motion.time)
                 column[:] = force.value(x, v, motion.time, shapes=of, hidden=hidden)
         return columns
 
@@ -284,7 +281,7 @@ class RecordPath:
 
     def rescaled(self, frequency: float) -> "RecordPath":
         """The rows with coefficients that refer to another frequency."""
-        form = build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
+        form = weak_form.build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
         part = frequency / self.frequency
         fine = PPoly(self.fine.c / part ** np.array([[2], [1], [0]]), part * self.fine.x)
         before = self.before and self.before.rescaled(frequency)

@@ -248,31 +248,39 @@ def with_errors_of_dropped(solution: Solution, active: Mask, constraints: Constr
     return replace(solution, covariance=covariance)
 
 
-def select(rows: Rows, optimizers: Sequence[Any], constraints: ConstraintMap) -> Mask:
-    """Forces to which all of the optimisers give a coefficient.
+def select(
+    rows: Rows, constraints: ConstraintMap, optimizer: Any = None, significance: float | None = None
+) -> Mask:
+    """Forces that are kept by an optimiser and at a level of significance, by all where neither is given.
 
     Parameters
     ----------
     rows : Rows
-    optimizers : sequence of pysindy optimisers
-        They see the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
-        are projected out and never thresholded.
     constraints : ConstraintMap
+    optimizer : pysindy optimiser, optional
+        It sees the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
+        are projected out and never thresholded.
+    significance : float, optional
+        See `SignificanceSelection`.
 
     Returns
     -------
     (force,) array of bool
         Fixed coefficients are always in the model, tied ones with those that they are tied to.
     """
-    kept = np.ones(len(constraints.free), bool)
+    from sysid_trib.likelihood.pysindy_features import SignificanceSelection
+
+    kept, count = np.ones(len(constraints.free), bool), rows.nuisances.shape[1]
+    # The optimiser may be the user's: it must not come back changed.
+    optimizers = [] if optimizer is None else [deepcopy(optimizer)]
+    if significance is not None:
+        optimizers.append(SignificanceSelection(significance, removed_columns=count))
     if optimizers:
         columns = rows.columns @ constraints.matrix / rows.rms_forces[constraints.free]
         target = rows.target - rows.columns @ constraints.constant
         white = whitened(rows.factor, np.column_stack([rows.nuisances, columns, target]))
-        count = rows.nuisances.shape[1]
         basis, _ = np.linalg.qr(white[:, :count])
         outside = white[:, count:] - basis @ (basis.T @ white[:, count:])
-    for optimizer in optimizers:
-        # The optimiser may be the user's: it must not come back changed.
-        kept &= deepcopy(optimizer).fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
+    for chooses in optimizers:
+        kept &= chooses.fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
     return constraints.active(kept)

@@ -17,10 +17,7 @@ from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_r
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.trials import DEFAULTS, TrialEffect
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, log_determinant, whiten
-from sysid_trib.records.equilibrium import with_half_periods
-from sysid_trib.records.sensor import coarse_step
-from sysid_trib.records.signal import is_uniform
-from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.records import equilibrium, sensor, signal, smoothing
 
 # Of a sensor of coarse steps at least so many samples a period are kept.
 FEWEST_PER_PERIOD = 10
@@ -38,14 +35,14 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     coarse steps is white where the motion passes a step from one sample to the next: single samples that
     far apart. attrs: `decimated`.
     """
-    time, angle, halves = with_half_periods(decay)
+    time, angle, halves = equilibrium.with_half_periods(decay)
     period = 2.0 * np.median(halves.duration) / np.median(np.diff(time))
-    apart = _apart_for_rounding(angle, coarse_step(decay, sensor_noise(decay)))
+    apart = _apart_for_rounding(angle, sensor.coarse_step(decay, smoothing.sensor_noise(decay)))
     factor = max(int(period / per_period), min(apart, int(period / FEWEST_PER_PERIOD)))
     if factor < 2:
         return decay
     width = factor if factor % 2 else factor - 1
-    smoothed = not apart and width >= 3 and is_uniform(time)
+    smoothed = not apart and width >= 3 and signal.is_uniform(time)
     if smoothed:
         angle = savgol_filter(angle, width, 2)
     kept = slice(factor // 2, None, factor)

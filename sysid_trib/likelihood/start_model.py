@@ -10,22 +10,12 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Channel, Force
-from sysid_trib.likelihood import colour, sensor_noise
+from sysid_trib.likelihood import colour, likelihood, model_fit, sensor_noise, weak_form
 from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near
-from sysid_trib.likelihood.model_fit import fit_model, fitted_along
 from sysid_trib.likelihood.paths import RecordPath, Terms
 from sysid_trib.likelihood.trials import DEFAULTS, Settings, TrialEffect, reference_power
-from sysid_trib.likelihood.weak_form import build_weak_form
+from sysid_trib.records import signal, smoothing
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
-from sysid_trib.records.signal import unit_of_signal
-from sysid_trib.records.smoothing import (
-    KNOTS_PER_PERIOD,
-    first_frequency,
-    knot_intervals,
-    least_squares_spline,
-    smooth,
-)
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
@@ -49,10 +39,10 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
         first = np.append(model.coefficients * factor**powers, 0.0 if oscillates else model.stiffness)
         rescaled = [path.rescaled(path.frequency * factor) for path in near]
         trials = [trial.referred(factor) for trial in model.trials]
-        after = fit_model(rescaled, trials, first)
+        after = model_fit.fit_model(rescaled, trials, first)
         if paths is None and after.likelihood.deviance > model.likelihood.deviance + model.settings.far:
             # Shapes that hardly matter may lead astray: along the path where they were found, then.
-            after = fitted_along(rescaled, trials, first)
+            after = model_fit.fitted_along(rescaled, trials, first)
         model = after
         same = model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
         if same or not oscillates:
@@ -62,7 +52,7 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
 
 
 # Harmonics that the spline of a path follows, at least in part.
-ABOVE = 0.5 * KNOTS_PER_PERIOD + 2.0
+ABOVE = 0.5 * smoothing.KNOTS_PER_PERIOD + 2.0
 # The d of 1/f noise, and the periods over which it is followed: the zero takes a part of what is slower.
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
 # By which a partial autocorrelation is changed for the slope of the deviance.
@@ -102,7 +92,7 @@ def fit_start_model(
     LibraryError
         A force has no values along the motion.
     """
-    nominal = frequency or first_frequency(runs)
+    nominal = frequency or smoothing.first_frequency(runs)
     paths = [
         replace(_first_path(run, nominal, settings), held=held, frequency_free=frequency is None)
         for run in runs
@@ -110,8 +100,8 @@ def fit_start_model(
     for at, (origin, before) in enumerate(pasts):
         earlier = None if before is None else path_like(paths[at], before, nominal, origin)
         paths[at] = replace(paths[at], origin=origin, before=earlier)
-    trials = [TrialEffect(force, default_shapes(force)) for force in forces]
-    model = fit_model(paths, trials)
+    trials = [TrialEffect(force, default_shapes(force), added=False) for force in forces]
+    model = model_fit.fit_model(paths, trials)
     if not (model.is_finite and np.isfinite(model.deviance)):
         symbols = ", ".join(model.without_values)
         raise LibraryError(
@@ -137,7 +127,7 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
 def with_sensor_noises(model: FittedModel, sensors: Sequence[sensor_noise.NoiseModel]) -> FittedModel:
     """The model fitted with other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
-    return refitted(fit_model(paths, model.trials, model.estimate))
+    return refitted(model_fit.fit_model(paths, model.trials, model.estimate))
 
 
 def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> sensor_noise.NoiseModel:
@@ -172,13 +162,13 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
     return sensor_noise.NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
 
 
-def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], Likelihood]:
+def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], likelihood.Likelihood]:
     """Maximum likelihood of a run's rows with noise of a whitening filter (tap,)."""
     columns, near = range(1, 1 + model.columns), model.likelihood.ratios[[run]]
 
-    def by_filter(filter_: Array) -> Likelihood:
+    def by_filter(filter_: Array) -> likelihood.Likelihood:
         of_colour = partial(model.rows[run].products, model.tables[run], colour=filter_)
-        _, likeliest = likeliest_near([of_colour], near.tolist(), columns)
+        _, likeliest = likelihood.likeliest_near([of_colour], near.tolist(), columns)
         # The next colour is near to this one.
         near[:] = likeliest.ratios
         return likeliest
@@ -222,7 +212,7 @@ def _parameters_of(sensor: sensor_noise.NoiseModel) -> int:
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
     """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
     tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
-    sensor = colour.colour_above(angle - smooth(tau, angle)[0], tau, ABOVE)
+    sensor = colour.colour_above(angle - smoothing.smooth(tau, angle)[0], tau, ABOVE)
     return _path_of(run, frequency, sensor, float(run.time.values[0]), settings)
 
 
@@ -247,15 +237,16 @@ def _path_of(
     """
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
     tau, inputs = frequency * (time - time[0]), inputs_of(run)
-    intervals = knot_intervals(tau)
-    form, (spline, _) = build_weak_form(tau, intervals), least_squares_spline(tau, angle, intervals)
+    intervals = smoothing.knot_intervals(tau)
+    form = weak_form.build_weak_form(tau, intervals)
+    spline, _ = smoothing.least_squares_spline(tau, angle, intervals)
     path = RecordPath(
         time, angle, frequency, form, spline, sensor, origin, intervals, settings, inputs=inputs
     )
     if not inputs:
         return path
     sticking = _sticking_rows(
-        path, [name for name in inputs if run[name].attrs.get("units") == unit_of_signal(run)]
+        path, [name for name in inputs if run[name].attrs.get("units") == signal.unit_of_signal(run)]
     )
     return replace(path, sticking=sticking if sticking.any() else None)
 

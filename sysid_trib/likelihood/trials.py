@@ -73,11 +73,6 @@ class Settings:
         """Threshold of one of as many models as are fitted."""
         return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
 
-    @property
-    def tie(self) -> float:
-        """Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named."""
-        return 2.0
-
     @staticmethod
     def table() -> list[tuple[str, str, str, str]]:
         """Name, default, what it decides and its source, of each: `settings.toml`."""
@@ -160,11 +155,13 @@ OFF_RESONANCE = (0.03, 0.08, 0.2)
 class TrialEffect:
     """A candidate with its shape parameters held (`{"dahl.s": 0.02}`).
 
-    `starts` : others of it, from which a fit starts where that from these shapes fails.
+    `added` : whether a search adds it; those of the start model are always there. `starts` : others of it,
+    from which a fit starts where that from these shapes fails.
     """
 
     force: Force
     shapes: Mapping[str, float]
+    added: bool = True
     starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
 
     def value(self, name: str) -> float:

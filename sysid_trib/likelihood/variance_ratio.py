@@ -6,6 +6,7 @@ of unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -55,25 +56,25 @@ class WhiteRows:
     further: float = field(default=0.0, kw_only=True)
     least_variance: float = field(default=0.0, kw_only=True)
 
-    @property
-    def degrees_of_freedom(self) -> float:
-        """Number of samples beyond the columns."""
-        return max(1.0, len(self.target) + self.further - self.design.shape[1])
+    @cached_property
+    def _size(self) -> Array:
+        """Length of each column."""
+        return np.asarray(np.linalg.norm(self.design, axis=0))
 
     @property
-    def _size(self) -> Array:
-        """Length of each column; 1 of one without effect."""
-        size = np.linalg.norm(self.design, axis=0)
-        return np.where(size > 0.0, size, 1.0)
+    def degrees_of_freedom(self) -> float:
+        """Number of samples beyond the columns that have an effect."""
+        return max(1.0, len(self.target) + self.further - float(np.sum(self._size > 0.0)))
 
     def restricted_deviance(self) -> tuple[float, float]:
         """Minus twice the logarithm of the restricted likelihood, its variance profiled; and the variance."""
         # The triangular factor of the design and the target holds all that is needed.
-        size = self._size
+        acting = self._size > 0.0
+        size = self._size[acting]
         # Columns that lie in one piece, as LAPACK wants them, take a third of the time.
-        columns = np.concatenate([self.design.T / size[:, None], self.target[None]])
+        columns = np.concatenate([self.design.T[acting] / size[:, None], self.target[None]])
         factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
-        count = self.design.shape[1]
+        count = len(size)
         if len(factor) <= count:
             raise DecayError(
                 f"{len(self.target)} equations do not tell a random force beside {count} parameters; "
@@ -90,7 +91,7 @@ class WhiteRows:
 
     def solution(self) -> tuple[Array, Array]:
         """Least squares of the rows: coefficients, and their covariance in units of the variance."""
-        size = self._size
+        size = np.where(self._size > 0.0, self._size, 1.0)
         q, r = np.linalg.qr(self.design / size)
         # Columns that nothing tells apart have the least solution.
         inverse = np.linalg.pinv(r) if np.linalg.cond(r) > 1e13 else solve_triangular(r, np.eye(len(r)))

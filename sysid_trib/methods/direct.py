@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -22,7 +22,7 @@ from sysid_trib.likelihood.random_force import (
     random_force_variables,
 )
 from sysid_trib.likelihood.refined_columns import refine_columns
-from sysid_trib.likelihood.regression import Runs, begin, common_values, shifted
+from sysid_trib.likelihood.regression import begin, common_values, shifted
 from sysid_trib.likelihood.rows import (
     Rows,
     Solution,
@@ -167,16 +167,16 @@ class Direct(Constrained):
         for _ in range(FIRST_ESTIMATES):
             after = solve(weak_rows(runs), constraints).runs
             runs = tuple(run.along_own_path() for run in after)
-        rows = strong_rows(runs) if self.form == "strong" else weak_rows(runs)
+        begun = rows = strong_rows(runs) if self.form == "strong" else weak_rows(runs)
         chosen = np.ones(len(offered), bool)
         if not self._fits_random_force:
-            chosen = _selected(self, rows, constraints)
+            chosen = select(rows, constraints, self.optimizer, self.significance)
         # About the motion of the kept forces alone the choice is better founded than about all of them.
         for _ in range(MAX_SELECTIONS):
             active = chosen
-            solution, refined = self._regressed(runs, rows, constraints.keep(active))
+            solution, refined = self._regressed(begun, rows, constraints.keep(active))
             rows = solution.rows
-            chosen = _selected(self, rows, constraints)
+            chosen = select(rows, constraints, self.optimizer, self.significance)
             if np.array_equal(chosen, active):
                 break
         if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
@@ -188,7 +188,7 @@ class Direct(Constrained):
         result = identification(
             replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
         )
-        result = result.assign(_random_force(solution.runs, self.random_force))
+        result = result.assign(_random_force(solution, self.random_force))
         reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
         result = asked.marked(result, [offered.symbols[i] for i in reached])
         return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
@@ -197,19 +197,19 @@ class Direct(Constrained):
     def _fits_random_force(self) -> bool:
         return is_fitted(self.random_force) and self._takes_random_force
 
-    def _regressed(self, begun: Runs, rows: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
+    def _regressed(self, begun: Rows, last: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
         """The solution with the forces that are in the model, and whether it has settled.
 
-        `begun` : the runs from which all began; `rows` : those that the last solution was from.
+        From the rows of the first estimate, or of the last one.
         """
         if self._fits_random_force:
-            return regress_stochastic(begun, constraints, self.random_force)
-        solution, linear_about = solve(rows, constraints), begun
+            return regress_stochastic(begun.runs, constraints, self.random_force)
+        solution, linear_about = solve(last, constraints), begun.runs
         if self.form == "strong" or not self.refine:
             return solution, False
         # What was dropped is no part of the motion's stiffness and damping.
-        if begun[0].coefficients[~constraints.in_model].any():
-            pairs = zip(solution.runs, begun, strict=True)
+        if linear_about[0].coefficients[~constraints.in_model].any():
+            pairs = zip(solution.runs, linear_about, strict=True)
             linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)
         refined = refine_columns(solution.runs, linear_about, constraints)
         return refined or solution, refined is not None
@@ -231,9 +231,9 @@ def _estimate(solution: Solution) -> Estimate:
     return Estimate(runs[0].coefficients, solution.covariance, runs[0].frequency, noises, extra)
 
 
-def _random_force(runs: Runs, option: RandomForceOption) -> Variables:
+def _random_force(solution: Solution, option: RandomForceOption) -> Variables:
     """The random force of each run as variables of a result; none where the noise is the sensor's alone."""
-    nominal = runs[0].nominal_frequency
+    runs, nominal = solution.runs, solution.runs[0].nominal_frequency
     forces = [random_force_of_ratio(run.ratio, nominal, option) for run in runs if run.ratio is not None]
     if not forces:
         return {}
@@ -257,14 +257,3 @@ def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Arra
     if result.attrs["refined"] != "True":
         return None
     return np.append(result.coefficient.values, result.reference_frequency.item())
-
-
-def _selected(method: Direct, rows: Rows, constraints: ConstraintMap) -> Mask:
-    """Forces that are kept, by significance and by the optimiser."""
-    optimizers = [] if method.optimizer is None else [method.optimizer]
-    if method.significance is not None:
-        from sysid_trib.likelihood.pysindy_features import SignificanceSelection
-
-        removed = rows.nuisances.shape[1]
-        optimizers.append(SignificanceSelection(method.significance, removed_columns=removed))
-    return select(rows, optimizers, constraints)

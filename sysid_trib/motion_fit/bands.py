@@ -15,9 +15,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.motion_fit.linearised import sensor_on
-from sysid_trib.results.schema import covariance_with_frequency
-from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described, noise_of_run
+from sysid_trib.results import schema, signal_scale, variables
 from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
 
@@ -27,7 +25,7 @@ RECENT_PERIODS = 10
 SETTLING_PERIODS = 2.0
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def prediction_bands(
     decay: xr.Dataset,
     result: xr.Dataset,
@@ -100,8 +98,8 @@ def bands_of(
         "time_ahead": times,
         "widening": factor,
     }
-    coords = described("prediction", {"origin": tracked.time[starts], "horizon": ahead})
-    return xr.Dataset(described("prediction", values), coords)
+    coords = variables.described("prediction", {"origin": tracked.time[starts], "horizon": ahead})
+    return xr.Dataset(variables.described("prediction", values), coords)
 
 
 def _recent_ratios(
@@ -167,7 +165,7 @@ def _predictions(
             np.einsum("oa,oab,ob->o", by_start, covariance, by_start)
             + tracked.per_tau * np.einsum("oa,oab,ob->o", observed, now.diffusion, observed)
             + np.einsum("op,pq,oq->o", by_parameter, of_parameters, by_parameter)
-            + noise_of_run(result, run) ** 2
+            + variables.noise_of_run(result, run) ** 2
         )
     measured = np.where(targets >= 0, tracked.angle[targets], np.nan)
     return times, predicted, np.sqrt(variance), measured
@@ -234,4 +232,4 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tup
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
     """Coefficients of the model, and their covariance with the reference frequency behind them."""
-    return tuple(result.force.values.tolist()), np.nan_to_num(covariance_with_frequency(result))
+    return tuple(result.force.values.tolist()), np.nan_to_num(schema.covariance_with_frequency(result))

@@ -10,14 +10,12 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood import sensor_noise
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
+from sysid_trib.likelihood import random_force, sensor_noise
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.schema import model_of
-from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 
@@ -82,7 +80,7 @@ class TrackedRecord:
         SimulationError
             The motion between two samples cannot be computed.
         """
-        per_tau = RandomForce(density).per_tau(self.model.reference_frequency)
+        per_tau = random_force.RandomForce(density).per_tau(self.model.reference_frequency)
         return self if per_tau == self.per_tau else _settled(replace(self, per_tau=per_tau))
 
 
@@ -112,11 +110,11 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     The iterated extended Kalman smoother (Bell 1994): linear about a path, the next path is the smoothed
     motion. Without a random force that is least squares on the start, by multiple shooting.
     """
-    model = replace(model_of(result, run), inputs=inputs_of(decay))
+    model = replace(schema.model_of(result, run), inputs=inputs_of(decay))
     decay = decay.isel(time=slice(None, None, every))
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = model.reference_frequency
-    per_tau = random_force_of(result, run).per_tau(frequency)
+    per_tau = random_force.random_force_of(result, run).per_tau(frequency)
     # A record without noise is still one of finite digits.
     sensor = sensor_noise.sensor_noise_of(result, run).of_every(every, len(time))
     noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))
@@ -157,7 +155,7 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
     )
 
 
-@in_units_of_the_motion
+@signal_scale.in_units_of_the_motion
 def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
     """What an identification predicts wrongly one sample ahead, and the random force over time.
 

@@ -5,7 +5,6 @@ the data: they are statsmodels'. With them the filter is linear in what it is gi
 columns (start, sensor's zero, coefficients) go through it in one banded triangular solution (de Jong 1991).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -218,9 +217,6 @@ class LinearModel:
             for b in range(size):
                 band[size + a - b, b : (samples - 1) * size : size] = -turned[:, a, b]
         columns = source.reshape(samples * size, source.shape[2])
-        if not columns.size:
-            # LAPACK writes beyond an empty array.
-            return source
         solved, _ = dtbtrs(band, columns, uplo="L", trans="T" if backward else "N", diag="U")
         return np.asarray(solved).reshape(source.shape)
 
@@ -264,13 +260,10 @@ class LinearModel:
         return np.asarray(predicted[:, :size] + np.einsum("abn,nbc->nac", covariance, surprise))
 
 
-def likely_ratio(
-    linear: LinearModel, rows: Callable[[float], WhiteRows] | None = None, start: float | None = None
-) -> VarianceRatio:
+def likely_ratio(linear: LinearModel, start: float | None = None) -> VarianceRatio:
     """The ratio per_tau / variance of most restricted likelihood, near the last one (`start`).
 
-    `rows` : white rows of a ratio, in the place of the model's with all its columns. A DecayError says that
-    friction holds the body all the time.
+    A DecayError says that friction holds the body all the time.
     """
     impulses = linear.steps.diffusion[:, 1, 1]
     # A body that friction holds is not pushed.
@@ -278,7 +271,7 @@ def likely_ratio(
     if not len(impulses):
         raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
     span = float(np.sum(impulses)), float(np.median(impulses))
-    return variance_ratio(linear.rows if rows is None else rows, *span, start)
+    return variance_ratio(linear.rows, *span, start)
 
 
 def _block_diagonal(matrices: Array, further: Array) -> Array:

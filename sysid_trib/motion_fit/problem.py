@@ -15,12 +15,10 @@ from sysid_trib.likelihood.sensor_noise import autoregression, whitened
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.records.inputs import KnownInput, inputs_for
-from sysid_trib.results.schema import Estimate, identification
-from sysid_trib.results.variables import start_variables
-from sysid_trib.simulation.initial_conditions import measured_part
+from sysid_trib.results import schema, variables
+from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.motions import SimulatedMotion
-from sysid_trib.simulation.simulate import trajectory
 
 # A motion is out of all proportion beyond so many swings of the record.
 OUT_OF_PROPORTION = 10.0
@@ -64,7 +62,7 @@ class WhitenedRecord:
     @classmethod
     def of_decay(cls, decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> "WhitenedRecord":
         """What was measured of a run, in its own quantity: a rate is not integrated."""
-        sensor, time, values = measured_part(decay)
+        sensor, time, values = initial_conditions.measured_part(decay)
         swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
         inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
         # Samples that a warm-up leaves at least.
@@ -140,7 +138,7 @@ class WhitenedRecord:
     ) -> SimulatedMotion | None:
         acting, (angle, rate, _) = replace(model, inputs=self.inputs), per_run.tolist()
         try:
-            return trajectory(acting, self.time[:count], angle, rate, by=by)
+            return simulate.trajectory(acting, self.time[:count], angle, rate, by=by)
         except SimulationError:
             return None
 
@@ -271,12 +269,12 @@ class FitProblem:
         places = [at for at, name in enumerate(parameters.common) if at < count or name == FREQUENCY]
         of_both = np.zeros((count + 1, count + 1))
         of_both[: len(places), : len(places)] = covariance[np.ix_(places, places)]
-        of_starts = start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2])
+        of_starts = variables.start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2])
         frequency, method = model.reference_frequency, replace(method, shapes=dict(model.shapes))
         errors = dict(zip(parameters.names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
         shape_errors = {name: errors[name] for name in parameters.fit_shapes}
         extra = {**of_starts, **extra}
-        estimate = Estimate(values[:count], of_both, frequency, noises, extra, shape_errors)
-        return identification(
+        estimate = schema.Estimate(values[:count], of_both, frequency, noises, extra, shape_errors)
+        return schema.identification(
             method, one_or_all(self.runs), parameters.library, estimate, offered=self.offered
         )

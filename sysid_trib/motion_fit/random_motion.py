@@ -12,7 +12,7 @@ Where friction holds the body or nearly so, the linear model jumps with the path
 back and forth between branches. Then path and parameters go only a part of the step (relaxation).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -75,12 +75,12 @@ class Iterate:
         """
         frequency, ratios = self.parameters.model(self.values).reference_frequency, []
         for run, linear in enumerate(self.linear):
-            rows, last = self._rows_by_ratio(run), before.ratios[run] if before else None
+            last = before.ratios[run] if before else None
             if density is None:
-                ratios.append(likely_ratio(linear, rows, last.ratio if last else None))
+                ratios.append(likely_ratio(linear, last.ratio if last else None))
             else:
                 per_tau = RandomForce(density).per_tau(frequency)
-                ratios.append(held_ratio(rows, per_tau, last.variance if last else None))
+                ratios.append(held_ratio(linear.rows, per_tau, last.variance if last else None))
         return replace(self, ratios=ratios)
 
     @cached_property
@@ -142,8 +142,8 @@ class Iterate:
         def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
             return replace(self, ratios=[*self.ratios[:run], ratio, *self.ratios[run + 1 :]]).solution
 
-        samples = len(self.linear[run].record)
-        return average_over_ratios(self._rows_by_ratio(run), self.ratios[run], samples, solved)
+        linear = self.linear[run]
+        return average_over_ratios(linear.rows, self.ratios[run], len(linear.record), solved)
 
     def with_gains_over_colours(self) -> "Iterate":
         """Iterate with each random force's gain over the sensor's noise alone, in a colour of its own.
@@ -154,34 +154,24 @@ class Iterate:
         ratios = list(self.ratios)
         for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
             if len(linear.sensor_filter) > 1 and ratio.gain != 0.0:
-                deviances = [partial(self._deviance, run, of) for of in (0.0, ratio.ratio)]
+                deviances = [partial(_deviance, linear, of) for of in (0.0, ratio.ratio)]
                 start, samples = [linear.sensor_filter], len(linear.record)
                 without, least = (most_likely_colour(of, start, samples=samples)[1] for of in deviances)
                 ratios[run] = replace(ratio, gain=max(0.0, without - least))
         return replace(self, ratios=ratios)
 
-    def _deviance(self, run: int, ratio: float, colour: Array | None = None) -> float:
-        """Deviance of a run's innovations at a ratio."""
-        return self._rows_by_ratio(run, colour)(ratio).restricted_deviance()[0]
-
     def penalised_deviance(self) -> float:
         """Deviance of the innovations with the Bayesian information criterion's price of the colours."""
         total = 0.0
-        for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
-            total += self._deviance(run, ratio.ratio)
+        for linear, ratio in zip(self.linear, self.ratios, strict=True):
+            total += linear.rows(ratio.ratio).restricted_deviance()[0]
             total += (len(linear.sensor_filter) - 1) * float(np.log(len(linear.record)))
         return total
 
-    def _rows_by_ratio(self, run: int, colour: Array | None = None) -> Callable[[float], WhiteRows]:
-        """Innovations of a run by the ratio of its variances, as a regression on the parameters it has."""
-        linear = self.linear[run]
-        linear = linear if colour is None else replace(linear, sensor_filter=colour)
 
-        def rows(ratio: float) -> WhiteRows:
-            white = linear.rows(ratio)
-            return replace(white, design=white.design[:, np.any(white.design != 0.0, axis=0)])
-
-        return rows
+def _deviance(linear: LinearModel, ratio: float, colour: Array) -> float:
+    """Deviance of a run's innovations at a ratio, in noise of the sensor of a colour."""
+    return replace(linear, sensor_filter=colour).rows(ratio).restricted_deviance()[0]
 
 
 def fit_random_motion(
