@@ -137,12 +137,9 @@ def test_stated_errors_tell_the_scatter() -> None:
 
 def test_runs_share_what_is_theirs_and_have_the_rest_of_their_own() -> None:
     runs = [driven_record(seed, TRUTH | {"lambda": friction}) for seed, friction in ((1, 0.004), (2, 0.008))]
-    tree = identified_driven(
-        runs,
-        DRIVEN,
-        st.methods.Direct(own=("lambda",), constraints={"lambda": (0.0, None)}),
-        st.methods.Trajectory(own=("lambda",), constraints={"lambda": (0.0, None)}),
-    )
+    options = {"own": ("lambda",), "constraints": {"lambda": (0.0, None)}}
+    methods = [kind(**options) for kind in (st.methods.Direct, st.methods.Trajectory)]
+    tree = identified_driven(runs, DRIVEN, *methods)
     for method in ("direct", "trajectory"):
         result = tree[method].to_dataset()
         assert result.force.values.tolist() == ["gain", "zeta", "epsilon", "lambda_1", "lambda_2"]
@@ -183,9 +180,8 @@ def test_a_body_without_a_restoring_force_has_its_mass_and_friction_in_the_input
     }
     push = 4.0 * np.sign(np.sin(2.0 * np.pi * 0.4 * TIME)) + np.sin(5.0 * TIME)
     record = st.simulate(st.Model(forces, truth, w), TIME, 0.0, 0.0, inputs={"u": push})
-    record["angle"] = (
-        record.angle + 1e-4 * np.random.default_rng(2).standard_normal(len(TIME))
-    ).assign_attrs(units="m")
+    noise = 1e-4 * np.random.default_rng(2).standard_normal(len(TIME))
+    record["angle"] = (record.angle + noise).assign_attrs(units="m")
     held = {"free_axis": 1.0}
     tree = identified_driven(
         record, forces, st.methods.Direct(constraints=held), st.methods.Trajectory(constraints=held)

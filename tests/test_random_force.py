@@ -146,9 +146,8 @@ def test_averaging_without_a_random_force_gives_the_result_of_off():
     truth, absent = {"zeta": 2e-3, "delta": 2e-2}, 0
     for seed in range(4):
         run, library, _ = record(truth, 60, periods=20, seed=seed)
-        plain, auto = (
-            Averaging(random_force=option).identify(run, library) for option in ("off", "estimated")
-        )
+        methods = (Averaging(random_force=option) for option in ("off", "estimated"))
+        plain, auto = (method.identify(run, library) for method in methods)
         if force := random_force_of(auto):
             assert force.p_value > 0.01
             assert np.abs((auto.coefficient - plain.coefficient) / plain.standard_error).max() < 0.5
@@ -174,6 +173,13 @@ def test_trajectory_takes_no_coloured_noise_for_a_random_force():
     # Taken for white, it has p-values below 1e-30.
     assert not random_force_of(result).p_value < 1e-3
     assert np.max(np.abs(scores(result, TRUTH))) < 3.0
+
+
+def test_of_runs_that_are_pushed_each_has_a_friction_of_its_own():
+    truths = [{"zeta": zeta, "delta": 2e-3} for zeta in (2e-3, 6e-3)]
+    (one, library, _), (other, *_) = (record(truth, 20, wander=3.0, seed=1) for truth in truths)
+    result = Trajectory(random_force="estimated", own=("zeta",)).identify([one, other], library)
+    assert np.abs(scores(result, {"zeta_1": 2e-3, "zeta_2": 6e-3, "delta": 2e-3})).max() < 3.5
 
 
 @pytest.mark.parametrize("free", [False, True])

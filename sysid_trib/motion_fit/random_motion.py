@@ -196,9 +196,10 @@ def fit_random_motion(
     DecayError
         The iteration does not settle, or the motion cannot be computed.
     """
-    model = problem.parameters.model(values)
+    models = (problem.parameters.model(values, run) for run in range(len(problem.records)))
+    pairs = zip(models, problem.records, strict=True)
     # Each path with the standard error of v on it.
-    paths = [(spline_path(model, run.time, run.angle), np.zeros(len(run.time))) for run in problem.records]
+    paths = [(spline_path(model, run.time, run.angle), np.zeros(len(run.time))) for model, run in pairs]
     # None where it is to be estimated.
     density = None if isinstance(random_force, str) else float(random_force)
     now: Iterate | None = None
@@ -251,12 +252,15 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
 def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Array]]) -> Iterate:
     """The runs about their paths."""
     parameters, linear = problem.parameters, []
-    model, jacobian = parameters.model(values), parameters.jacobian(values)
+    jacobian = parameters.jacobian(values)
     of_runs = zip(problem.records, paths, parameters.per_run(values), strict=True)
     for run, (record, (path, rate_error), start) in enumerate(of_runs):
-        acting, given = replace(model, inputs=record.inputs), (record.time, record.angle)
-        around = linearised_about(acting, given, path, start, parameters.common, rate_error)
-        columns = np.concatenate([jacobian[: len(parameters.common)], jacobian[parameters.of_run(run)]])
+        model, acting = parameters.model(values, run), parameters.acting(run)
+        names = tuple(parameters.common[at] for at in acting)
+        given = record.time, record.angle
+        model = replace(model, inputs=record.inputs)
+        around = linearised_about(model, given, path, start, names, rate_error)
+        columns = np.concatenate([jacobian[acting], jacobian[parameters.of_run(run)]])
         linear.append(replace(around.by_parameters(columns), sensor_filter=record.filter_))
     return Iterate(parameters, values, linear)
 
