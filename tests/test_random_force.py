@@ -177,8 +177,8 @@ def test_trajectory_takes_no_coloured_noise_for_a_random_force():
 
 def test_of_runs_that_are_pushed_each_has_a_friction_of_its_own():
     truths = [{"zeta": zeta, "delta": 2e-3} for zeta in (2e-3, 6e-3)]
-    (one, library, _), (other, *_) = (record(truth, 20, wander=3.0, seed=1) for truth in truths)
-    result = Trajectory(random_force="estimated", own=("zeta",)).identify([one, other], library)
+    (one, library, density), (other, *_) = (record(truth, 20, wander=3.0) for truth in truths)
+    result = Trajectory(random_force=density, own=("zeta",)).identify([one, other], library)
     assert np.abs(scores(result, {"zeta_1": 2e-3, "zeta_2": 6e-3, "delta": 2e-3})).max() < 3.5
 
 
