@@ -235,8 +235,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
 
 def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     """The effects that a discovery named, each with its p-value and what it cannot be separated from."""
-    table = tree["steps"].to_dataset()
-    steps = [table.isel(step=at) for at in range(table.attrs["count"])]
+    steps = effects.steps_taken(tree)
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
     # Competing effects that a store has by name, the most probable of each effect.
     tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]

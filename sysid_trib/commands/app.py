@@ -8,7 +8,6 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from copy import copy
-from dataclasses import dataclass
 from importlib import import_module
 from inspect import Parameter, Signature
 from math import isfinite
@@ -33,54 +32,37 @@ PYTHON_TYPES |= {"files": list[Path], "texts": list[str]}
 ABSENT: dict[str, Any] = {"files": [], "texts": [], "switch": False}
 
 
-@dataclass(frozen=True)
-class Option:
-    """A row of the table; see there."""
-
-    name: str
-    title: str
-    help: str
-    kind: str = "text"
-    value: str | None = None
-    default: Any = None
-    required: bool = False
-    positional: bool = False
-    flag: str = ""
-    least: int | None = None
-    within: Any = None
-    ending: str = ""
-
-    @property
-    def parameter(self) -> Parameter:
-        """It as the argument of a function that typer reads, under the title of its group in the help."""
-        usual: dict[str, Any] = {"metavar": self.value, "help": self.help, "rich_help_panel": self.title}
-        if self.positional:
-            # What cannot be read is refused where it is read.
-            read = typer.Argument(show_default=self.default != [], readable=False, **usual)
-        else:
-            flags = ("-o", "--output") if self.flag == "-o" else (self.flag,)
-            read = typer.Option(*flags, min=self.least, **usual)
-        kind = PYTHON_TYPES[self.kind] | None if self.default is None else PYTHON_TYPES[self.kind]
-        of = {"default": copy(self.default), "annotation": Annotated[kind, read]}
-        return Parameter(self.name, Parameter.KEYWORD_ONLY, **of)
-
-
-def _option(name: str, title: str, row: Mapping[str, Any]) -> Option:
-    usual: dict[str, Any] = {"title": title, "flag": f"--{name.replace('_', '-')}"}
+def _whole(name: str, title: str, row: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of an option with what the table leaves out."""
     absent = ... if row.get("required") else ABSENT.get(row.get("kind", ""))
-    whole = usual | {"default": absent} | dict(row)
-    whole["help"] = whole["help"].format(example=EXAMPLE_FORCES)
+    usual = {"title": title, "flag": f"--{name.replace('_', '-')}", "kind": "text"}
+    whole: dict[str, Any] = {**usual, "default": absent, **row}
     if whole.get("within") == "positive":
         whole["within"] = POSITIVE
-    return Option(name, **whole)
+    return whole | {"help": whole["help"].format(example=EXAMPLE_FORCES)}
+
+
+def _parameter(name: str, row: Mapping[str, Any]) -> Parameter:
+    """An option as the argument of a function that typer reads, under the title of its group in the help."""
+    usual = {"metavar": row.get("value"), "help": row["help"], "rich_help_panel": row["title"]}
+    if row.get("positional"):
+        # What cannot be read is refused where it is read.
+        read = typer.Argument(show_default=row["default"] != [], readable=False, **usual)
+    else:
+        flags = ("-o", "--output") if row["flag"] == "-o" else (row["flag"],)
+        read = typer.Option(*flags, min=row.get("least"), **usual)
+    kind, absent = PYTHON_TYPES[row["kind"]], row["default"]
+    kind = kind | None if absent is None else kind
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=copy(absent), annotation=Annotated[kind, read])
 
 
 TABLE = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
-# Rows of the commands by their names, and options by their names in groups by theirs.
+# Rows of the commands by their names, and of the options by their names in groups by theirs.
 COMMANDS: dict[str, Any] = TABLE.pop("commands")
-GROUPS: dict[str, dict[str, Option]] = {
+Options = Mapping[str, Mapping[str, Any]]
+GROUPS: dict[str, Options] = {
     group: {
-        name: _option(name, rows["title"], TABLE[row][name] if isinstance(row, str) else row)
+        name: _whole(name, rows["title"], TABLE[row][name] if isinstance(row, str) else row)
         for name, row in rows.items()
         if name != "title"
     }
@@ -91,8 +73,8 @@ GROUPS: dict[str, dict[str, Option]] = {
 class Asked:
     """What a command was given: the values of its options by their names, and these as `options`."""
 
-    def __init__(self, options: Mapping[str, Option], **values: Any) -> None:
-        vars(self).update({name: copy(row.default) for name, row in options.items()} | values)
+    def __init__(self, options: Options, **values: Any) -> None:
+        vars(self).update({name: copy(row["default"]) for name, row in options.items()} | values)
         self.options = options
 
     def __getattr__(self, name: str) -> Any:
@@ -105,10 +87,10 @@ class Asked:
 
     def changed(self, names: Iterable[str]) -> list[str]:
         """Flags of the options among these that have another value than their default."""
-        return [self.options[n].flag for n in names if getattr(self, n) != self.options[n].default]
+        return [self.options[n]["flag"] for n in names if getattr(self, n) != self.options[n]["default"]]
 
 
-def options_of(*groups: str) -> dict[str, Option]:
+def options_of(*groups: str) -> Options:
     """The options of groups by their names."""
     return {name: row for group in groups for name, row in GROUPS[group].items()}
 
@@ -224,7 +206,7 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
         say()
 
     run.__name__, run.__doc__ = name, help
-    run.__signature__ = Signature([option.parameter for option in known.values()])  # type: ignore[attr-defined]
+    run.__signature__ = Signature([_parameter(*item) for item in known.items()])  # type: ignore[attr-defined]
     app.command(name, cls=GroupedCommand, help=help)(run)
 
 

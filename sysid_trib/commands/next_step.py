@@ -9,7 +9,7 @@ from sysid_trib.commands.app import COMMANDS, Asked, options_of
 from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.printing.comparison import ratio_of_best
-from sysid_trib.results.effects import candidates_of, credible_set, determines
+from sysid_trib.results import effects
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
@@ -79,7 +79,7 @@ def _after_discovery(tree: xr.DataTree) -> NextStep:
         if outstanding and tree["steps"].attrs["count"] >= most:
             return "discover", "adds further effects", {"max_effects": str(most + MORE_EFFECTS)}
         return "discover", "story shows the force that no candidate names", {"plot": "figures"}
-    if not determines(after):
+    if not effects.determines(after):
         return _after_nothing(after)
     if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
         return "discover", "fits the same forces to the whole record", {"refit": ""}
@@ -96,12 +96,10 @@ def _tied(tree: xr.DataTree) -> list[str]:
     """
     if not all(tree[group].attrs.get("record_checksum") for group in record_groups(tree)):
         return []
-    offered = candidates_of(tree).symbols
-    for at in range(tree["steps"].attrs["count"]):
-        credible = list(credible_set(tree["steps"].to_dataset().isel(step=at)))
-        if len(credible) > 1:
-            return [symbol for symbol in credible if symbol in offered]
-    return []
+    offered = effects.candidates_of(tree).symbols
+    sets = (list(effects.credible_set(step)) for step in effects.steps_taken(tree))
+    tied: list[str] = next((credible for credible in sets if len(credible) > 1), [])
+    return [symbol for symbol in tied if symbol in offered]
 
 
 def _swings_unexplained(tree: xr.DataTree) -> bool:
@@ -148,10 +146,10 @@ def command_after(command: str, others: Mapping[str, str | None], given: Asked) 
     words = [f"./{file}" if file.startswith("-") else file for file in files]
     words += [file for name, file in others.items() if name == RECORDS and file]
     for name, value in changed.items():
-        if name in known and name.strip("_") not in others and value != options[name].default:
+        if name in known and name.strip("_") not in others and value != options[name]["default"]:
             for item in value if isinstance(value, list | tuple) else [value]:
                 # A switch is its flag alone.
-                words += [options[name].flag] if isinstance(item, bool) else [options[name].flag, str(item)]
+                words += [options[name]["flag"], *([] if isinstance(item, bool) else [str(item)])]
     for name, value in others.items():
         if value is not None and name != RECORDS:
             words += [f"--{name.replace('_', '-')}", *filter(None, [value])]

@@ -168,10 +168,10 @@ def check_values(given: Asked) -> None:
         raise UsageError("--explain prints more and --quiet prints less: choose one.")
     reads = [*values.get("records", ()), *(Path(values[name]) for name in READ if values.get(name))]
     for name, option in given.options.items():
-        if option.within:
-            check_between(values[name], option.flag, *option.within)
-        if option.ending:
-            check_output(values[name], option.ending, reads=reads, flag=option.flag)
+        if "within" in option:
+            check_between(values[name], option["flag"], *option["within"])
+        if "ending" in option:
+            check_output(values[name], option["ending"], reads=reads, flag=option["flag"])
     if values.get("methods") and "plot" in values:
         check_output(values["methods"].with_suffix(".bib"), ".bib", reads=reads, flag="--methods")
     check_folder(values.get("plot"))
@@ -263,7 +263,9 @@ def deliver(
 
 def print_json(data: Mapping[str, Any]) -> None:
     """Print what a command gives with --json."""
-    print(json.dumps(data, indent=2, allow_nan=False))
+    from sysid_trib.printing.layout import plain
+
+    print(json.dumps(plain(data), indent=2, allow_nan=False))
 
 
 def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell) -> None:

@@ -17,7 +17,7 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, TALLEST, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.over_time import draw_in_time, held_out_sentence
 from sysid_trib.printing.layout import quantity
-from sysid_trib.results.effects import added_effects, credible_set, or_others, replacing_pairs, strongest
+from sysid_trib.results.effects import credible_set, or_others, replacing_pairs, steps_taken, strongest
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
 from sysid_trib.validation.findings import record_noise, residual_of
 
@@ -75,7 +75,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
             "gap after: record \N{MINUS SIGN} final model",
             "missing force before",
             f"missing force after: dots beyond {DOT_BEYOND:g} errors",
-            "effects named" if added_effects(tree) else "no effect named",
+            "effects named" if steps_taken(tree) else "no effect named",
         )
         style.letter(
             panels, [title if wide else title.partition(":")[0] for title in titles], FONT_SIZE + 0.5
@@ -86,8 +86,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
 
 def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
     """Each named effect, in a column in lines of their own the effects that it cannot be separated from."""
-    steps, units = tree["steps"].to_dataset(), signal_units(tree)
-    parts = [_in_parts(steps.isel(step=at), units) for at in range(len(added_effects(tree)))]
+    parts = [_in_parts(step, signal_units(tree)) for step in steps_taken(tree)]
     room = int(CHARACTERS * (width - 1.3))
     if width < TWO_COLUMNS:
         return ["\n".join([effect, *wrap(tied, room)]) for _, effect, tied in parts]
@@ -96,9 +95,9 @@ def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
 
 def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -> None:
     """RMS residual of the start model and after each named effect, over the noise."""
-    symbols, units = added_effects(tree), signal_units(tree)
-    after = tree["steps"].residual_after.values.tolist() if symbols else []
-    ratios = [residual / record_noise(tree) for residual in (residual_of(tree, "before"), *after)]
+    steps, units = steps_taken(tree), signal_units(tree)
+    residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
+    ratios = [residual / record_noise(tree) for residual in residuals]
     note = style.LABEL_OFFSET | {"fontsize": FONT_SIZE, "annotation_clip": False}
     for row, ratio, text in zip(rows, ratios, texts, strict=True):
         look = style.CANDIDATE_MARKS["named" if text else "other candidates"]
@@ -110,7 +109,7 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
         # A long one would squeeze all panels.
         words.set_in_layout(False)
     ax.axvline(1.0, **style.THRESHOLD)
-    ax.set_yticks(rows, ["start model", *(f"+ {symbol}" for symbol in symbols)])
+    ax.set_yticks(rows, ["start model", *(f"+ {step.symbol.item()}" for step in steps)])
     ax.set_ylim(rows[-1] + MODEL_ROW, rows[0] - MODEL_ROW)
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
     label = f"RMS of the gap over the noise{style.short_unit('', units)[1]}"
@@ -192,13 +191,13 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     # The selection step at which each effect was chosen: 0 before the first.
-    chosen = tree["steps"].selection_step.values.tolist() if tree["steps"].attrs["count"] else []
+    chosen = [step.selection_step.item() for step in steps_taken(tree)]
     steps = sorted(set(chosen))
-    if not steps or _scores(tree, chosen, -1, MOST_CANDIDATES).sizes["candidate"]:
+    if not steps or _scores(tree, -1, MOST_CANDIDATES).sizes["candidate"]:
         steps.append(-1)
     rows = -(-len(steps) // (2 if width >= TWO_COLUMNS else 1))
     room = int((TALLEST - 0.3 - rows * RANKING_HEIGHT) / (rows * CANDIDATE_HEIGHT))
-    drawn = [_scores(tree, chosen, step, min(room, MOST_CANDIDATES)) for step in steps]
+    drawn = [_scores(tree, step, min(room, MOST_CANDIDATES)) for step in steps]
     most = max(FEWEST_CANDIDATES, *(data.sizes["candidate"] for data in drawn))
     figure, panels = style.grid(len(drawn), 2, width, RANKING_HEIGHT + CANDIDATE_HEIGHT * most)
     for data, panel in zip(drawn, panels, strict=True):
@@ -213,15 +212,13 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-def _scores(tree: xr.DataTree, when: list[int], selection_step: int, most: int) -> xr.Dataset:
+def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
     """The candidates of the highest scores at a selection step; those named or competing always.
 
     Parameters
     ----------
     tree : xr.DataTree
         Result of `discover`.
-    when : list of int
-        The selection step at which each effect was chosen.
     selection_step : int
         0 before the first step, 1 before the second, ..., -1 at the end.
     most : int
@@ -234,9 +231,8 @@ def _scores(tree: xr.DataTree, when: list[int], selection_step: int, most: int) 
         `kind(candidate)`, a key of `CANDIDATE_MARKS`; `threshold`, the |z| beyond which a candidate is named.
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
-    steps = tree["steps"].to_dataset()
-    here = [at for at, chosen_at in enumerate(when) if chosen_at == selection_step]
-    sets = [list(credible_set(steps.isel(step=at))) for at in here]
+    here = [step for step in steps_taken(tree) if step.selection_step == selection_step]
+    sets = [list(credible_set(step)) for step in here]
     named = [credible[0] for credible in sets]
     competing = [symbol for credible in sets for symbol in credible[1:] if symbol not in named]
     chosen = strongest(scores.expand_dims("selection_step"), most)

@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND
 from sysid_trib.plots.style import MODEL_LINES, Style
-from sysid_trib.results.effects import tied_name
+from sysid_trib.results.effects import steps_taken, tied_name
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_symbol, signal_units, small_units
 from sysid_trib.validation.findings import LAST_THIRD, failures, is_refitted
@@ -70,11 +70,10 @@ def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[st
 
 def _effects(tree: xr.DataTree) -> str:
     """The first effects of the final model, each with what it cannot be separated from."""
-    count = tree["steps"].attrs["count"]
-    names = [tied_name(tree["steps"].to_dataset().isel(step=at), 1) for at in range(count)]
-    names = [f"({name})" if " or " in name and count > 1 else name for name in names]
-    if count > MOST_NAMES:
-        return f"{', '.join(names[: MOST_NAMES - 1])} and {count - MOST_NAMES + 1} more"
+    names = [tied_name(step, 1) for step in steps_taken(tree)]
+    names = [f"({name})" if " or " in name and len(names) > 1 else name for name in names]
+    if len(names) > MOST_NAMES:
+        return f"{', '.join(names[: MOST_NAMES - 1])} and {len(names) - MOST_NAMES + 1} more"
     return " and ".join(names) or "no effect"
 
 

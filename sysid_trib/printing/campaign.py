@@ -63,8 +63,7 @@ def _of_done(store: xr.Dataset, name: str) -> list[str]:
 
 def _most_first(words: Iterable[str]) -> dict[str, int]:
     """How often each word stands there; an empty one is none."""
-    counts = Counter(filter(None, words))
-    return dict(sorted(counts.items(), key=lambda pair: (-pair[1], pair[0])))
+    return dict(Counter(sorted(filter(None, words))).most_common())
 
 
 def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
@@ -139,13 +138,11 @@ def _collinear(compared: xr.Dataset) -> dict[str, str]:
 
 def _outliers(compared: xr.Dataset) -> list[str]:
     """Records that stand out, and in what."""
-    z = np.abs(compared.z.transpose("run", "quantity").values)
-    largest = np.nanmax(np.where(np.isnan(z), -1.0, z), axis=1)
-    order = [at for at in np.argsort(-largest) if largest[at] > STANDS_OUT]
+    z = abs(compared.z.transpose("run", "quantity").to_pandas()).fillna(0.0)
+    largest = z.max(axis=1).sort_values(ascending=False, kind="stable")
     sentences = [
-        f"{compared.run.values[at]} stands out: {compared.quantity.values[np.nanargmax(z[at])]} by "
-        f"{largest[at]:.1f} standard deviations."
-        for at in order
+        f"{run} stands out: {z.loc[run].idxmax()} by {distance:.1f} standard deviations."
+        for run, distance in largest[largest > STANDS_OUT].items()
     ]
     return layout.first_and_more(sentences, REFUSALS)
 
@@ -158,7 +155,7 @@ def campaign_json(
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
     if compared is not None:
-        made["between_records"] = layout.per_label(compared, "quantity", layout.KEYS["between_records"])
+        made["between_records"] = layout.mapped(compared, "between_records")
         made["collinear_conditions"] = _collinear(compared)
     return made
 

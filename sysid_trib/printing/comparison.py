@@ -270,15 +270,15 @@ def _reference(table: xr.Dataset) -> Iterator[str]:
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `compare` as plain data."""
     table, several = tree["comparison"].to_dataset(), len(record_groups(tree)) > 1
-    starts = [layout.number(tree[group].holdout_start.item()) for group in record_groups(tree)]
+    starts = [tree[group].holdout_start for group in record_groups(tree)]
     keys = layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})
     data = {
         **layout.records_json(tree),
         "holdout_start": starts[0],
-        **layout.mapped(table, {name: name for name in ("common_frequency", "noise")}),
+        **{name: table[name] for name in ("common_frequency", "noise")},
         **table.attrs,
-        "methods": layout.per_label(table, "method", keys),
+        "methods": layout.mapped(table, keys),
     }
     if several:
-        data |= {"holdout_starts": starts, **layout.mapped(table, {"run_noises": "run_noise"})}
+        data |= {"holdout_starts": starts, "run_noises": table.run_noise}
     return data

@@ -31,7 +31,7 @@ PARTS_CAPTION = "Record minus model, by its parts"
 def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """What is shown of a result of `discover`; `sources` say what each record is."""
     (verdict, *sentences), details = verdict_sentences(tree), Layer.EXPLAIN
-    remarks = [line for at, step in enumerate(tables.steps_of(tree)) for line in _remarks(tree, at, step)]
+    remarks = [line for at, step in enumerate(effects.steps_taken(tree)) for line in _remarks(tree, at, step)]
     held = f"Effects in the order in which they were added; held out: {tree.attrs['held_out']}"
     after, remains = "discrepancy_after", tree.attrs["verdict"] == "unknown effect"
     parts = tables.residual_table(tree, after) if remains else None
@@ -180,25 +180,21 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
         yield f"Tried, but not fitted: their motions could not be computed: {', '.join(failed)}."
 
 
-# Keys of the JSON where they differ from the names of the variables.
-SPAN_KEYS = {"residual_over_noise": "gap_over_noise"}
-
-
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `discover` as plain data."""
-    attrs, noise = tree.attrs, layout.number(record_noise(tree))
+    attrs, noise = tree.attrs, record_noise(tree)
     reasons = layout.per_label(tree["detectability_after"].to_dataset(), "candidate", "reason")
     computed = {
         "disagreement": _spans(tree["discrepancy"].to_dataset()),
-        "steps": [_step(tree, at, step) for at, step in enumerate(tables.steps_of(tree))],
+        "steps": [_step(tree, at, step) for at, step in enumerate(effects.steps_taken(tree))],
         "converged": attrs["converged"] == "True",
         **{name: attrs.get(name) or None for name in ("closing_effect", "not_improving")},
-        "noise_p_value": layout.number(float(attrs.get("noise_p_value", "nan"))),
-        **{"noise": noise, "residual_noise": noise, "residual": layout.number(residual_of(tree, "after"))},
+        "noise_p_value": attrs.get("noise_p_value", np.nan),
+        **{"noise": noise, "residual_noise": noise, "residual": residual_of(tree, "after")},
         "disagreement_after": _spans(tree["discrepancy_after"].to_dataset()),
-        "generic_p_value": layout.number(tree["omnibus"].p_value.values[-1].item()),
-        "error_widening": layout.number(effects.error_widening(tree)),
-        "not_testable": {symbol: reason for symbol, reason in reasons.items() if reason},
+        "generic_p_value": tree["omnibus"].p_value[-1],
+        "error_widening": effects.error_widening(tree),
+        "not_testable": {symbol: reason for symbol, reason in reasons.items() if reason.item()},
         "options": json.loads(attrs["options"]),
     }
     said = layout.records_json(tree) | layout.mapped(tree, "discover", computed)
@@ -209,30 +205,25 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def _spans(spans: xr.Dataset) -> dict[str, Any]:
     """The gap by its spans."""
-    columns = {
-        SPAN_KEYS.get(str(name), str(name)): layout.number(column.values.tolist())
-        for name, column in spans.data_vars.items()
-        if column.dims == ("span",)
-    }
-    return layout.mapped(spans, "spans", {"parts": ", ".join(spans.attrs["parts"]), "spans": columns})
+    return layout.mapped(spans, "spans", {"parts": ", ".join(spans.attrs["parts"])})
 
 
 def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
-    held, offered = layout.number(tree["holdout"].rms.values.tolist()), effects.candidates_of(tree)
-    probabilities = {s: layout.number(round(p, 4)) for s, p in effects.credible_set(step).items()}
+    held, offered = tree["holdout"].rms, effects.candidates_of(tree)
+    probabilities = {s: round(p, 4) for s, p in effects.credible_set(step).items()}
     likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     computed = {
         "shapes": effects.shapes_of(step, symbol),
         "shape_errors": effects.shapes_of(step, symbol, "shape_standard_error"),
         "indistinguishable_pairs": [pair.split(effects.PAIR) for pair in pairs],
-        "pair_odds": layout.number(step.pair_odds.item()) if pairs else None,
-        "probability_of_chance": layout.number(round(step.chance_probability.item(), 4)),
+        "pair_odds": step.pair_odds if pairs else None,
+        "probability_of_chance": step.chance_probability.round(4),
         "probability": probabilities.pop(symbol),
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
-        "stands_in": int(step.stands_in),
+        "stands_in": step.stands_in,
         "parts": len(likeliest),
         "likeliest_in": dict(zip(RECORD_PARTS, likeliest, strict=True)),
         "indistinguishable_from": [

@@ -45,12 +45,6 @@ MEANINGS = {
 NEARLY_AS_HIGH = 0.8
 
 
-def steps_of(tree: xr.DataTree) -> list[xr.Dataset]:
-    """The steps of a discovery, in their order."""
-    steps = tree["steps"].to_dataset()
-    return [steps.isel(step=at) for at in range(steps.attrs["count"])]
-
-
 def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
     """The effects that were added, in order, with residuals before and after over the noise; None of none.
 
@@ -62,7 +56,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
         Show also how far each lowers the deviance, and the random force before and after.
     """
     noise, held, rows = record_noise(tree), tree["holdout"].rms.values, []
-    for at, step in enumerate(steps_of(tree)):
+    for at, step in enumerate(effects.steps_taken(tree)):
         of_sensor = " (error of the sensor)" if step.kind.item() == "sensor" else ""
         row = {
             "effect": _effect_name(step),

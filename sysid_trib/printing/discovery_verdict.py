@@ -10,7 +10,14 @@ from sysid_trib.printing import discovery_tables as tables, layout, verdict
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.effects import PAIRS, added_effects, determines, error_widening, misnamed_effects
+from sysid_trib.results.effects import (
+    PAIRS,
+    added_effects,
+    determines,
+    error_widening,
+    misnamed_effects,
+    steps_taken,
+)
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.findings import held_out_excess, record_noise
 
@@ -38,7 +45,7 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 
 def _closed(tree: xr.DataTree) -> Iterator[str]:
     """Nothing more stands out of the residual."""
-    effects = " and ".join(tables.effect_with_ties(step) for step in tables.steps_of(tree))
+    effects = " and ".join(map(tables.effect_with_ties, steps_taken(tree)))
     after, residual, ratio = tree["after"].to_dataset(), tables.residual_text(tree), held_out_excess(tree)
     held = f"{tables.times_noise(ratio)} of what was held out ({tree.attrs['held_out']})" if ratio else ""
     unpredicted = f" But it leaves {held}." if held else ""
@@ -117,7 +124,7 @@ def _not_explained(tree: xr.DataTree, residual: str) -> Iterator[str]:
 
 def _marked(tree: xr.DataTree, mark: str) -> list[str]:
     """Symbols of the added effects of which a variable is true."""
-    return [step.symbol.item() for step in tables.steps_of(tree) if step[mark].item()]
+    return [step.symbol.item() for step in steps_taken(tree) if step[mark].item()]
 
 
 def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
@@ -165,7 +172,7 @@ def _highest(z: xr.DataArray) -> str:
 
 def _search(tree: xr.DataTree) -> Iterator[str]:
     """How the search ended, candidates that stand out at its end, and in how many parts each name stands."""
-    attrs, last, names = tree.attrs, _last(tree, "ranking"), added_effects(tree)
+    attrs, last, stands = tree.attrs, _last(tree, "ranking"), list[str]()
     converged, limit, most = attrs["converged"] == "True", attrs["out_of_time"], attrs["max_effects"]
     if not converged:
         why = f"at its time limit of {limit}" if limit else "after as many fits as its settings allow"
@@ -183,25 +190,25 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
         )
         strong = _highest(last.isel(candidate=last.significant.values).z)
         yield f"By their scores, these candidates stand out: {strong}; {reason}."
-    texts = []
-    for step in tables.steps_of(tree) if names else ():
+    for step in steps_taken(tree):
         symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.item().split(PAIRS))
         del others[symbol]
         likelier = ", ".join(f"{name or 'no force'} is likelier in {count}" for name, count in others.items())
-        stands = f"{symbol} in {step.stands_in.item()} of {len(RECORD_PARTS)}"
-        texts.append(f"{stands} ({likelier})" if likelier else stands)
-    if texts:
+        stands.append(f"{symbol} in {step.stands_in.item()} of {len(RECORD_PARTS)}")
+        stands[-1] += f" ({likelier})" if likelier else ""
+    if stands:
         parts = ", ".join(RECORD_PARTS)
-        yield f"Looked at again on parts of the record ({parts}), these names stand: {'; '.join(texts)}."
+        yield f"Looked at again on parts of the record ({parts}), these names stand: {'; '.join(stands)}."
 
 
 def _model(tree: xr.DataTree) -> Iterator[str]:
     """Frequency and forces of the final model that no step has named, and its equation."""
     after, effects = tree["after"].to_dataset(), added_effects(tree)
-    values = [f"w = {layout.quantity(after, 'reference_frequency', ' rad/s')}"]
-    for symbol, force in layout.by_label(after, "force").items():
-        if symbol not in effects:
-            values.append(f"{symbol} = {layout.coefficient_text(force)}")
-    yield f"The model has {'besides ' if effects else ''}{', '.join(values)}."
+    own = after.drop_sel(force=effects)
+    values = [
+        f", {symbol} = {layout.coefficient_text(f)}" for symbol, f in layout.by_label(own, "force").items()
+    ]
+    w = layout.quantity(after, "reference_frequency", " rad/s")
+    yield f"The model has {'besides ' if effects else ''}w = {w}{''.join(values)}."
     yield from verdict.constraint_sentences([after])
     yield f"Equation: {equation_text(after)}."

@@ -85,12 +85,12 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     compared = tree["comparison"].to_dataset()
     scaled = per_input(tree[compared.attrs["answer"]].to_dataset())
     return {
-        **layout.mapped(compared, {"answer": "@answer", "verdict_on_record": "@verdict_on_record"}),
+        **{name: compared.attrs[name] for name in ("answer", "verdict_on_record")},
         "methods": {
             name: layout.mapped(tree[name].to_dataset(), "driven") | layout.mapped(row, "driven_motion")
             for name, row in layout.by_label(compared, "model").items()
         },
-        "per_input": {} if scaled is None else layout.per_label(scaled, "quantity", layout.KEYS["per_input"]),
+        "per_input": {} if scaled is None else layout.mapped(scaled, "per_input"),
     }
 
 
@@ -215,6 +215,5 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
     """A plan as plain data, all runs."""
-    runs = layout.per_label(data, "run", layout.KEYS["plan"])
     models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
-    return {"models": models, "odds": data.attrs["odds"], "runs": list(runs.values())}
+    return {"models": models, "odds": data.attrs["odds"], "runs": list(layout.mapped(data, "plan").values())}

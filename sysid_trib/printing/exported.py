@@ -1,11 +1,12 @@
 """The numbers of a result that leave the program: a table (CSV), one for LaTeX, and a methods section."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from sysid_trib._version import __version__
@@ -43,15 +44,9 @@ def forces_latex(library: ForceLibrary) -> str:
         formulas = {f: equation.formula_latex(f)[0] for f in force.formulas}
         states = [rf"\dot{{{name}}}/\omega = {formulas[rate]}" for name, rate in force.state.items()]
         held = [rf"{name} := {formulas[value]}" for name, value in force.memory.items()]
-        cells = f"${', '.join([formulas[force.formula], *states, *held])}$"
-        rows.append(rf"${force.latex_symbol}$ & {_plain(force.name)} & {cells} \\")
-    return "\n".join([*_tabular("lll", r"symbol & force & formula \\", rows), ""])
-
-
-def _tabular(columns: str, head: str, rows: Sequence[str]) -> list[str]:
-    """Lines of a table of `booktabs`."""
-    begin = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"]
-    return [*begin, *rows, r"\bottomrule", r"\end{tabular}"]
+        equations = f"${', '.join([formulas[force.formula], *states, *held])}$"
+        rows.append([f"${force.latex_symbol}$", _plain(force.name), equations])
+    return str(pd.DataFrame(rows, columns=["symbol", "force", "formula"]).to_latex(index=False))
 
 
 def about_the_record(tree: xr.DataTree) -> dict[str, str]:
@@ -132,14 +127,12 @@ def latex_text(tree: xr.DataTree) -> str:
         z = f", $z = {row['z']:.1f}$" if np.isfinite(row.get("z", np.nan)) else ""
         heads |= {column: None}
         cells.setdefault(head, {})[column] = f"{_in_latex(number)}{unit}{mark}{z}"
-    table = [[head, *(row.get(name, "--") for name in heads)] for head, row in cells.items()]
-    table.insert(0, ["", *(name.replace("_", " ") for name in heads)])
-    if len(heads) > MOST_COLUMNS:
-        table = [list(row) for row in zip(*table, strict=True)]
-    head, *rows = (f"{' & '.join(row)} \\\\" for row in table)
-    lines = _tabular(f"l{'c' * (len(table[0]) - 1)}", head, rows)
+    table = pd.DataFrame(list(cells.values()), list(cells), list(heads)).fillna("--")
+    table = table.rename(columns=lambda name: name.replace("_", " "))
+    table = table.T if len(heads) > MOST_COLUMNS else table
+    tabular = table.to_latex(column_format=f"l{'c' * table.shape[1]}").rstrip()
     caption = rf"\caption{{{_caption(tree, named)}}}"
-    lines = [r"\begin{table}", r"\centering", caption, *lines, r"\end{table}"]
+    lines = [r"\begin{table}", r"\centering", caption, tabular, r"\end{table}"]
     if files.kind_of(tree) != "difference":
         main = findings.main_result(tree)
         lines += ["", "% no method gave a model" if main is None else equation.equation_latex(main)]

@@ -219,12 +219,12 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     withheld: dict[str, Any] = dict.fromkeys(layout.KEYS["identification"]) | {"coefficients": {}}
     for name in (checked.attrs["first"], checked.attrs["second"]):
         result = findings.with_error_parts(tree[name].to_dataset())
-        held_out = {"held_out_rms": layout.number(float(result.get("held_out_rms", np.nan)))}
+        held_out = {"held_out_rms": result.get("held_out_rms", np.nan)}
         methods[name] = withheld if name in failed else layout.mapped(result, "identification", held_out)
         methods[name] = methods[name] | {"failed": failed.get(name, "")}
         models[name] = layout.mapped(checked.sel(model=name), "motion") | {
-            "residual_rms": layout.number(findings.residual_of(tree, name)),
-            "residual_over_noise": layout.number(findings.residual_over_noise(tree, name)),
+            "residual_rms": findings.residual_of(tree, name),
+            "residual_over_noise": findings.residual_over_noise(tree, name),
         }
     follows: dict[str, Any] = {"refused": consequences(tree)[0]}
     if findings.holds(tree):
@@ -247,5 +247,5 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         data["runs"] = verdict.runs_json(tree["runs"].to_dataset())
     if si is not None:
         friction = {MU: f"{MU}±"} if MU in si else {}
-        data[SI] = layout.per_label(si, "force", layout.KEYS["si"] | friction)
+        data[SI] = layout.mapped(si, layout.KEYS["si"] | friction)
     return data

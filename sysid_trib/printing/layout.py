@@ -193,41 +193,33 @@ def name_and_unit(name: str, unit: str) -> str:
 
 # Signs by which a spreadsheet knows a formula.
 FORMULA_SIGNS = ("=", "+", "-", "@")
-# See `mapped`.
-Source = str | tuple[str, Any] | Mapping[str, Any]
 # Attributes of a record that JSON holds as they are.
 PLAIN = (str, int, float)
-
-
-def _source(row: Any, tables: Mapping[str, Any]) -> Source:
-    """A row of the table of keys as `mapped` takes it."""
-    if isinstance(row, str):
-        return row
-    own = {key: _source(value, tables) for key, value in row.items() if key not in ("of", "as")}
-    inner = own.get("is", own if "as" not in row else _source(tables[row["as"]], tables))
-    return (row["of"], inner) if "of" in row else inner
-
-
-_TABLES = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
 # By kind of result, or of what is in it.
-KEYS: dict[str, Any] = {name: _source(rows, _TABLES) for name, rows in _TABLES.items()}
+KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
 
 
 def mapped(
-    data: Any, table: str | Mapping[str, Source], computed: Mapping[str, Any] = MappingProxyType({})
+    data: Any, table: str | Mapping[str, Any], computed: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Any]:
-    """What a table says of a dataset, as JSON can hold it.
+    """What a table says of a dataset, by its keys.
 
     Parameters
     ----------
     data : Dataset or DataTree
         Its variables and attributes are named by the table.
-    table : str, or mapping of str to str, tuple or mapping
+    table : str or mapping
         One of `keys.toml` by its name; or by key what is said there.
-    computed : mapping of str to plain data
+    computed : mapping of str to data
         What stands at other keys of the table.
     """
     rows = KEYS[table] if isinstance(table, str) else table
+    if "of" in rows:
+        own = {key: source for key, source in rows.items() if key != "of"}
+        inner = KEYS[own["as"]] if "as" in own else own.get("is", own)
+        if isinstance(data, xr.DataTree):
+            return _value(data[rows["of"]].to_dataset(), inner)
+        return per_label(data, rows["of"], inner)
     made = {}
     for key, source in rows.items():
         if key in computed:
@@ -237,34 +229,32 @@ def mapped(
     return made
 
 
-def _value(data: Any, source: Source) -> Any:
+def _value(data: Any, source: str | Mapping[str, Any]) -> Any:
     if isinstance(source, Mapping):
         return mapped(data, source)
-    if isinstance(source, tuple):
-        of, inner = source
-        if isinstance(data, xr.DataTree):
-            return _value(data[of].to_dataset(), inner)
-        return per_label(data, of, inner)
     name, _, attribute = source.partition("@")
     if attribute:
-        value = (data[name] if name else data).attrs.get(attribute)
-        return list(value) if isinstance(value, np.ndarray | tuple) else value
-    if source.endswith("±"):
-        return mapped(data, {"value": source[:-1], "standard_error": error_of(source[:-1])})
-    return number(data[source.removesuffix("?")].values.tolist())
+        return (data[name] if name else data).attrs.get(attribute)
+    if name.endswith("±"):
+        return mapped(data, {"value": name[:-1], "standard_error": error_of(name[:-1])})
+    return data[name.removesuffix("?")]
 
 
-def per_label(data: Any, dim: str, source: Source) -> dict[str, Any]:
+def per_label(data: Any, dim: str, source: str | Mapping[str, Any]) -> dict[str, Any]:
     """What a source says at each label of a dimension; nothing where there is none."""
     if dim not in data.dims:
         return {}
     return {label: _value(part, source) for label, part in by_label(data, dim).items()}
 
 
-def number(value: Any) -> Any:
-    """A number, or a list of them: in place of one that is not finite stands None."""
-    if isinstance(value, list):
-        return [number(item) for item in value]
+def plain(value: Any) -> Any:
+    """Data as JSON can hold them: in place of a number that is not finite stands None."""
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
+    if isinstance(value, xr.DataArray | np.ndarray | np.generic):
+        return plain(np.asarray(value).tolist())
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 

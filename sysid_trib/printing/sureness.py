@@ -99,8 +99,8 @@ def _sensitivity(data: xr.Dataset) -> Block:
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
     """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
-    tables = {PROFILE: ("parameter", layout.KEYS[PROFILE]), SENSITIVITY: layout.KEYS[SENSITIVITY]}
-    return layout.mapped(tree, {name: (name, tables[name]) for name in tables if name in tree.children})
+    tables = {name: {"of": name, "as": name} for name in (PROFILE, SENSITIVITY) if name in tree.children}
+    return layout.mapped(tree, tables)
 
 
 def not_followed(tree: xr.DataTree) -> list[str]:
@@ -214,11 +214,11 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     tested = tree["random_force"].to_dataset() if "random_force" in tree.children else None
     data["random_force"] = {
         "density": force.density,
-        "standard_error": layout.number(force.standard_error),
+        "standard_error": force.standard_error,
         "relative": force.relative(float(result.reference_frequency)),
-        "p_value": layout.number(force.p_value),
-        "dependence_p_value": None if tested is None else layout.number(p_value_of_dependence(tested)),
-        "density_p_value": None if tested is None else layout.number(float(tested.density_p_value.min())),
+        "p_value": force.p_value,
+        "dependence_p_value": None if tested is None else p_value_of_dependence(tested),
+        "density_p_value": None if tested is None else tested.density_p_value.min(),
     }
     groups = group_names("innovations", len(record_groups(tree)))
     if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
@@ -227,6 +227,6 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
         correlations = [run.autocorrelation.values[:lags] for run in followed]
         data["innovations"] = {
             "rms": root_mean_square([run.innovation_rms.item() for run in followed]),
-            "autocorrelation": np.mean(correlations, axis=0).tolist(),
+            "autocorrelation": np.mean(correlations, axis=0),
         }
     return data

@@ -109,10 +109,16 @@ def candidates_of(tree: xr.DataTree) -> force.ForceLibrary:
     return library.library_of_text(tree.attrs["candidates"], "candidates")
 
 
+def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:
+    """The steps of a discovery, an effect each, in their order."""
+    # Without a step there is but the count.
+    steps = tree["steps"].to_dataset()
+    return [steps.isel(step=at) for at in range(steps.attrs["count"])]
+
+
 def added_effects(tree: xr.DataTree) -> list[str]:
     """Symbols of the effects that were added, in the order of the steps."""
-    # Without a step there is but the count.
-    return tree["steps"].symbol.values.tolist() if tree["steps"].attrs["count"] else []
+    return [step.symbol.item() for step in steps_taken(tree)]
 
 
 def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
