@@ -202,13 +202,12 @@ def _coefficients(
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
     """A value with its interval; an arrow where the interval leaves the range that is drawn."""
-    (low, high), look = COEFFICIENT_RANGE, {"color": color, "markersize": 3}
+    low, high = COEFFICIENT_RANGE
     ends = np.array([value - error, value + error])
-    bar: dict[str, Any] = look | {"fmt": "o", "linewidth": 1.0}
-    style.interval(ax, row, value, np.abs(ends.clip(low, high) - value)[:, None], (low, high), **bar)
+    style.interval(ax, row, value, np.abs(ends.clip(low, high) - value)[:, None], (low, high), color=color)
     for end in ends if low <= value <= high else ():
         tip = "<" if end < low else ">" if end > high else "|"
-        ax.plot(np.clip(end, low, high), row, tip, clip_on=False, **look)
+        ax.plot(np.clip(end, low, high), row, tip, clip_on=False, color=color, markersize=3)
 
 
 def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at: str) -> None:

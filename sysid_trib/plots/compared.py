@@ -125,9 +125,9 @@ def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.
     low, high = _limits(values, errors, best)
     if np.isfinite(values[best]):
         ax.axvspan(values[best] - errors[best], values[best] + errors[best], color="0.88", zorder=0)
-    bars: dict[str, Any] = {"markeredgewidth": 0.9, "linewidth": 0.9, "capsize": 1.5, "linestyle": ""}
+    bars: dict[str, Any] = {"fmt": "", "linestyle": "", "markersize": 4, "linewidth": 0.9, "capsize": 1.5}
     for row, (value, error, mark) in enumerate(zip(values, errors, marks, strict=True)):
-        style.interval(ax, row, value, error, (low, high), **{"markersize": 4} | bars | dict(mark))
+        style.interval(ax, row, value, error, (low, high), markeredgewidth=0.9, **bars | dict(mark))
     # A power of ten is in the label, not in the ticks.
     scale = [f"$10^{{{power}}}$"] * bool(power) + [style.unit_label(unit)] * (unit != "1")
     ax.set(xlabel=f"${symbol}$ ({' '.join(scale) or '1'})", xlim=(low, high))

@@ -65,6 +65,7 @@ def interval(
 ) -> None:
     """A value with its error in a row; an arrow at the edge where it is beyond the limits, nothing of nan."""
     low, high = limits
+    look = {"fmt": "o", "markersize": 3, "linewidth": 1.0} | look
     if low <= value <= high:
         ax.errorbar(value, row, xerr=error, **look)
     elif np.isfinite(value):

@@ -138,8 +138,7 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         ax.axvline(estimate, color=INK, linewidth=0.6)
         values, errors = row.coefficient.values / unit, row.standard_error.values / unit
         for at, (value, error, colour) in enumerate(zip(values, errors, colours, strict=True)):
-            look: dict[str, Any] = {"fmt": "o", "color": colour, "markersize": 3, "linewidth": 0.8}
-            style.interval(ax, at, value, error, (-np.inf, np.inf), **look)
+            style.interval(ax, at, value, error, (-np.inf, np.inf), color=colour, linewidth=0.8)
         ax.set_xlabel(label, fontsize=FONT + 1.0)
         ax.locator_params(axis="x", nbins=2)
         ax.tick_params(labelsize=FONT)
@@ -208,8 +207,7 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
         if not np.isfinite(z[at]):
             continue
         colour = INK if row.differs.item() else GREY
-        look: dict[str, Any] = {"fmt": "o", "color": colour, "markersize": 4, "linewidth": 1.0}
-        style.interval(ax, at, z[at], half, (-MOST_ERRORS, MOST_ERRORS), **look)
+        style.interval(ax, at, z[at], half, (-MOST_ERRORS, MOST_ERRORS), color=colour, markersize=4)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
         # Beside the row, or in a column above it.
