@@ -176,8 +176,10 @@ def _gain(inertia: float | None) -> float:
 def _refuse_memory(model: Model) -> None:
     for force in model.forces:
         if force.memory:
-            wrong = f"Force '{force.symbol}' holds values from its reversals, as python-control cannot"
-            raise UsageError(f"{wrong}; leave it out, or linearise at an amplitude.")
+            raise UsageError(
+                f"Force '{force.symbol}' holds values from its reversals, as python-control cannot; leave it "
+                "out, or linearise at an amplitude."
+            )
 
 
 def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:

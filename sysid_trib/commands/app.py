@@ -12,6 +12,7 @@ from importlib import import_module
 from inspect import Parameter, Signature
 from math import isfinite
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 import typer
@@ -25,6 +26,7 @@ EXAMPLE_FORCES = "lambda,zeta,delta"
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 POSITIVE = (LEAST, MOST, "")
+PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 PYTHON_TYPES: dict[str, Any] = {"text": str, "number": float, "count": int, "switch": bool, "file": Path}
 PYTHON_TYPES |= {"files": list[Path], "texts": list[str]}
@@ -70,16 +72,12 @@ GROUPS: dict[str, Options] = {
 }
 
 
-class Asked:
+class Asked(SimpleNamespace):
     """What a command was given: the values of its options by their names, and these as `options`."""
 
     def __init__(self, options: Options, **values: Any) -> None:
-        vars(self).update({name: copy(row["default"]) for name, row in options.items()} | values)
-        self.options = options
-
-    def __getattr__(self, name: str) -> Any:
-        """Refuse what is no option of the command."""
-        raise AttributeError(name)
+        usual = {name: copy(row["default"]) for name, row in options.items()}
+        super().__init__(**{"options": options, **usual, **values})
 
     def but(self, **values: Any) -> "Asked":
         """Options and values, some of them others."""
@@ -108,7 +106,7 @@ def parse_window(
     sides = text.split(":")
     if len(sides) != 2:
         raise UsageError(f"{option} '{text}' must be {form}.")
-    low, high = (parse_number(side, option) if side.strip() else None for side in sides)
+    low, high = (parse_number(side, f"{option} '{text}'") if side.strip() else None for side in sides)
     return low, high
 
 
@@ -127,15 +125,23 @@ def parse_value_with_error(text: str | None, option: str) -> tuple[float, float]
     return value, error
 
 
-def assigned(texts: list[str], refusal: str) -> dict[str, float]:
-    """Values by name of `NAME=VALUE,...`; the refusal takes what is no such pair."""
-    values: dict[str, float] = {}
-    for setting in (part for text in texts for part in text.split(",")):
-        name, equals, value = (part.strip() for part in setting.partition("="))
-        if not equals or not name:
-            raise UsageError(refusal.format(setting))
-        values[name] = parse_number(value, f"--set {name}")
-    return values
+def texts_by_name(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
+    """Names and texts of an option's `NAME=VALUE`; `form` says how it is written."""
+    pairs: dict[str, str] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not value or not PARAMETER.fullmatch(name):
+            raise UsageError(f"{option} '{text}' must be {form}.")
+        if name in pairs:
+            raise UsageError(f"{option} is given twice for {name}; choose one.")
+        pairs[name] = value
+    return pairs
+
+
+def numbers_by_name(texts: Iterable[str], option: str, form: str) -> dict[str, float]:
+    """Names and numbers of an option's `NAME=VALUE,...`."""
+    pairs = texts_by_name((part for text in texts for part in text.split(",")), option, form)
+    return {name: parse_number(value, f"{option} '{name}={value}'") for name, value in pairs.items()}
 
 
 def parse_number(text: str, option: str) -> float:

@@ -1,6 +1,5 @@
 """What is asked of a method or of a search: its forces, shapes, constraints and frequencies."""
 
-import re
 from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.app import MOST, Asked, assigned, parse_number, parse_value_with_error
+from sysid_trib.commands import app
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import selection
 from sysid_trib.forces.constraints import Constraints
@@ -19,8 +18,6 @@ from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.results.files import kind_of
 from sysid_trib.validation.compare import every_method
 from sysid_trib.validation.findings import main_result
-
-PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
@@ -46,7 +43,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
     return whole.select(symbols)
 
 
-def asked_model(given: Asked) -> Asked:
+def asked_model(given: app.Asked) -> app.Asked:
     """What is to be identified, with what the system always has.
 
     Parameters
@@ -61,7 +58,7 @@ def asked_model(given: Asked) -> Asked:
         as methods take them, and `contactless`, the frequency without contact and its error (rad/s) or None.
     """
     moving = selection.load_system(given.system)
-    contactless, held = parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
+    contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
@@ -76,7 +73,7 @@ def asked_model(given: Asked) -> Asked:
     return given.but(**asked, contactless=contactless, random_force=random_force)
 
 
-def methods_asked(asked: Asked) -> dict[str, Method]:
+def methods_asked(asked: app.Asked) -> dict[str, Method]:
     """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
     methods = every_method(asked.reference_frequency, asked.shapes)
     return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
@@ -84,33 +81,17 @@ def methods_asked(asked: Asked) -> dict[str, Method]:
 
 def _constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:
     """Constraints as options write them: `lambda=0`; `zeta=0:1`, either side empty; `nu=-2.356*delta`."""
-    held = _pairs(fix, "--fix", "lambda=0")
-    fixed = {k: parse_number(v, f"--fix '{k}={v}'") for k, v in held.items()}
-    bounds = {}
-    for name, text in _pairs(bound, "--bound", "zeta=0:1").items():
-        ends, where = [end.strip() for end in text.split(":")], f"--bound '{name}={text}'"
-        if len(ends) != 2 or not any(ends):
-            raise UsageError(f"{where} must be LOW:HIGH, of which one side may be empty.")
-        low, high = (parse_number(end, where) if end else None for end in ends)
-        bounds[name] = low, high
-    return Constraints.merged(fixed, bounds, _pairs(tie, "--tie", '"nu=-2.356*delta"'))
-
-
-def _pairs(texts: list[str], option: str, example: str) -> dict[str, str]:
-    """Parameters and texts of an option's `NAME=VALUE`."""
-    pairs: dict[str, str] = {}
-    for text in texts:
-        name, _, value = (part.strip() for part in text.partition("="))
-        if not value or not PARAMETER.fullmatch(name):
-            raise UsageError(f"{option} '{text}' must be of the form {example}.")
-        if name in pairs:
-            raise UsageError(f"{option} is given twice for {name}; choose one.")
-        pairs[name] = value
-    return pairs
+    form = "LOW:HIGH, of which one side may be empty"
+    texts = app.texts_by_name(bound, "--bound", "of the form zeta=0:1")
+    bounds = {name: app.parse_window(text, f"--bound {name}", form) for name, text in texts.items()}
+    if unbounded := [name for name, ends in bounds.items() if ends == (None, None)]:
+        raise UsageError(f"--bound {unbounded[0]} '{texts[unbounded[0]]}' must be {form}.")
+    fixed = app.numbers_by_name(fix, "--fix", "of the form lambda=0")
+    return Constraints.merged(fixed, bounds, app.texts_by_name(tie, "--tie", 'of the form "nu=-2.356*delta"'))
 
 
 def asked_search(
-    given: Asked, inputs: Collection[str] = ()
+    given: app.Asked, inputs: Collection[str] = ()
 ) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
     """The start model, what it may lack, and how to search, as `discover` takes them.
 
@@ -159,11 +140,11 @@ def asked_search(
 def held_shapes(texts: list[str], library: ForceLibrary) -> dict[str, float]:
     """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
     known = list(library.shape_values())
-    refusal = f"--set '{{}}': give SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}."
-    shapes = assigned(texts, refusal)
+    form = f"SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}"
+    shapes = app.numbers_by_name(texts, "--set", form)
     for name in shapes:
         if name not in known:
-            raise UsageError(refusal.format(name))
+            raise UsageError(f"--set '{name}' must be {form}.")
     return shapes
 
 
@@ -174,9 +155,9 @@ def parse_random_force(text: str) -> RandomForceOption:
         return word  # type: ignore[return-value]
     with suppress(ValueError):
         density = float(word)
-    if not 0.0 <= density <= MOST:
+    if not 0.0 <= density <= app.MOST:
         raise UsageError(
-            f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {MOST:g} "
+            f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {app.MOST:g} "
             f"{DENSITY_UNITS}."
         )
     return density

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import MOST, Asked, assigned, parse_window
+from sysid_trib.commands.app import MOST, Asked, numbers_by_name, parse_window
 from sysid_trib.commands.asked import asked_model, model_of_file
 from sysid_trib.commands.next_step import command_after
 from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
@@ -112,7 +112,7 @@ def plan(tell: Tell, given: Asked) -> Callable[[], None]:
         "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
         "duration": parse_window(given.duration, "--duration"),
     }
-    wanted = assigned(given.want, "--want '{}' must be FORCE=ERROR, such as delta=0.0005.")
+    wanted = numbers_by_name(given.want, "--want", "FORCE=ERROR, such as delta=0.0005")
     tell("reading")
     tree = load(given.records[0]) if [p.suffix for p in given.records] == [".nc"] else None
     # A record may be netCDF too.
@@ -161,7 +161,7 @@ def _settings(
     texts: list[str], library: ForceLibrary, *, papers: bool
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
-    values = assigned(texts, "--set '{}' must be SYMBOL=VALUE, such as lambda=1e-3.")
+    values = numbers_by_name(texts, "--set", "SYMBOL=VALUE, such as lambda=1e-3")
     for name, value in values.items():
         if abs(value) > MOST:
             raise UsageError(f"--set {name}: {value:g} is larger than {MOST:g}.")

@@ -250,12 +250,13 @@ def deliver(
         _draw(tree, kind, given.plot, given.width / INCH, tell)
     tell("what is to be said")
     whole = "explain" in given.options
-    following = tree.attrs.get("next", "") if whole else ""
+    following = tree.attrs.get("next", "")
     if given.as_json:
         return partial(print_json, says[1]() | ({"next": following} if whole else {}))
-    layer = Layer.DEFAULT
-    if whole:
-        layer = Layer.QUIET if given.quiet else Layer.EXPLAIN if given.explain else Layer.DEFAULT
+    options = vars(given)
+    layer = (
+        Layer.QUIET if options.get("quiet") else Layer.EXPLAIN if options.get("explain") else Layer.DEFAULT
+    )
     ends = ["More: --explain."] if whole and layer is Layer.DEFAULT else []
     ends += [f"Next: {printable(following)}"] if following else []
     return partial(print_blocks, [*says[0]()], layer, ends, places)

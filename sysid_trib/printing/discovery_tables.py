@@ -180,16 +180,15 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
     }
     # The record's own: the model's may be far off.
     amplitude = (spans.amplitude + spans.amplitude_error).values
-    ends = int(np.argmax(amplitude)), int(np.argmin(amplitude))
-    at_ends = [f"at {amplitude[end]:.3g} {signal_units(tree)}" for end in ends]
+    ends = (int(np.argmax(amplitude)), int(np.argmin(amplitude)))
+    heads = {f"at {amplitude[end]:.3g} {signal_units(tree)}": end for end in ends}
     rows = []
     for name, part in parts.items():
         most = int(np.argmax(np.nan_to_num(np.abs(part.values))))
         run = f" of run {spans.run.values[most] + 1}" if len(record_groups(tree)) > 1 else ""
         row = {"record minus model": name, "largest": f"{part.values[most]:+.2g}"}
         row["when"] = f"{spans.time.values[most]:.3g} s{run}"
-        cells = (f"{part.values[end]:+.2g}" for end in ends)
-        rows.append(row | dict(zip(at_ends, cells, strict=True)))
+        rows.append(row | {head: f"{part.values[end]:+.2g}" for head, end in heads.items()})
     return layout.text_table(rows, ("record minus model", "when"))
 
 

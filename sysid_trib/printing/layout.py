@@ -1,7 +1,5 @@
 """Numbers with errors and tables as texts; datasets as plain data, by tables of keys, and as CSV."""
 
-import csv
-import io
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import floor, log10
@@ -10,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike
 from rich.table import Table
@@ -268,11 +267,9 @@ def records_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def csv_of(heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     """Rows by the heads of their columns, as CSV."""
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, list(heads), extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        # A spreadsheet would execute a text that begins as a formula does.
-        formulas = {k: f"'{v}" for k, v in row.items() if isinstance(v, str) and v.startswith(FORMULA_SIGNS)}
-        writer.writerow({**row, **formulas})
-    return buffer.getvalue()
+    # What a row lacks is empty, a number that is none is nan.
+    whole = [dict.fromkeys(heads, "") | dict(row) for row in rows]
+    table = pd.DataFrame(whole, columns=list(heads), dtype=object)
+    # A spreadsheet would execute a text that begins as a formula does.
+    safe = table.map(lambda v: f"'{v}" if isinstance(v, str) and v.startswith(FORMULA_SIGNS) else v)
+    return str(safe.to_csv(index=False, na_rep="nan", lineterminator="\n"))

@@ -242,9 +242,8 @@ def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
     """A row for each run and amplitude."""
     heads, rows = [name for name in layout.KEYS["backbone"] if name not in ("source", "unit")], []
     for run, data in enumerate(backbones.values(), 1):
-        words = {"run": run, "unit": data.amplitude.attrs["units"]}
-        table = zip(*(data[name].values.tolist() for name in heads), strict=True)
-        rows += [words | dict(zip(heads, values, strict=True)) for values in table]
+        table = data[heads].to_dataframe().reset_index()
+        rows += table.assign(run=run, unit=data.amplitude.attrs["units"]).to_dict("records")
     return layout.csv_of(["run", "unit", *heads], rows)
 
 
@@ -256,8 +255,8 @@ def _table(data: xr.Dataset) -> Table:
     heads = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
     rows = []
     for at in places:
-        point = data.isel(amplitude=at)
-        pairs = {head: (point[name].item(), point[f"{name}_high"].item()) for name, head in heads.items()}
-        cells = {head: layout.value_with_error(value, high - value) for head, (value, high) in pairs.items()}
-        rows.append({f"amplitude ({unit})": f"{amplitude[at]:.3g}", **cells})
+        rows.append({f"amplitude ({unit})": f"{amplitude[at]:.3g}"})
+        for name, head in heads.items():
+            value, high = (data[key].values[at] for key in (name, f"{name}_high"))
+            rows[-1][head] = layout.value_with_error(value, high - value)
     return layout.text_table(rows)
