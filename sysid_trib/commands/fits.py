@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
@@ -164,17 +163,16 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
     low, high = parse_window(window, "--holdout")
     seen, held = [], []
     for decay in decays:
-        time = decay.time.values
-        inside = np.ones(len(time), dtype=bool) if low is None else time >= low
-        inside &= True if high is None else time <= high
-        here = f"the decay is from {time[0]:.4g} s to {time[-1]:.4g} s"
-        if inside.all() or not inside.any():
-            part = "all" if inside.any() else "nothing"
-            raise DecayError(f"--holdout '{window}' holds out {part}: {here}.")
-        if not (inside[0] or inside[-1]):
+        part = decay.sel(time=slice(low, high))
+        rest = decay.drop_sel(time=part.time)
+        here = f"the decay is from {decay.time[0]:.4g} s to {decay.time[-1]:.4g} s"
+        if not (part.sizes["time"] and rest.sizes["time"]):
+            share = "all" if part.sizes["time"] else "nothing"
+            raise DecayError(f"--holdout '{window}' holds out {share}: {here}.")
+        if not {part.time[0].item(), part.time[-1].item()} & {decay.time[0].item(), decay.time[-1].item()}:
             raise UsageError(f"--holdout '{window}' must reach to the start or the end: {here}.")
-        seen.append(decay.isel(time=np.flatnonzero(~inside)))
-        held.append(decay.isel(time=np.flatnonzero(inside)))
+        seen.append(rest)
+        held.append(part)
     said = f"up to {high:g} s" if low is None else f"from {low:g} s on" if high is None else ""
     said = said or f"{low:g} s to {high:g} s"
     return seen, held, said + (" of each run" if len(decays) > 1 else "")

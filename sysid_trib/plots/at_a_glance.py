@@ -89,19 +89,19 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     wide = width >= TWO_COLUMNS
     models = () if of_discovery else tuple(lines) or ("",)
     residuals = RESIDUAL_PANELS[: len(models)]
-    rows = ["IJ"] if curves is not None else []
-    rows += [name * 2 for name in ("A", *residuals)] + ["CD"]
-    rows += ["EE"] if of_discovery else ["EF"] if wide else ["EE", "FF"]
-    heights = [(RESIDUAL_HEIGHT if row[0] in RESIDUAL_PANELS else ROW_HEIGHT)[not wide] for row in rows]
+    usual, of_residual = (heights[not wide] for heights in (ROW_HEIGHT, RESIDUAL_HEIGHT))
     most = max((result.sizes["force"] for result in results.values()), default=0)
-    heights[-2 if rows[-1] == "FF" else -1] += COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
+    of_coefficients = usual + COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
+    rows = {"IJ": usual} if curves else {}
+    rows |= {"AA": usual, **{name * 2: of_residual for name in residuals}, "CD": usual}
+    rows |= {"EF" if wide and not of_discovery else "EE": of_coefficients}
+    rows |= {} if wide or of_discovery else {"FF": usual}
     with mpl.rc_context({"font.size": FONT_SIZE, "axes.titlesize": FONT_SIZE + 0.5}):
-        figure = new_figure(width, sum(heights))
-        panels = figure.subplot_mosaic(";".join(rows), height_ratios=heights)
+        figure = new_figure(width, sum(rows.values()))
+        panels = figure.subplot_mosaic(";".join(rows), height_ratios=list(rows.values()))
         draw_in_time([panels["A"], *(panels[name] for name in residuals)], tree, run, models)
-        for panel, name in zip("IJ", CURVE_LABELS, strict=True):
-            if curves is not None:
-                draw_curve(panels[panel], curves[0], name, curves[1])
+        for panel, name in zip("IJ", CURVE_LABELS, strict=True) if curves else ():
+            draw_curve(panels[panel], curves[0], name, curves[1])
         main = next(reversed(list(results.values())), None)
         weighed = None if main is None else _weighed(main, record)
         units = signal_units(record)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -217,9 +218,7 @@ def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
     if condition.dtype.kind in "fiu":
         return condition.astype(float), ()
     labels, numbers = np.unique(condition.astype(str), return_inverse=True)
-    at = numbers.astype(float)
-    for group in range(len(labels)):
-        # Runs of a group side by side about its label, so that none hides another.
-        count = np.count_nonzero(numbers == group)
-        at[numbers == group] += (np.arange(count) + 0.5) / (2.0 * count) - 0.25
-    return at, labels.tolist()
+    # Runs of a group side by side about its label, so that none hides another.
+    groups = pd.Series(numbers).groupby(numbers)
+    at = numbers + (groups.cumcount() + 0.5) / (2.0 * groups.transform("size")) - 0.25
+    return at.to_numpy(), labels.tolist()

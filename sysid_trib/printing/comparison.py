@@ -185,15 +185,10 @@ def _with_random_force(tree: xr.DataTree) -> list[str]:
 
 def _as_good(table: xr.Dataset) -> Iterator[str]:
     """Which methods predict as well as the best."""
-    methods = layout.by_label(table, "method")
-    limit = ALIKE * methods.pop(table.attrs["best"]).holdout_over_noise.item()
-    labels = [
-        label
-        for label, row in methods.items()
-        if not row.failure.item()
-        and (row.holdout_over_noise.item() <= limit or row.holdout_p_value.item() > ALIKE_LEVEL)
-    ]
-    if labels:
+    best, others = {"method": table.attrs["best"]}, table.drop_sel({"method": table.attrs["best"]})
+    as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
+    good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
+    if labels := others.method.values[good].tolist():
         yield f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
 
 
@@ -220,8 +215,8 @@ def _noise(table: xr.Dataset) -> str:
 def _by_accident(table: xr.Dataset) -> Iterator[str]:
     """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
     ratios = table.residual_over_noise.fillna(np.inf)
-    best, least = table.attrs["best"], table.method.values[int(np.argmin(ratios.values))].item()
-    ratio = ratios.sel({"method": best}).item() / ratios.min().item()
+    best, least = table.attrs["best"], ratios.idxmin("method").item()
+    ratio = (ratios.sel({"method": best}) / ratios.min()).item()
     if ratio > LARGE:
         yield (
             f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
@@ -155,8 +156,8 @@ def response_csv(response: xr.Dataset) -> str:
     return layout.csv_of(["sweep", "frequency_rad_s", CURVE_VALUES[0], "unit", *CURVE_VALUES[1:]], rows)
 
 
-# Runs that the table has.
-MOST_RUNS = 8
+# Runs that the table has, and the head of one of its columns.
+MOST_RUNS, DURATION = 8, "duration (s)"
 
 
 def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
@@ -203,14 +204,14 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
     units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
     heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
     for run in layout.by_label(data, "run").values():
-        row = {release: _size(run), "duration (s)": f"{run.duration.item():.3g}"}
+        row = {release: _size(run), DURATION: f"{run.duration.item():.3g}"}
         if several:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
         errors = (f"{error:.2g}" for error in run.standard_error.values)
         rows.append(row | dict(zip(heads, errors, strict=True)))
     # Of runs that are said to tell as much the shorter one comes first.
-    seen = {tuple(row.values())[2:]: row for row in reversed(rows)}
-    return [row for row in rows if seen[tuple(row.values())[2:]] is row]
+    table = pd.DataFrame(rows)
+    return list(table.drop_duplicates(table.columns.drop([release, DURATION])).to_dict("records"))
 
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The equation of an identification in one line, for LaTeX, and as a function of other programs."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from math import floor, log10
 from typing import Any
 
@@ -37,10 +37,10 @@ def equation_text(result: xr.Dataset) -> str:
     result : Dataset
         An identification.
     """
-    forces, sensors = ([(n, f.text) for n, f, of in _terms(result) if of is side] for side in (False, True))
-    text = f"x'' = -w^2 (x{_sum(forces)}), v = x'/w, w = {frequency_text(result)} rad/s"
+    text = f"x'' = -w^2 (x{_sum(result)}), v = x'/w, w = {frequency_text(result)} rad/s"
     shapes = ", ".join(f"{name} = {value:.6g}" for name, value in shape_values_of(result).items())
-    measured = f"; the sensor shows x{_sum(sensors)}" if sensors else ""
+    sensor = _sum(result, of_sensor=True)
+    measured = f"; the sensor shows x{sensor}" if sensor else ""
     return f"{text}{f', {shapes}' if shapes else ''}{measured}"
 
 
@@ -50,9 +50,7 @@ def equation_latex(result: xr.Dataset) -> str:
     x = signal_symbol(signal_units(result))
     names = {name: latex.replace(r"\theta", x) for name, latex in NAMES.items()}
     parts = [x]
-    for number, formula, of_sensor in _terms(result):
-        if of_sensor:
-            continue
+    for number, formula in _terms(result):
         written, is_sum = formula_latex(formula, names)
         if is_sum or written.startswith("-"):
             # It is multiplied whole.
@@ -107,8 +105,8 @@ def frequency_text(result: xr.Dataset) -> str:
     return rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
 
 
-def _terms(result: xr.Dataset) -> Iterator[tuple[str, Formula, bool]]:
-    """Numbers and formulas of the active forces, and whether they are the sensor's.
+def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, Formula]]:
+    """Numbers and formulas of the active forces, or of what the sensor adds.
 
     A stiffness that refers to another frequency, that without contact, is in w already.
     """
@@ -116,17 +114,17 @@ def _terms(result: xr.Dataset) -> Iterator[tuple[str, Formula, bool]]:
         row = result.sel(force=force.symbol)
         acts = row.active.item() and row.coefficient.item() != 0.0 and in_model(result, force.symbol)
         # Each run's own stands once, by its index.
-        if acts and (force.run or 1) == 1:
+        if acts and (force.run or 1) == 1 and (force.kind == "sensor") is of_sensor:
             number = rounded(row.coefficient.item(), row.standard_error.item())
             number = number if force.run is None else f"{force.symbol.removesuffix('_1')}_i"
-            yield number, force.formula, force.kind == "sensor"
+            yield number, force.formula
 
 
-def _sum(terms: Iterable[tuple[str, str]]) -> str:
+def _sum(result: xr.Dataset, *, of_sensor: bool = False) -> str:
     """Numbers times formulas; the sign of a formula goes to its number."""
     text = ""
-    for number, formula in terms:
-        factor = _factor(formula)
+    for number, formula in _terms(result, of_sensor):
+        factor = _factor(formula.text)
         if factor.startswith("-"):
             number, factor = number[1:] if number.startswith("-") else f"-{number}", factor[1:]
         text += f" {_signed(number)}*{factor}"

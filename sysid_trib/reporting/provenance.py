@@ -92,10 +92,9 @@ def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
 def python_text(tree: xr.DataTree) -> str:
     """Lines of Python that read the records and compute the result."""
     kind, named = kind_of(tree), identifications_of(tree)
-    first = last = next(iter(named.values()))
     checked = tree["comparison"].attrs if kind in ("cross_check", "driven") else {}
-    if checked:
-        first, last = named[checked["first"]], named[checked["second"]]
+    only = next(iter(named))
+    first, last = (named[checked.get(which, only)] for which in ("first", "second"))
     options = json.loads(tree.attrs["options"]) if kind == "discover" else {}
     known = [last[name].item() for name in ("omega0", "omega0_standard_error") if name in last]
     return from_template(
