@@ -52,8 +52,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
     """Why records have no numbers, by their names."""
-    bad = store.isel(record=np.flatnonzero(store.status.values > 1))
-    return dict(zip(bad.record.values.tolist(), bad.message.values.tolist(), strict=True))
+    return dict(store.message[store.status.values > 1].to_series())
 
 
 def _of_done(store: xr.Dataset, name: str) -> list[str]:

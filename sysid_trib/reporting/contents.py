@@ -161,6 +161,7 @@ def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
 
 def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Part:
     """Every record a row, those that are farthest off first."""
+    known = pd.DataFrame(index=range(store.sizes["record"])) if conditions is None else conditions
     largest = np.zeros(store.sizes["record"])
     if compared is not None:
         z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
@@ -169,17 +170,17 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     # Of a large store only what is shown is read.
     last = store.sel({"method": reported_method(store)}).isel(record=order).load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
-    names = [] if conditions is None else list(conditions)
-    rows = []
-    for place, at in enumerate(order):
-        here = [] if conditions is None else [str(value) for value in conditions.iloc[at]]
-        rows.append(_row(last.isel(record=place), symbols, largest[at], here))
-    heads = ["record", "free decay", *names, *symbols, "w_inf (rad/s)", "off by", "verdict"]
+    rows = [
+        _row(last.isel(record=place), symbols, largest[at], [*map(str, known.iloc[at])])
+        for place, at in enumerate(order)
+    ]
+    heads = ["record", "free decay", *known, *symbols, "w_inf (rad/s)", "off by", "verdict"]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
     by = BY_MODEL.get(last.method.item(), f"by {last.method.item()}")
     title = f"Coefficients {by}; off by: distance from the others in standard deviations"
-    table = {"title": title, "heads": heads, "rows": rows, "numbers": range(2 + len(names), len(heads) - 1)}
+    numbers = range(2 + len(known.columns), len(heads) - 1)
+    table = {"title": title, "heads": heads, "rows": rows, "numbers": numbers}
     return {"title": "Records, those that stand out first", "sentences": said, "tables": [table]}
 
 
