@@ -175,9 +175,8 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
     if record is None:
-        idle = [k for k, v in {**how, "input": given.input_}.items() if v is not None]
-        if idle:
-            raise UsageError(f"--{idle[0].replace('_', '-')} is for a RECORD, and none is given.")
+        if idle := given.changed([*READING, "input_"]):
+            raise UsageError(f"{idle[0]} is for a RECORD, and none is given.")
         example = paper_twin()
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
         return record, [_multiplied(example, factor)], source

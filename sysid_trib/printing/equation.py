@@ -166,10 +166,8 @@ def model_code(result: xr.Dataset, language: str) -> str:
     model, functions = model_of(result), FUNCTION_NAMES[language]
     terms, states, starts = list[str](), dict[str, str](), list[str]()
     for force in model.forces:
-        known = dict(functions)
-        for name, shape in force.shape.items():
-            known[name] = f"({float(model.shapes.get(f'{force.symbol}.{name}', shape.default))!r})"
-        known |= {name: f"{force.symbol}_{name}" for name in force.state}
+        shapes = {name: f"({value!r})" for name, value in force.shape_values(model.shapes).items()}
+        known = {**functions, **shapes, **{name: f"{force.symbol}_{name}" for name in force.state}}
         terms.append(f"{float(model.coefficients[force.symbol])!r} * ({_renamed(force.formula, known)})")
         for name, rate in force.state.items():
             states[known[name]] = _renamed(rate, known)
@@ -181,7 +179,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
             "equation": _one_line(equation_text(result)),
             "unit": _one_line(signal_units(result)),
             "w": repr(float(model.reference_frequency)),
-            "inputs": [{"name": channel.name, "power": channel.power} for channel in model.driven],
+            "inputs": model.driven,
             "terms": terms or ["0.0"],
             "states": states,
             "starts": starts,
