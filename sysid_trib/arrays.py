@@ -1,5 +1,6 @@
-"""Types of arrays that all rooms share, variables of a Dataset, and which columns depend on others."""
+"""Arrays that all rooms share, variables of a Dataset, derivatives, columns that depend on others."""
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -48,6 +49,28 @@ def with_error(
         name: variable(dims, values, long_name, units),
         f"{name}_standard_error": variable(dims, errors, f"standard error of the {long_name}", units),
     }
+
+
+def jacobian(function: Callable[[Array], ArrayLike], at: Array, errors: Array) -> Array:
+    """Derivatives of values by parameters that are known to these errors, by central differences.
+
+    Parameters
+    ----------
+    function : callable
+        Takes the parameters, gives an array of any shape.
+    at, errors : (parameter,) array of float
+        Where it is differentiated, and standard errors, a thousandth of which is a step.
+
+    Returns
+    -------
+    (..., parameter) array of float
+    """
+    steps = np.clip(1e-3 * errors + 1e-300, 1e-7 * np.abs(at), None)
+    slopes = []
+    for step, unit in zip(steps, np.eye(len(at)), strict=True):
+        above, below = (np.asarray(function(at + side * step * unit), dtype=float) for side in (1.0, -1.0))
+        slopes.append((above - below) / (2.0 * step))
+    return np.stack(slopes, axis=-1)
 
 
 def dependent_columns(table: Array) -> list[tuple[int, ...]]:

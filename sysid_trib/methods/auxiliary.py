@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, jacobian
 from sysid_trib.cycles.signatures import averages, tabulated_averages
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
@@ -54,16 +54,6 @@ def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_perio
         return design, np.stack([(extremum[2:] - extremum[:-2]) / span, 2.0 * np.pi / span], axis=1)
 
     return equations
-
-
-def jacobian(function: Callable[[Array], Array], at: Array, errors: Array) -> Array:
-    """Derivatives of values by parameters with these errors, (value, parameter)."""
-    steps = np.clip(1e-3 * errors + 1e-300, 1e-7 * np.abs(at), None)
-    slopes = [
-        (function(at + step * unit) - function(at - step * unit)) / (2.0 * step)
-        for step, unit in zip(steps, np.eye(len(at)), strict=True)
-    ]
-    return np.stack(slopes, axis=1)
 
 
 @dataclass(frozen=True)

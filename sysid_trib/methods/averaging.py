@@ -253,27 +253,26 @@ class FrequencyShift:
             forces = (stiffness, *forces)
 
         def identified(values: Array) -> Array:
-            """Frequency at vanishing amplitude; coefficients, that of formula `x` first, and frequency."""
-            coefficients, viscous, fitted = values[:count], values[count + VISCOUS], values[-1]
-            limit = fitted * np.sqrt(max(1.0 - viscous**2, SMALLEST))
+            """Coefficients at the reference frequency, that of formula `x` first, and that frequency."""
+            coefficients, fitted = values[:count], values[-1:]
             if reference is None:
-                return np.concatenate([[limit], coefficients, [fitted]])
+                return np.append(coefficients, fitted)
             ratio = (fitted / reference) ** 2
-            elastic = [] if stiffness is None else [ratio - 1.0]
-            return np.concatenate([[limit], elastic, coefficients * ratio, [reference]])
+            elastic = np.empty(0) if stiffness is None else ratio - 1.0
+            return np.concatenate([elastic, coefficients * ratio, [reference]])
 
-        mapped, of_frequency = estimate.mapped(identified), estimate.birge_ratios["frequency"]
-        values, errors = mapped.values, np.sqrt(np.diag(mapped.covariance))
+        def at_rest(values: Array) -> Array:
+            """Frequency at vanishing amplitude."""
+            return values[-1:] * np.sqrt(max(1.0 - values[count + VISCOUS] ** 2, SMALLEST))
+
+        of_frequency, limit = estimate.birge_ratios["frequency"], estimate.mapped(at_rest)
         shown = replace(
-            mapped,
-            values=values[1:],
-            bias=mapped.bias[1:],
-            covariance=mapped.covariance[1:, 1:],
-            birge_ratios={"": of_frequency, "frequency": of_frequency},
+            estimate.mapped(identified), birge_ratios={"": of_frequency, "frequency": of_frequency}
         )
         result = as_identification(self, decay, replace(asked, forces=forces), shown, library)
-        limits = {"asymptotic_frequency": values[0], "asymptotic_frequency_standard_error": errors[0]}
-        return result.assign({name: result[name].copy(data=value) for name, value in limits.items()})
+        for name, number in (("", limit.values), ("_standard_error", np.sqrt(limit.covariance))):
+            result[f"asymptotic_frequency{name}"].values = number.item()
+        return result
 
 
 def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> AuxiliaryModel:

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, jacobian
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import (
@@ -21,7 +21,6 @@ from sysid_trib.methods.auxiliary import (
     AuxiliaryModel,
     Groups,
     birge_ratios,
-    jacobian,
     random_force_ratio,
     swing_frequency,
     with_random_force,

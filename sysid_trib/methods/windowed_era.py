@@ -77,15 +77,14 @@ def fit_windows(decay: xr.Dataset) -> tuple[xr.Dataset, ComplexArray, sp.csr_mat
     starts = np.arange(0, count - length + 1, max(1, round(0.25 * length)))
     if len(starts) < 3:
         raise DecayError(f"{source}: fewer than three windows of two periods; give a longer record.")
-    step, less, kept, modes = float(coarse[1] - coarse[0]), noise / np.sqrt(block), [], []
+    step, less, modes = float(coarse[1] - coarse[0]), noise / np.sqrt(block), []
     for start in starts:
         part = y[start : start + length]
         if (root := _mode_root(part)) is not None:
-            kept.append(start)
-            modes.append((root, *_swing(part, root, block)))
+            modes.append((start, root, *_swing(part, root, block)))
     if len(modes) < 3:
         raise DecayError("Fewer than three windows hold an oscillation; the noise is too large.")
-    roots, weights, errors = (np.array(column) for column in zip(*modes, strict=True))
+    kept, roots, weights, errors = (np.array(column) for column in zip(*modes, strict=True))
     rows = [_influence_on_root(*pair, length) / (pair[0] * step) for pair in zip(roots, weights, strict=True)]
     columns = np.add.outer(kept, np.arange(length))
     pointers = length * np.arange(len(kept) + 1)
@@ -96,7 +95,7 @@ def fit_windows(decay: xr.Dataset) -> tuple[xr.Dataset, ComplexArray, sp.csr_mat
     for name, value, error, units, long_name in (
         ("window_frequency", exponent.imag, _errors(influence.imag), "rad/s", "instantaneous frequency"),
         ("window_decay_rate", -exponent.real, _errors(influence.real), "s-1", "instantaneous decay rate"),
-        ("window_amplitude", np.abs(weights), less * errors.real, "rad", "amplitude"),
+        ("window_amplitude", np.abs(weights), less * errors, "rad", "amplitude"),
     ):
         variables |= with_error(name, "era_window", (value, error), long_name, units)
     return xr.Dataset(variables), exponent, influence

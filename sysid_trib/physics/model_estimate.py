@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, jacobian
 from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -36,14 +36,7 @@ def propagate(
         What the function gives, and its standard error.
     """
     result = np.asarray(function(values), dtype=float)
-    errors = np.sqrt(np.diag(covariance))
-    slopes = np.zeros((*result.shape, len(values)))
-    for i in np.flatnonzero(errors > 0):
-        step = np.zeros(len(values))
-        # The step of a numerical derivative: of a standard error, and of the value itself.
-        step[i] = max(1e-3 * errors[i], 1e-7 * abs(values[i]))
-        above, below = (np.asarray(function(values + s * step), dtype=float) for s in (1.0, -1.0))
-        slopes[..., i] = (above - below) / (2.0 * step[i])
+    slopes = jacobian(function, values, np.sqrt(np.diag(covariance)))
     variance = np.einsum("...i,ij,...j->...", slopes, covariance, slopes)
     return result, np.sqrt(np.maximum(variance, 0.0))
 
@@ -196,8 +189,10 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     """
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
     if missing or "library" not in result.attrs:
-        wrong = "This wants an identification, as identify returns it"
-        raise UsageError(f"{wrong}; {', '.join(missing) or 'library'} is missing.")
+        raise UsageError(
+            "This wants an identification, as identify returns it; "
+            f"{', '.join(missing) or 'library'} is missing."
+        )
     # A sensor term takes no energy and has no weight.
     library = schema.library_of(result)
     library = library.select(f.symbol for f in library if f.kind == "force")

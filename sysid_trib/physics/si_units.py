@@ -83,10 +83,8 @@ def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None
 
 def _stiffness(estimate: estimates.ModelEstimate, values: Array) -> float:
     """I w^2, and what a force of formula `x` adds to it where w does not hold it."""
-    force = estimate.library.role("x")
-    at = None if force is None else estimate.symbols.index(force.symbol)
-    added = values[at] if at is not None and estimate.in_model[at] else 0.0
-    return float(values[-1] * values[-2] ** 2 * (1.0 + added))
+    elastic = estimate.in_model & [force.matches("x") for force in estimate.forces]
+    return float(values[-1] * values[-2] ** 2 * (1.0 + values[:-2][elastic].sum()))
 
 
 def _is_monomial(force: Force) -> bool:
@@ -200,8 +198,10 @@ def check_measured(names: Set[str]) -> None:
         Not one of inertia and mass, or a radius without inertia and load, or these without it.
     """
     if ("inertia" in names) == ("mass" in names) or ("radius" in names) != ({"inertia", "load"} <= names):
-        wrong = "SI units take the inertia of an angle or mass of a displacement; the coefficient of friction"
-        raise UsageError(f"{wrong} takes the load too, and of an angle the radius at which the contact rubs.")
+        raise UsageError(
+            "SI units take the inertia of an angle or mass of a displacement; the coefficient of friction "
+            "takes the load too, and of an angle the radius at which the contact rubs."
+        )
 
 
 def in_si_units(
@@ -287,8 +287,10 @@ def check_length_unit(unit: str) -> None:
         With what to give instead.
     """
     if unit not in METRES:
-        wrong = f"A mass makes forces of a displacement in a unit of length; this record is in {unit}"
-        raise UsageError(f"{wrong}. Give its unit, --units mm, or of an angle the inertia, --inertia.")
+        raise UsageError(
+            f"A mass makes forces of a displacement in a unit of length; this record is in {unit}. "
+            "Give its unit, --units mm, or of an angle the inertia, --inertia."
+        )
 
 
 def _unit_of_force(power: float, speed: float) -> str:

@@ -145,29 +145,27 @@ def fit_start(
     amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
     # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
-    begin, zero, before = np.array(start, dtype=float), offset or 0.0, np.inf
+    begin, zero, longest = np.array(start, dtype=float), offset or 0.0, np.inf
     by = BY_START if sensitivity is None else ()
-    motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
-    sensitivity = motion.derivatives.get("angle", sensitivity)
-    for _ in range(NEARBY_ROUNDS if near else MAX_ROUNDS):
+    rounds = NEARBY_ROUNDS if near else MAX_ROUNDS
+    for done in range(rounds + 1):
+        motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
+        sensitivity = motion.derivatives.get("angle", sensitivity)
+        if longest < SETTLED_START or done == rounds:
+            break
         columns = sensitivity * units
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         # Three columns of many rows: their products tell a step as well, and ten times as fast.
         residual = angle - zero - motion.angle
         steps, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ residual, rcond=SINGULAR**2)
         steps[:2] *= units
-        longest = np.max(np.abs(steps[:2]) / amplitude)
+        before, longest = longest, np.max(np.abs(steps[:2]) / amplitude)
         # A step as long as the swing itself is a phase slip, not a start.
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < NEAR_START:
             break
         by = BY_START if longest > min(FAR_START, NOT_SHORTER * before) else ()
-        before = longest
-        motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
-        sensitivity = motion.derivatives.get("angle", sensitivity)
-        if longest < SETTLED_START:
-            break
     v = motion.rate / model.reference_frequency
     return FittedMotion(
         begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
