@@ -128,8 +128,8 @@ class EquationSolution:
         runs = []
         for run, other in zip(self.runs, simulated.runs, strict=True):
             kept = slice(min(len(run.residual), len(other.residual)))
-            beyond = run.residual[kept] - other.residual[kept]
-            runs.append(HalfPeriodEquations(run.design[kept], beyond, run.slopes[kept], run.first[kept]))
+            excess = run.residual[kept] - other.residual[kept]
+            runs.append(HalfPeriodEquations(run.design[kept], excess, run.slopes[kept], run.first[kept]))
         return replace(simulated, runs=runs)
 
 

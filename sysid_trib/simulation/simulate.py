@@ -72,7 +72,9 @@ def simulate(
     if known:
         model = replace(model, inputs=known)
         refuse_unused(known, model.library)
-    motion = trajectory(model, time, angle, rate, random_force=random_force, seed=seed)
+    tau, w = _checked(model, time, angle, rate), model.reference_frequency
+    forcing = forcing_of(model, tau, random_force, seed)
+    motion = replace(integrate(model, tau, (angle, rate / w), forcing=forcing), start=float(time[0]))
     data: dict[str, Any] = {
         "angle": ("time", motion.angle, {"units": "rad", "long_name": "angle"}),
         "rate": ("time", motion.rate, {"units": "rad/s", "long_name": "angular rate"}),
@@ -105,14 +107,12 @@ def trajectory(
     *,
     by: Sequence[str] = (),
     most_steps: int = STEPS_A_PERIOD,
-    random_force: float = 0.0,
-    seed: int = 0,
 ) -> SimulatedMotion:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
     Parameters
     ----------
-    model, time, angle, rate, random_force, seed
+    model, time, angle, rate
         See `simulate`.
     by : sequence of str
         Parameters of which derivatives are taken: symbols of forces, `dahl.s`, and the names in `integrate`.
@@ -128,24 +128,28 @@ def trajectory(
     Coefficients, shapes and frequency of the same forces are free. Forces with coefficient zero stay in:
     their states and memory follow the motion.
     """
+    tau, w = _checked(model, time, angle, rate), model.reference_frequency
+    forcing = forcing_of(model, tau)
+    motion = integrate(model, tau, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
+    return replace(motion, start=float(time[0]))
+
+
+def _checked(model: Model, time: Vector, angle: float, rate: float) -> Vector:
+    """Times of a simulation as w t from the first; refused where it cannot start."""
     if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
         raise SimulationError(
             "The times of a simulation must be finite and increase; sort them, drop repeats."
         )
     if not (np.isfinite(angle) and np.isfinite(rate)):
         raise SimulationError(f"A motion cannot start from angle {angle} rad and rate {rate} rad/s.")
-    w = model.reference_frequency
-    tau = w * (time - float(time[0]))
-    forcing = forcing_of(model, tau, random_force, seed)
-    motion = integrate(model, tau, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
-    return replace(motion, start=float(time[0]))
+    return model.reference_frequency * (time - float(time[0]))
 
 
 # Impulses a period of a motion with a random force: their law is then right to a percent.
 INCREMENTS_PER_PERIOD = 40
 
 
-def forcing_of(model: Model, tau: Vector, random_force: float, seed: int) -> Forcing | None:
+def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Forcing | None:
     """What is given to a model: its inputs, exact between their samples, and a random force.
 
     Parameters

@@ -12,7 +12,7 @@ PASSED = 1e-9
 # Of the size of the motion: no further from a surface than rounding.
 AT_ZERO = 1e-14
 # Of what is held, upwards and downwards: table, way, memory and signs.
-SIDES = ((at.UP, 1.0, at.MEMORY_UP, at.SIGNS_UP), (at.DOWN, -1.0, at.MEMORY_DOWN, at.SIGNS_DOWN))
+HELD_SIDES = ((at.UP, 1.0, at.MEMORY_UP, at.SIGNS_UP), (at.DOWN, -1.0, at.MEMORY_DOWN, at.SIGNS_DOWN))
 # Rates of states that are less do not change them.
 UNCHANGED = 1e-14
 
@@ -41,7 +41,7 @@ def held_step(program, c, n, h, held, ends):
         branch(program, c, -1.0, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
     else:
         h, which = free_step(program, c, n, h)
-    for side, rises, memory, signs in SIDES:
+    for side, rises, memory, signs in HELD_SIDES:
         if held != at.RESTS:
             at.put(c.v[at.SIGNS], c.v[signs])
             at.put(c.v[at.MEMORY_NOW], c.v[memory])
@@ -50,9 +50,9 @@ def held_step(program, c, n, h, held, ends):
         grip = 1.0 if held == at.RESTS else c.v[at.GRIP, 0]
         _pulls(program, c, c.aside[side], n, c.v[memory], c.v[signs], grip)
     if not ends or not _is_still(program, c, n):
-        for side, _, _, _ in SIDES:
+        for side, _, _, _ in HELD_SIDES:
             h = min(h, radius(c.aside[side], pull, pull, n, at.STATE_PART))
-        for side, rises, _, _ in SIDES:
+        for side, rises, _, _ in HELD_SIDES:
             series, r = c.aside[side][pull], 0.0
             if not rises * series[0] > 0.0:
                 r = first_crossing(series, n, h, -rises, (near, 0.0), c.work)
