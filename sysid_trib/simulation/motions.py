@@ -227,8 +227,8 @@ def run(
     SimulationError
         One diverges, switches without end, takes too many steps, or is not finite.
     """
-    program, columns = motion.program, len(motion.hidden) + 3
-    rows, tangents = (np.empty((len(given.grid), columns, *more)) for more in ((), (len(by),)))
+    program, shape = motion.program, (len(given.grid), len(motion.hidden) + 3)
+    rows, tangents = np.empty(shape), np.empty((*shape, len(by)))
     if not len(given.grid):
         return rows, tangents, np.empty(0), np.nan
     # One kind of array, for which it is compiled once.
