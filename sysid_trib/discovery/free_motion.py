@@ -74,9 +74,8 @@ def model_of_fit(model: FittedModel) -> Model:
 
 def free_motions(model: FittedModel) -> list[FreeMotion]:
     """The free motion of a model in each of its runs."""
-    return [
-        free_motion(model_of_fit(model), rows.path, model.sensor(at)) for at, rows in enumerate(model.rows)
-    ]
+    fit = model_of_fit(model)
+    return [free_motion(fit, rows.path, model.sensor(at)) for at, rows in enumerate(model.rows)]
 
 
 def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion:

@@ -192,10 +192,8 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
 def _best(screening: Screening, symbol: str) -> int:
     """The testable trial of a force with the least error, in units of its force; else any."""
     of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
-    good, size = (
-        [i for i in of_force if not screening.reasons[i]],
-        screening.errors * screening.relative_force,
-    )
+    good = [i for i in of_force if not screening.reasons[i]]
+    size = screening.errors * screening.relative_force
     return min(good, key=lambda i: float(size[i])) if good else of_force[0]
 
 

@@ -152,7 +152,7 @@ def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
     if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
         return best
     # Where a contact sticks a reversal more or less has the deviance jump, parameters hardly move.
-    sticks = any(rows.path.sticking is not None for rows in best.rows)
+    sticks = any(rows.path.sticking.any() for rows in best.rows)
     last = [best, next_best] if sticks else rounds[-LAST_ROUNDS:]
     if _agree(last) and not on_its_way:
         return max(last, key=lambda fitted: fitted.likelihood.deviance)

@@ -59,6 +59,8 @@ class RecordPath:
     intervals : int
         Between the knots of path and test functions: these stay where they are when the frequency changes.
     settings : Settings
+    sticking : (row,) array of bool
+        Rows that say nothing, since what holds the motion there is a reaction.
     frequency_free : bool
         Whether the frequency is fitted.
     fine : PPoly
@@ -69,8 +71,6 @@ class RecordPath:
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     inputs : mapping of str to KnownInput
         What drives it.
-    sticking : (row,) array of bool, optional
-        Rows that say nothing, since what holds the motion there is a reaction.
     before : RecordPath, optional
         The record up to the first sample, and with it, of which forces remember.
     """
@@ -84,12 +84,12 @@ class RecordPath:
     origin: float
     intervals: int
     settings: Settings
+    sticking: Mask
     frequency_free: bool = True
     fine: PPoly = NO_FINE_MOTION
     ratio: float = 0.0
     held: Terms = ()
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
-    sticking: Mask | None = None
     before: "RecordPath | None" = None
 
     @property

@@ -179,37 +179,37 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
     # Here, since importing pysindy takes as long as twenty identifications.
     from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
 
-    run, kept = rows.runs[0], constraints
-    rescaling = _rescaling(run, run.coefficients * kept.in_model)
-    shift = rescaling - kept.matrix @ rescaling[kept.free]
+    run = rows.runs[0]
+    rescaling = _rescaling(run, run.coefficients * constraints.in_model)
+    shift = rescaling - constraints.matrix @ rescaling[constraints.free]
     nuisances = rows.nuisances
     if run.frequency_free:
         nuisances = np.column_stack([nuisances[:, :-1], nuisances[:, -1] + rows.columns @ shift])
-    design = np.column_stack([rows.columns @ kept.matrix, nuisances])
-    target = rows.target - rows.columns @ kept.constant
+    design = np.column_stack([rows.columns @ constraints.matrix, nuisances])
+    target = rows.target - rows.columns @ constraints.constant
     fit = WhitenedLeastSquares(rows.factor, rows.lags).fit(design, target)
-    solved, count = fit.coef_[0], len(kept.free)
+    solved, count = fit.coef_[0], len(constraints.free)
     free, steps = solved[:count], solved[count:]
-    if np.any((free < kept.low) | (free > kept.high)):
+    if np.any((free < constraints.low) | (free > constraints.high)):
         # Nuisances have no bounds.
         low, high = np.full((2, len(solved)), [[-np.inf], [np.inf]])
-        low[:count], high[:count] = kept.low, kept.high
+        low[:count], high[:count] = constraints.low, constraints.high
         white = whitened(rows.factor, np.column_stack([design, target]))
         side = lsq_linear(white[:, :-1], white[:, -1], (low, high), method="bvls").active_mask[:count]
-        limits = np.where(side < 0, kept.low, kept.high)[side != 0]
-        return solve(rows, kept.hold(side != 0, limits))
-    coefficients = kept.matrix @ free + kept.constant
+        limits = np.where(side < 0, constraints.low, constraints.high)[side != 0]
+        return solve(rows, constraints.hold(side != 0, limits))
+    coefficients = constraints.matrix @ free + constraints.constant
     jacobian = np.zeros((len(coefficients) + 1, len(solved)))
-    jacobian[:-1, :count] = kept.matrix
+    jacobian[:-1, :count] = constraints.matrix
     if run.frequency_free:
         coefficients = coefficients + shift * steps[-1]
         # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
-        jacobian[:-1, -1] = -kept.matrix @ _rescaling(run, coefficients)[kept.free]
+        jacobian[:-1, -1] = -constraints.matrix @ _rescaling(run, coefficients)[constraints.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ fit.covariance_[0] @ jacobian.T
-    runs = _updated(rows.runs, coefficients, steps, kept)
+    runs = _updated(rows.runs, coefficients, steps, constraints)
     noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
-    return Solution(rows, runs, coefficients, steps, covariance, noise, lags, kept)
+    return Solution(rows, runs, coefficients, steps, covariance, noise, lags, constraints)
 
 
 def _rescaling(run: RunRegression, coefficients: Array) -> Array:

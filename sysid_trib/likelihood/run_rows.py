@@ -93,8 +93,7 @@ class RunRows:
 
     def _sensor_band(self, operator: sp.csr_matrix) -> Array:
         band = covariance_band(operator)
-        if self.path.sticking is not None:
-            band[0] += SAYS_NOTHING * band[0].max() * self.path.sticking
+        band[0] += SAYS_NOTHING * band[0].max() * self.path.sticking
         return band
 
     @cached_property
@@ -135,7 +134,7 @@ class RunRows:
         white = (
             determinants[0] if band is self.white_band else log_determinant(cholesky_factor(self.white_band))
         )
-        said = len(table) if path.sticking is None else int(np.sum(~path.sticking))
+        said = int(np.sum(~path.sticking))
         return RunProducts(products, determinants - white, ratios, said, path.sensor.innovation, level_rows)
 
     def factor(self, ratio: float) -> Array:
@@ -226,10 +225,9 @@ class RunRows:
         white = (self._whitening @ seen).tocsr() if len(self.path.sensor.filter_) > 1 else seen
         felt = self.operator @ (sp.diags_array(self.gain) @ basis if np.any(self.gain != 1.0) else basis)
         lower = _banded(self.path.form.gram, len(force))
-        covariance = ratio * (lower + sp.tril(lower, -1).T)
-        if self.path.sticking is not None:
-            # The largest of the band is that of a row that says nothing.
-            covariance = covariance + sp.diags_array(self.band[0].max() * self.path.sticking)
+        # The largest of the band is that of a row that says nothing.
+        reactions = sp.diags_array(self.band[0].max() * self.path.sticking)
+        covariance = ratio * (lower + sp.tril(lower, -1).T) + reactions
         system = sp.block_array([[white.T @ white, felt.T], [felt, -covariance]], format="csc")
         right = np.concatenate([white.T @ innovations, force])
         return np.asarray(basis @ spsolve(system, right)[: basis.shape[1]])

@@ -240,15 +240,11 @@ def _path_of(
     intervals = smoothing.knot_intervals(tau)
     form = weak_form.build_weak_form(tau, intervals)
     spline, _ = smoothing.least_squares_spline(tau, angle, intervals)
-    path = RecordPath(
-        time, angle, frequency, form, spline, sensor, origin, intervals, settings, inputs=inputs
-    )
-    if not inputs:
-        return path
-    sticking = _sticking_rows(
-        path, [name for name in inputs if run[name].attrs.get("units") == signal.unit_of_signal(run)]
-    )
-    return replace(path, sticking=sticking if sticking.any() else None)
+    record, nowhere = (time, angle, frequency), np.zeros(form.rows, dtype=bool)
+    path = RecordPath(*record, form, spline, sensor, origin, intervals, settings, nowhere, inputs=inputs)
+    unit = signal.unit_of_signal(run)
+    surfaces = [name for name in inputs if run[name].attrs.get("units") == unit]
+    return replace(path, sticking=_sticking_rows(path, surfaces)) if inputs else path
 
 
 def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:

@@ -185,9 +185,8 @@ def _colours(weighed: WeighedRun) -> tuple[NoiseModel, NoiseModel, float | None]
         angle, tau = weighed.run.angle, weighed.run.form.tau
         white = NoiseModel(float(np.std(angle - smooth(tau, angle)[0])), np.ones(1))
         return white, white, None
-    guesses = [
-        sensor_colour(weighed.deviation, weighed.tau, random_force=stochastic) for stochastic in (True, False)
-    ]
+    deviation, tau = weighed.deviation, weighed.tau
+    guesses = [sensor_colour(deviation, tau, random_force=with_one) for with_one in (True, False)]
     if all(len(guess.filter_) == 1 for guess in guesses):
         return guesses[0], guesses[0], None
     weighed = replace(weighed, shared_level=True)

@@ -120,11 +120,9 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))
     path = spline_path(model, time, angle)
     linear = linearised_about(model, (time, angle), path, np.array([path[0, 0], frequency * path[0, 1], 0.0]))
-    colour = (
-        sensor.filter_
-        if len(sensor.filter_) <= MOST_TAPS
-        else sensor_noise.of_order(sensor.filter_, MOST_TAPS - 1)
-    )
+    colour = sensor.filter_
+    if len(colour) > MOST_TAPS:
+        colour = sensor_noise.of_order(colour, MOST_TAPS - 1)
     linear = replace(linear, sensor_filter=colour)
     return _settled(TrackedRecord(model, time, angle, linear, np.zeros(3), 0.0, noise, per_tau))
 
