@@ -1,4 +1,4 @@
-"""The forces of a library as a feature library of pysindy, and optimisers for it."""
+"""The forces of a library as a feature library of pysindy, and an optimiser for it."""
 
 import ast
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.likelihood.force_columns import value_along
-from sysid_trib.likelihood.least_squares import significant, white_least_squares, whitened
+from sysid_trib.likelihood.least_squares import white_least_squares, whitened
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
 
 # What pysindy calls its inputs when nobody has named them.
@@ -244,31 +244,3 @@ class WhitenedLeastSquares(BaseOptimizer):
         coefficients, covariances, noises, lags = zip(*solutions, strict=True)
         self.coef_, self.covariance_ = np.stack(coefficients), np.stack(covariances)
         self.noise_, self.lags_ = np.array(noises), np.array(lags)
-
-
-class SignificanceSelection(BaseOptimizer):
-    """The features that the rows demand, by a family-wise level of significance; the others are zero.
-
-    Parameters
-    ----------
-    level : float, default 0.01
-        Probability of keeping any feature that is not there (see `significant`).
-    removed_columns : int, default 0
-        Columns that have been projected out of the rows before.
-
-    Attributes
-    ----------
-    coef_ : (target, feature) array of float
-        Least squares on the kept features.
-    """
-
-    def __init__(self, level: float = 0.01, removed_columns: int = 0) -> None:
-        super().__init__(unbias=False)
-        self.level = level
-        self.removed_columns = removed_columns
-
-    def _reduce(self, x: Any, y: Any) -> None:
-        self.coef_ = np.zeros((y.shape[1], x.shape[1]))
-        for i, target in enumerate(np.asarray(y).T):
-            kept = significant(np.asarray(x), target, self.level, self.removed_columns)
-            self.coef_[i, kept] = np.linalg.lstsq(x[:, kept], target, rcond=None)[0]

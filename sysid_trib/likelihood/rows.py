@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.optimize import lsq_linear
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.least_squares import ConstraintMap, whitened
+from sysid_trib.likelihood.least_squares import ConstraintMap, significant, whitened
 from sysid_trib.likelihood.regression import RunRegression, Runs, with_common_values
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
 from sysid_trib.simulation.model import rescaling_factors
@@ -261,26 +261,23 @@ def select(
         It sees the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
         are projected out and never thresholded.
     significance : float, optional
-        See `SignificanceSelection`.
+        Level, see `significant`.
 
     Returns
     -------
     (force,) array of bool
         Fixed coefficients are always in the model, tied ones with those that they are tied to.
     """
-    from sysid_trib.likelihood.pysindy_features import SignificanceSelection
-
     kept, count = np.ones(len(constraints.free), bool), rows.nuisances.shape[1]
-    # The optimiser may be the user's: it must not come back changed.
-    optimizers = [] if optimizer is None else [deepcopy(optimizer)]
-    if significance is not None:
-        optimizers.append(SignificanceSelection(significance, removed_columns=count))
-    if optimizers:
+    if optimizer is not None or significance is not None:
         columns = rows.columns @ constraints.matrix / rows.rms_forces[constraints.free]
         target = rows.target - rows.columns @ constraints.constant
         white = whitened(rows.factor, np.column_stack([rows.nuisances, columns, target]))
         basis, _ = np.linalg.qr(white[:, :count])
         outside = white[:, count:] - basis @ (basis.T @ white[:, count:])
-    for chooses in optimizers:
-        kept &= chooses.fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
+    if optimizer is not None:
+        # It may be the user's: it must not come back changed.
+        kept &= deepcopy(optimizer).fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
+    if significance is not None:
+        kept &= significant(outside[:, :-1], outside[:, -1], significance, removed_columns=count)
     return constraints.active(kept)
