@@ -97,11 +97,6 @@ class Fit:
         scaled = self.sensitivity / size
         return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
 
-    @cached_property
-    def root(self) -> Array:
-        """Root of the covariance, (parameter, parameter): it makes unit draws draws of the parameters."""
-        return covariance_root(self.covariance)
-
     def deviance(self, values: Array) -> float:
         """Deviance of values: by how much twice the log likelihood is below that of this fit."""
         residual = self.problem.white(self.problem.residuals(values))

@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
-from sysid_trib.motion_fit.least_squares import Fit
+from sysid_trib.motion_fit.least_squares import Fit, covariance_root
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -220,7 +220,8 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     coarse = np.linspace(time[0], time[-1], CURVE_GRID)
     values = likelihood.values
     # One standard error each way along the axes of the covariance: a kink counts as in the mean.
-    steps = likelihood.root.T[np.any(likelihood.root != 0.0, axis=0)]
+    root = covariance_root(likelihood.covariance)
+    steps = root.T[np.any(root != 0.0, axis=0)]
     try:
         best = _curves(likelihood, values, run, coarse, None)
         up, down = (
