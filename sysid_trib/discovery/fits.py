@@ -124,8 +124,8 @@ class Fits:
         To which the models are fitted.
     predict : callable
         How a model predicts what was held out.
-    best : tuple of FittedModel and Prediction, or None
-        Of the models that a search came to by adding.
+    best : FittedModel or None
+        Of the models that a search came to by adding the one that predicts best.
     """
 
     start: FittedModel
@@ -138,11 +138,12 @@ class Fits:
     tried: dict[tuple[tuple[str, tuple[float, ...]], ...], float] = field(default_factory=dict)
     runs: Sequence[xr.Dataset] = ()
     predict: Callable[[FittedModel], unseen.Prediction] | None = None
-    best: tuple[FittedModel, unseen.Prediction] | None = None
-    # Whether a model of these forces goes on, and models in a row that were no better; by the coefficients
-    # predictions and p-values of noise.
+    best: FittedModel | None = None
+    # Whether a model of these forces goes on, and models in a row that were no better than the best, which
+    # predicts to this RMS; by the coefficients predictions and p-values of noise.
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     _refused: int = 0
+    _least_rms: float = np.inf
     _predictions: dict[bytes, unseen.Prediction] = field(default_factory=dict)
     _p_values: dict[bytes, float] = field(default_factory=dict)
 
@@ -248,14 +249,14 @@ class Fits:
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self._known:
             referred = start_model.refitted(model)
-            after = self.foretold(referred)
+            _, rms = self.foretold(referred)
             # It predicts better than another one, or leaves nothing that another could explain.
-            better = self.best is None or bool(after[1] < self.best[1][1]) or self.is_complete(referred)
+            better = self.best is None or bool(rms < self._least_rms) or self.is_complete(referred)
             self._refused = 0 if better else self._refused + 1
             # A right effect may predict worse while another is missing: one does not end a search.
             self._known[symbols] = self._refused <= 1
             if better:
-                self.best = model, after
+                self.best, self._least_rms = model, rms
         return self._known[symbols]
 
     def noise_p_value(self, model: FittedModel) -> float:

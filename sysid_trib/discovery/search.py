@@ -123,7 +123,7 @@ def search(
             if not growing or fits.goes_on(model):
                 step = min(exchange.extended(current, fits), key=evidence, default=None)
             elif fits.best is not None:
-                step = fits.best[0]
+                step = fits.best
                 most = len(step.effects)
         if step is None:
             step = exchange.not_beyond_chance(current, fits)
