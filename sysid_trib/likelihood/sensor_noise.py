@@ -57,24 +57,6 @@ def _autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
     return np.concatenate([[1.0], -weights[1 : order + 1, order]]), float(variances[order])
 
 
-def fractional_difference(order: float, taps: int) -> Array:
-    """Filter that whitens noise with a spectrum of 1/f^(2 d).
-
-    Parameters
-    ----------
-    order : float
-        The d of fractional differencing.
-    taps : int
-
-    Returns
-    -------
-    (tap,) array of float
-        The coefficients of (1 - B)^d (Hosking 1981).
-    """
-    k = np.arange(1, taps)
-    return np.concatenate([[1.0], np.cumprod((k - 1.0 - order) / k)])
-
-
 def filter_of(partial: Array) -> Array:
     """Whitening filter of partial autocorrelations (Levinson and Durbin): stable for all within (-1, 1)."""
     filter_ = np.ones(1)
@@ -103,13 +85,6 @@ def of_order(filter_: Array, order: int) -> Array:
     known = partial_autocorrelations(filter_)[:order]
     partial[: len(known)] = known
     return filter_of(partial)
-
-
-def neighbouring_colours(filter_: Array, step: float, order: int) -> list[tuple[Array, Array]]:
-    """Whitening filters of which one partial autocorrelation, each in turn, is a step less and more."""
-    partial = partial_autocorrelations(of_order(filter_, order))
-    aside = np.minimum(step, 0.5 * (1.0 - np.abs(partial))) * np.eye(order)
-    return [(filter_of(partial - off), filter_of(partial + off)) for off in aside]
 
 
 def filter_slopes(partial: Array) -> Array:

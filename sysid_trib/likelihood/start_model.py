@@ -177,11 +177,10 @@ def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], lik
 
 
 def _flicker_filter(path: RecordPath) -> Array:
-    """Whitening filter of 1/f noise, (tap,)."""
+    """Whitening filter of 1/f noise, (tap,): the coefficients of (1 - B)^d (Hosking 1981)."""
     per_period = 2.0 * np.pi / float(np.median(np.diff(path.form.tau)))
-    return sensor_noise.fractional_difference(
-        FLICKER, max(2 + colour.MAX_COLOUR, round(FLICKER_PERIODS * per_period))
-    )
+    k = np.arange(1, max(2 + colour.MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
+    return np.concatenate([[1.0], np.cumprod((k - 1.0 - FLICKER) / k)])
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
@@ -190,9 +189,12 @@ def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) ->
     By its slope and its bend there (Rao's score test).
     `deviance` : of a whitening filter, (tap,).
     """
-    here, gains = deviance(sensor_noise.of_order(filter_, colour.MAX_COLOUR)), []
-    for less, more in sensor_noise.neighbouring_colours(filter_, LITTLE_COLOUR, colour.MAX_COLOUR):
-        below, above = deviance(less), deviance(more)
+    filter_ = sensor_noise.of_order(filter_, colour.MAX_COLOUR)
+    here, gains = deviance(filter_), []
+    correlations = sensor_noise.partial_autocorrelations(filter_)
+    for step in np.diag(np.minimum(LITTLE_COLOUR, 0.5 * (1.0 - np.abs(correlations)))):
+        sides = (sensor_noise.filter_of(correlations + side * step) for side in (-1.0, 1.0))
+        below, above = map(deviance, sides)
         slope, bend = above - below, above - 2.0 * here + below
         gains.append(slope**2 / (8.0 * bend) if bend > 0.0 else np.inf)
     return max(gains)
