@@ -216,12 +216,8 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tup
     first = np.zeros((size + 1, size + 1))
     first[[0, 1, size], [0, 1, size]] = (float(np.max(np.abs(tracked.angle))) / tracked.noise) ** 2
     # The start is no column here, but of that covariance.
-    linear = replace(
-        linear,
-        start=0.0 * linear.start[:, :-3],
-        by_column=linear.by_column[:, :, :-3],
-        observed_parameters=linear.observed_parameters[:, :-3],
-    )
+    linear = linear.by_parameters(np.eye(len(by) + 3, len(by)))
+    linear = replace(linear, start=0.0 * linear.start)
     diffusion = np.pad(linear.steps.diffusion, ((0, 0), behind, behind))
     linear = linear.with_further_state(np.ones(steps), diffusion, 1.0, first)
     changes, covariance = linear.filtered_motion(tracked.ratio)
