@@ -51,14 +51,14 @@ def campaign(tell: Tell, given: Asked) -> Callable[[], None]:
     from sysid_trib.reporting.page import rendered, write_page
 
     write_page(rendered(campaign_contents(store, compared, table, command_line())), page)
-    result = store, counts_of(store), compared
+    counts = counts_of(store)
 
     def say() -> None:
         if given.as_json:
-            print_json(campaign_json(*result))
+            print_json(campaign_json(store, counts, compared))
         else:
-            print_blocks(campaign_blocks(*result), written=(given.output, page))
-        if not result[1]["done"]:
+            print_blocks(campaign_blocks(store, counts, compared), written=(given.output, page))
+        if not counts["done"]:
             raise RecordError(f"{given.output}: no record has a result; why each has none is in {page}.")
 
     return say

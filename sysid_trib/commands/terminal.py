@@ -239,11 +239,11 @@ def deliver(
     from sysid_trib.results.files import save, write_file
 
     tell("files")
+    (blocks_of, data_of), output = says, vars(given).get("output")
     written = {place: text_of for place, text_of in (texts or {}).items() if place is not None}
-    places = [vars(given).get("output"), *written, given.plot]
     tree.attrs["command"] = command_line()
-    if places[0] is not None:
-        save(tree, places[0])
+    if output is not None:
+        save(tree, output)
     for place, text_of in written.items():
         write_file(place, text_of().encode())
     if given.plot is not None:
@@ -252,14 +252,14 @@ def deliver(
     whole = "explain" in given.options
     following = tree.attrs.get("next", "")
     if given.as_json:
-        return partial(print_json, says[1]() | ({"next": following} if whole else {}))
+        return partial(print_json, data_of() | ({"next": following} if whole else {}))
     options = vars(given)
     layer = (
         Layer.QUIET if options.get("quiet") else Layer.EXPLAIN if options.get("explain") else Layer.DEFAULT
     )
     ends = ["More: --explain."] if whole and layer is Layer.DEFAULT else []
     ends += [f"Next: {printable(following)}"] if following else []
-    return partial(print_blocks, [*says[0]()], layer, ends, places)
+    return partial(print_blocks, [*blocks_of()], layer, ends, (output, *written, given.plot))
 
 
 def print_json(data: Mapping[str, Any]) -> None:

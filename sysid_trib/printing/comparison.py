@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.arrays import Array
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.verdict import EFFECTIVE, constraint_sentences, identifiability_warnings
@@ -54,24 +54,22 @@ def _coefficient_table(table: xr.Dataset) -> Table:
         columns[f"{symbol} ({parts})" if parts else symbol] = layout.values_with_errors(*numbers)
     frequency = (applied.asymptotic_frequency, applied.asymptotic_frequency_standard_error)
     columns[f"{FREQUENCY_SYMBOL} (rad/s)"] = layout.values_with_errors(*frequency)
-    return _method_table(applied, columns)
+    return _method_table(pd.DataFrame(columns, applied.method.values))
 
 
 def _difference_table(table: xr.Dataset) -> Table:
     """Differences from the method that predicts best, over the errors of both."""
+    z, best = _differences_of(table), table.attrs["best"]
+    texts = z.map(_signed)
+    texts.loc[best] = np.where(np.isfinite(z.loc[best]), "best", "-")
+    return _method_table(texts)
+
+
+def _differences_of(table: xr.Dataset) -> pd.DataFrame:
+    """Differences from the best method over their errors, a row each method that applies."""
     applied = applied_methods(table)
-    best = applied.method.values == table.attrs["best"]
-    columns = {
-        head: [_signed(*pair) for pair in zip(z.tolist(), best, strict=True)]
-        for head, z in _differences_of(applied).items()
-    }
-    return _method_table(applied, columns)
-
-
-def _differences_of(table: xr.Dataset) -> dict[str, Array]:
-    """Differences over their errors, of each quantity by method."""
-    of_forces = dict(zip(table.force.values.tolist(), table.z.values.T, strict=True))
-    return of_forces | {FREQUENCY_SYMBOL: table.asymptotic_frequency_z.values}
+    of_forces = applied.z.transpose("method", "force").to_pandas()
+    return of_forces.assign(**{FREQUENCY_SYMBOL: applied.asymptotic_frequency_z.values})
 
 
 def _quality_table(table: xr.Dataset, units: str) -> Table:
@@ -95,20 +93,19 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
         "; ".join(said.format(row[name].item()) for name, said in remarks.items() if row[name].item())
         for row in layout.by_label(table, "method").values()
     ]
-    return _method_table(table, columns)
+    return _method_table(pd.DataFrame(columns, table.method.values))
 
 
-def _method_table(table: xr.Dataset, columns: dict[str, list[str]]) -> Table:
+def _method_table(texts: pd.DataFrame) -> Table:
     """A row a method, its columns with their cells."""
-    cells = {"method": table.method.values.tolist(), **columns}
-    rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
+    rows = [{"method": label, **row} for label, row in texts.to_dict("index").items()]
     return layout.text_table(rows, ("method", "remarks"), ("method",))
 
 
-def _signed(z: float, best: bool) -> str:
+def _signed(z: float) -> str:
     if not np.isfinite(z):
         return "-"
-    return "best" if best else "0.0" if abs(z) < 0.05 else f"{z:+.1f}" if abs(z) < 100.0 else f"{z:+.0f}"
+    return "0.0" if abs(z) < 0.05 else f"{z:+.1f}" if abs(z) < 100.0 else f"{z:+.0f}"
 
 
 def _ratio(value: float) -> str:
@@ -226,13 +223,13 @@ def _by_accident(table: xr.Dataset) -> Iterator[str]:
 
 def _differences(table: xr.Dataset) -> dict[str, str]:
     """By probable cause a sentence on the methods that differ from the best by more than the errors."""
-    best, applied = table.attrs["best"], applied_methods(table)
+    best = table.attrs["best"]
     # What the best method lacks is in each difference from it.
     lacks = table.sel({"method": best})
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
-    for at, (label, row) in enumerate(layout.by_label(applied, "method").items()):
-        far = ", ".join(name for name, z in _differences_of(applied).items() if abs(z[at]) > APART)
-        if far:
+    for label, z in _differences_of(table).iterrows():
+        if far := ", ".join(z.index[abs(z) > APART]):
+            row = table.sel({"method": label})
             reasons = (row.neglects, lacks.neglects, row.bias, lacks.bias)
             cause = next((name for name, text in zip(CAUSES, reasons, strict=False) if text.item()), "form")
             by_cause[cause].append(f"{label} ({far})")
