@@ -72,27 +72,24 @@ def _profiles(data: xr.Dataset, lacking: bool) -> Block:
 
 def _sensitivity(data: xr.Dataset) -> Block:
     """The range of each coefficient over all fits, and those that differ most."""
-    rows, changed = [], []
-    for symbol, row in layout.by_label(data, "force").items():
-        change = np.nan_to_num(np.abs(row.change.values))
-        at, kept = int(np.argmax(change)), int(np.isfinite(row.coefficient.values).sum())
-        rows.append(
-            {
-                "force": symbol,
-                "stated": layout.value_with_error(row.estimate.item(), row.stated_error.item()),
-                "from": f"{row.low.item():.4g}",
-                "to": f"{row.high.item():.4g}",
-                "fits": f"{kept} of {data.sizes['fit']}",
-                "largest change / its error": f"{change[at]:.1f}",
-                "by": f"{row.kind.values[at]}, {row.fit.values[at]}",
-            }
-        )
-        changed += [symbol] * bool(round(change[at], 1) > SIGNIFICANT_ERRORS)
-    failed = [label for label, row in layout.by_label(data, "fit").items() if row.reason.item()]
-    sentences = [f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {', '.join(changed)}."] * bool(
-        changed
-    )
-    sentences += [f"Without a result: {', '.join(failed)}."] * bool(failed)
+    change = abs(data.change.transpose("force", "fit").to_pandas()).fillna(0.0)
+    largest, by = change.max(axis=1), change.idxmax(axis=1)
+    rows = [
+        {
+            "force": symbol,
+            "stated": layout.value_with_error(row.estimate.item(), row.stated_error.item()),
+            "from": f"{row.low.item():.4g}",
+            "to": f"{row.high.item():.4g}",
+            "fits": f"{row.coefficient.count().item()} of {data.sizes['fit']}",
+            "largest change / its error": f"{largest[symbol]:.1f}",
+            "by": f"{data.kind.sel(fit=by[symbol]).item()}, {by[symbol]}",
+        }
+        for symbol, row in layout.by_label(data, "force").items()
+    ]
+    changed = ", ".join(largest.index[largest.round(1) > SIGNIFICANT_ERRORS])
+    failed = ", ".join(data.fit.values[data.reason.values != ""])
+    sentences = [f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {changed}."] * bool(changed)
+    sentences += [f"Without a result: {failed}."] * bool(failed)
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
     return Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)
 
