@@ -12,8 +12,7 @@ from sysid_trib import Model, load
 from sysid_trib.commands.app import Asked, options_of
 from sysid_trib.commands.next_step import command_after, next_step
 from sysid_trib.plots.figure import figures_of
-from sysid_trib.printing import layout
-from sysid_trib.printing.discovery import discovery_blocks, discovery_json
+from sysid_trib.printing import discovery, layout
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.findings import record_noise, residual_of
@@ -71,7 +70,7 @@ def twin(tmp_path_factory):
 
 
 def story(tree):
-    return "\n".join(sentences_of(discovery_blocks(tree)))
+    return "\n".join(sentences_of(discovery.discovery_blocks(tree)))
 
 
 def test_twin_is_explained_by_its_two_elastic_forces(twin):
@@ -134,7 +133,7 @@ def test_json_follows_the_schema(twin):
 def test_saved_and_read_back_the_same(twin, tmp_path):
     save(twin[0], tmp_path / "again.nc")
     assert load(tmp_path / "again.nc").identical(twin[0])
-    assert layout.plain(discovery_json(twin[0])) | {"next": twin[0].attrs["next"]} == twin[1]
+    assert layout.plain(discovery.discovery_json(twin[0])) | {"next": twin[0].attrs["next"]} == twin[1]
 
 
 @pytest.mark.slow

@@ -167,8 +167,8 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
         rest = decay.drop_sel(time=part.time)
         here = f"the decay is from {decay.time[0]:.4g} s to {decay.time[-1]:.4g} s"
         if not (part.sizes["time"] and rest.sizes["time"]):
-            share = "all" if part.sizes["time"] else "nothing"
-            raise DecayError(f"--holdout '{window}' holds out {share}: {here}.")
+            amount = "all" if part.sizes["time"] else "nothing"
+            raise DecayError(f"--holdout '{window}' holds out {amount}: {here}.")
         if not {part.time[0].item(), part.time[-1].item()} & {decay.time[0].item(), decay.time[-1].item()}:
             raise UsageError(f"--holdout '{window}' must reach to the start or the end: {here}.")
         seen.append(rest)

@@ -100,8 +100,9 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         figure = new_figure(width, sum(rows.values()))
         panels = figure.subplot_mosaic(";".join(rows), height_ratios=list(rows.values()))
         draw_in_time([panels["A"], *(panels[name] for name in residuals)], tree, run, models)
-        for panel, name in zip("IJ", CURVE_LABELS, strict=True) if curves else ():
-            draw_curve(panels[panel], curves[0], name, curves[1])
+        if curves is not None:
+            for panel, name in zip("IJ", CURVE_LABELS, strict=True):
+                draw_curve(panels[panel], curves[0], name, curves[1])
         main = next(reversed(list(results.values())), None)
         weighed = None if main is None else _weighed(main, record)
         units = signal_units(record)

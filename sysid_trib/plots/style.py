@@ -65,7 +65,8 @@ def interval(
 ) -> None:
     """A value with its error in a row; an arrow at the edge where it is beyond the limits, nothing of nan."""
     low, high = limits
-    look = {"fmt": "o", "markersize": 3, "linewidth": 1.0} | look
+    usual: dict[str, Any] = {"fmt": "o", "markersize": 3, "linewidth": 1.0}
+    look = usual | look
     if low <= value <= high:
         ax.errorbar(value, row, xerr=error, **look)
     elif np.isfinite(value):
