@@ -19,7 +19,6 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import LibraryError, SimulationError
 from sysid_trib.forces.force import Force, ShapeValues
 from sysid_trib.forces.formulas import Formula
-from sysid_trib.forces.library import force_counted_from
 from sysid_trib.simulation.internal_states import FROZEN, begun_with, history_on_cycle, watched
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.steps import Steps, steps_of
@@ -184,7 +183,7 @@ def cycles_at(
     held = time if force.holds_time else np.zeros_like(a)
     for instant in np.unique(held[moves]).tolist():
         rows = np.flatnonzero(moves & (held == instant))
-        yield rows, *steady_cycles(force_counted_from(force, instant), a[rows], shapes)
+        yield rows, *steady_cycles(force.counted_from(instant), a[rows], shapes)
 
 
 def history_over(

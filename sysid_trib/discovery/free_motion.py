@@ -11,7 +11,6 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import counted_from
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.random_force import RandomForce, random_force_variables
@@ -85,7 +84,7 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         begun = (begun_after(force, *past, model.shapes, before.elapsed) for force in model.library)
         model = replace(model, library=replace(model.library, forces=tuple(begun)))
     # A motion counts `t` from its first sample.
-    later = counted_from(model.library, float(path.time[0]) - path.origin)
+    later = model.library.counted_from(float(path.time[0]) - path.origin)
     acting = replace(
         model,
         library=later,

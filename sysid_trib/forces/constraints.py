@@ -14,7 +14,8 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
-from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula, parse
+from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula
+from sysid_trib.forces.notation import parse
 
 Bounds: TypeAlias = tuple[float | None, float | None]
 # A number holds a parameter, a pair bounds it, a formula ties it to others.
@@ -108,9 +109,8 @@ class Constraints:
 
     def of_each_run(self, symbols: Iterable[str], runs: int) -> "Constraints":
         """These constraints for forces whose coefficient is each run's own (see `ForceLibrary.with_own`)."""
-        names = {symbol: [f"{symbol}_{run}" for run in range(1, runs + 1)] for symbol in symbols}
-        copied = {name: given for key, given in self.table.items() for name in names.get(key, [key])}
-        return Constraints(copied)
+        own = {symbol: [f"{symbol}_{run}" for run in range(1, runs + 1)] for symbol in symbols}
+        return Constraints({name: given for key, given in self.table.items() for name in own.get(key, [key])})
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Formulas of forces: parsed by whitelist, never by `eval`, and evaluated on any kind of number.
+"""Formulas of forces, evaluated on any kind of number.
 
 One tree serves NumPy arrays, slots of a program and SymPy symbols: `Formula.evaluate` takes the values of
 the names and a table of functions. Where a formula changes branch (`sign`, `abs`, `min`, `max`) it has a
@@ -7,7 +7,6 @@ switching surface; given the signs of these surfaces, `evaluate` follows one bra
 
 import ast
 import operator
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -15,23 +14,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from sysid_trib.errors import LibraryError
-
 Names: TypeAlias = Mapping[str, Any]
 Functions: TypeAlias = Mapping[str, Callable[..., Any]]
 # Of names, functions and signs of the surfaces.
 Program: TypeAlias = Callable[[Names, Functions, Names | None], Any]
 
-MAX_LENGTH = 500
-MAX_DEPTH = 30
-MAX_EXPONENT = 20
 # Powers up to this one are products.
 LARGEST_PRODUCT = 5
 SWITCHING = ("sign", "abs", "min", "max")
 SMOOTH = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
-# Beyond it arithmetic would overflow.
-LARGEST_CONSTANT = 1e100
-RESERVED_NAMES = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
 
 
 def divided(first: Any, second: Any) -> Any:
@@ -68,6 +59,13 @@ ANALYTIC: Functions = {
     "abs": lambda u: np.sign(np.real(u)) * u,
     "min": lambda a, b: np.where(np.real(a) < np.real(b), a, b),
     "max": lambda a, b: np.where(np.real(a) > np.real(b), a, b),
+}
+# By the sign of the surface, where that is known.
+ON_BRANCH: Functions = {
+    "sign": lambda sign, u: sign,
+    "abs": lambda sign, u: sign * u,
+    "min": lambda sign, a, b: 0.5 * (a + b) - 0.5 * sign * (a - b),
+    "max": lambda sign, a, b: 0.5 * (a + b) + 0.5 * sign * (a - b),
 }
 IMAGINARY_STEP = 1e-100
 
@@ -143,11 +141,6 @@ class Formula:
             if not np.allclose(values, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max()):
                 return None
         return degree
-
-    def with_instead(self, name: str, text: str, over: float = 1.0) -> "Formula":
-        """The formula with an expression in the place of a name, divided by a number."""
-        names, whole = self.names | {name}, re.sub(rf"\b{name}\b", f"({text})", self.text)
-        return parse(whole if over == 1.0 else f"({whole})/{over!r}", names, names, self.text)
 
     def evaluate(self, names: Names, functions: Functions = NUMPY, signs: Names | None = None) -> Any:
         """Value of the formula.
@@ -249,134 +242,12 @@ def _call(name: str, args: list[Program], surface: Formula | None) -> Program:
         values = [arg(names, functions, signs) for arg in args]
         if signs is None or surface is None:
             return functions[name](*values)
-        return _branch(name, values, signs[surface.text])
+        return ON_BRANCH[name](signs[surface.text], *values)
 
     return value
-
-
-def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], where: str) -> Formula:
-    """Parse and check a formula.
-
-    Parameters
-    ----------
-    text : object
-        The formula as written in a library.
-    allowed : set of str
-        Names of variables it may hold, besides `pi`.
-    exponents : set of str
-        Names among them that may stand as an exponent (shape parameters).
-    where : str
-        File and force, for the message.
-
-    Returns
-    -------
-    Formula
-
-    Raises
-    ------
-    LibraryError
-        Not a formula of the whitelist; nothing of it is executed.
-    """
-    if not isinstance(text, str) or not text.strip():
-        raise LibraryError(f"{where}: a formula must be a non-empty text in quotes, not {text!r}.")
-    if len(text) > MAX_LENGTH:
-        raise LibraryError(f"{where}: the formula is longer than {MAX_LENGTH} characters; shorten it.")
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        reason = f"{where}: '{_short(text)}' is not a formula; check its brackets and operators."
-        raise LibraryError(reason) from None
-    tree = _checked(tree, allowed, exponents, f"{where}: '{_short(text)}'", 0)
-    return Formula(text.strip(), tree)
-
-
-def _checked(
-    node: ast.AST, allowed: frozenset[str], exponents: frozenset[str], where: str, depth: int
-) -> ast.expr:
-    """Copy the tree node by node; what is not copied here does not exist for the rest of the code."""
-    if depth > MAX_DEPTH:
-        raise LibraryError(f"{where} is nested deeper than {MAX_DEPTH} levels; simplify it.")
-
-    def inner(child: ast.AST) -> ast.expr:
-        return _checked(child, allowed, exponents, where, depth + 1)
-
-    match node:
-        case ast.Constant(value=bool()):
-            pass
-        case ast.Constant(value=int() | float() as value):
-            if value > LARGEST_CONSTANT:
-                raise LibraryError(f"{where} holds a number above 1e100; rescale the formula.")
-            return ast.Constant(float(value))
-        case ast.Name(id=name):
-            if name in allowed or name == "pi":
-                return ast.Name(name)
-            known = ", ".join(sorted(allowed))
-            raise LibraryError(f"{where} holds the unknown name '{_short(name)}'; known are {known}, pi.")
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
-            return ast.UnaryOp(op, inner(operand))
-        case ast.BinOp(op=ast.Pow(), right=right) if not _is_exponent(right, exponents):
-            raise LibraryError(
-                f"{where}: an exponent must be a number up to {MAX_EXPONENT} or a shape parameter."
-            )
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS or isinstance(op, ast.Pow):
-            return ast.BinOp(inner(left), op, inner(right))
-        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
-            if name in ("min", "max") and len(args) >= 2:
-                first, *rest = [inner(arg) for arg in args]
-                for other in rest:
-                    first = _switch(name, [first, other], ast.BinOp(first, ast.Sub(), other))
-                return first
-            if name in ("sign", "abs") and len(args) == 1:
-                argument = inner(args[0])
-                return _switch(name, [argument], argument)
-            if name in SMOOTH and len(args) == 1:
-                return ast.Call(ast.Name(name), [inner(args[0])], [])
-            if name in RESERVED_NAMES:
-                raise LibraryError(
-                    f"{where}: '{name}' got {len(args)} arguments; min, max take two, others one."
-                )
-    advice = ""
-    match node:
-        case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):
-            advice = " (write ** for a power, sign for sgn)"
-    wrong = f"{where} holds something other than numbers, names, + - * / ** and functions"
-    raise LibraryError(f"{wrong} {' '.join((*SWITCHING, *SMOOTH))}{advice}.")
-
-
-def _is_exponent(node: ast.AST, exponents: frozenset[str]) -> bool:
-    match node:
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
-            return _is_exponent(operand, exponents)
-        case ast.Constant(value=int() | float() as value):
-            return not isinstance(value, bool) and abs(value) <= MAX_EXPONENT
-        case ast.Name(id=name):
-            return name in exponents
-    return False
-
-
-def _switch(name: str, args: list[ast.expr], surface: ast.expr) -> ast.Call:
-    """A call that changes branch where `surface` is zero; the surface is kept with it, found once."""
-    call = ast.Call(ast.Name(name), args, [])
-    call.surface = Formula(ast.unparse(surface), surface)  # type: ignore[attr-defined]
-    return call
-
-
-def _branch(name: str, values: list[Any], sign: Any) -> Any:
-    if name == "sign":
-        return sign
-    if name == "abs":
-        return sign * values[0]
-    first, second = values
-    mean, half_difference = 0.5 * (first + second), 0.5 * sign * (first - second)
-    return mean + half_difference if name == "max" else mean - half_difference
 
 
 def _bottom_up(tree: ast.AST) -> Iterator[ast.AST]:
     for child in ast.iter_child_nodes(tree):
         yield from _bottom_up(child)
     yield tree
-
-
-def _short(text: str) -> str:
-    text = " ".join(text.split())
-    return text if len(text) <= 60 else text[:57] + "..."

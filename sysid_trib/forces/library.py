@@ -4,20 +4,24 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.force import INPUT_KINDS, ORDERS, Channel, Force, ForceLibrary, Shape
-from sysid_trib.forces.formulas import LARGEST_CONSTANT, RESERVED_NAMES, Formula, parse
+from sysid_trib.forces.force import Channel, Force, ForceLibrary, Shape
+from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.notation import LARGEST_CONSTANT, RESERVED_NAMES, parse
+from sysid_trib.forces.symmetry import INPUT_KINDS, ORDERS
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
 TABLE_KEYS = ("state", "memory", "start", "shape")
 SHORT_WORD = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
+# What each key of a table may be, and how that is said.
+Checks: TypeAlias = Mapping[str, tuple[Callable[[Any], Any], str]]
 
 
 def is_number(value: object) -> bool:
@@ -25,19 +29,46 @@ def is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_CONSTANT
 
 
-# What keys of a force may be, and how that is said.
-KEY_CHECKS: dict[str, tuple[Callable[[Any], Any], str]] = {
+def is_line(value: object) -> bool:
+    """True if a value is a text for tables and figures; control characters could steer a terminal."""
+    return isinstance(value, str) and " ".join(value.split()).isprintable()
+
+
+TEXT = (is_line, "a text in quotes, without control characters")
+NUMBER = (is_number, "a number up to 1e100")
+SHAPE_KEYS: Checks = {**dict.fromkeys(("default", "low", "high"), NUMBER), "meaning": TEXT}
+FORCE_KEYS: Checks = {
     "symbol": (
         lambda v: isinstance(v, str) and SHORT_WORD.fullmatch(v),
         "a short word of letters, digits and _",
     ),
+    "formula": TEXT,
+    **dict.fromkeys(TEXT_KEYS, TEXT),
     "kind": (lambda v: v in ("force", "sensor"), '"force" or "sensor"'),
     "passive": (lambda v: isinstance(v, bool), "true or false"),
     "coefficient": (lambda v: is_number(v) and v, "a number other than 0"),
     "run": (lambda v: is_number(v) and isinstance(v, int) and v > 0, "the number of a run, from 1"),
     **dict.fromkeys(TABLE_KEYS, (lambda v: isinstance(v, dict), "a table such as { z = ... }")),
 }
-FORCE_KEYS = {key.name for key in fields(Force)} - {"channels"}
+
+
+def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) -> None:
+    """Refuse a table of a TOML file with other keys, or other values of them.
+
+    Raises
+    ------
+    LibraryError
+        With the key, and what it may be.
+    """
+    if not isinstance(table, dict) or not {*needed} <= table.keys() <= checks.keys():
+        known = ", ".join(sorted(checks))
+        raise LibraryError(f"{where} has a {', a '.join(needed)}, and of {known} what it needs.")
+    for key, value in table.items():
+        fits, meaning = checks[key]
+        if not fits(value):
+            raise LibraryError(f"{where}: {key} must be {meaning}, not {value!r}.")
+
+
 # The input that a library need not name.
 USUAL_INPUT = "u"
 MAX_BYTES = 1_000_000
@@ -106,19 +137,9 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
     for symbol in symbols:
         if symbols.count(symbol) > 1:
             raise LibraryError(f"{source}: the symbol '{symbol}' stands for several forces; rename one.")
-    return ForceLibrary(_words(data.get("title", source), f"{source}: 'title'"), forces, source)
-
-
-def counted_from(library: ForceLibrary, seconds: float) -> ForceLibrary:
-    """The forces with `t` of their formulas moved, for a motion that starts so much later."""
-    return replace(library, forces=tuple(force_counted_from(force, seconds) for force in library))
-
-
-def force_counted_from(force: Force, seconds: float) -> Force:
-    """One force with `t` of its formulas moved."""
-    if seconds == 0.0 or not any("t" in f.names for f in (*force.formulas, *force.start.values())):
-        return force
-    return force.with_instead("t", f"t + {seconds!r}")
+    title = data.get("title", source)
+    check_keys({"title": title}, {"title": TEXT}, ("title",), source)
+    return ForceLibrary(" ".join(title.split()), forces, source)
 
 
 def _channels(inputs: object, source: str) -> dict[str, Channel]:
@@ -139,55 +160,35 @@ def _channels(inputs: object, source: str) -> dict[str, Channel]:
 
 
 def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: str) -> Force:
-    entry = {"symbol": None, **entry}
-    symbol = entry["symbol"]
+    symbol = entry.get("symbol")
     where = f"{source}, force {symbol!r}"
-    for key, value in entry.items():
-        if key not in FORCE_KEYS:
-            known = ", ".join(sorted(FORCE_KEYS))
-            raise LibraryError(f"{where}: unknown key '{key}'; known are {known}.")
-        fits, meaning = KEY_CHECKS.get(key, (lambda _: True, ""))
-        if not fits(value):
-            raise LibraryError(f"{where}: {key} must be {meaning}, not {value!r}.")
-    words: dict[str, Any] = {k: _words(entry.get(k, ""), f"{where}: '{k}'") for k in TEXT_KEYS}
-    given: dict[str, Any] = {k: entry[k] for k in ("kind", "passive", "run") if k in entry}
-    if "coefficient" in entry:
-        given["coefficient"] = float(entry["coefficient"])
+    check_keys(entry, FORCE_KEYS, ("symbol", "formula"), where)
     tables = {k: entry.get(k, {}) for k in TABLE_KEYS}
     _check_names(tables, where)
-    if given.get("kind") == "sensor" and (tables["state"] or tables["memory"]):
+    if entry.get("kind") == "sensor" and (tables["state"] or tables["memory"]):
         raise LibraryError(f"{where}: a sensor has no states or memory; declare it as a force or drop them.")
-    shape = {k: _shape(v, f"{where}, shape '{k}'") for k, v in tables["shape"].items()}
-    exponents = frozenset(shape)
+    exponents = frozenset(tables["shape"])
     internal = exponents | frozenset(tables["state"]) | frozenset(tables["memory"])
-    allowed = frozenset("xvt") | internal | frozenset(channels)
 
-    def formula(text: object, names: frozenset[str] = allowed) -> Formula:
-        return parse(text, names, exponents, where)
+    def formulas(table: Mapping[str, object], names: frozenset[str]) -> dict[str, Formula]:
+        return {k: parse(text, frozenset("xvt") | names, exponents, where) for k, text in table.items()}
 
+    words = {k: " ".join(entry.get(k, "").split()) for k in TEXT_KEYS}
+    plain = {k: entry[k] for k in ("symbol", "kind", "passive", "run") if k in entry}
+    known = {"coefficient": float(entry["coefficient"])} if "coefficient" in entry else {}
+    allowed = internal | frozenset(channels)
     force = Force(
-        symbol=symbol,
-        formula=formula(entry.get("formula")),
-        state={k: formula(f) for k, f in tables["state"].items()},
-        memory={k: formula(f) for k, f in tables["memory"].items()},
-        start={k: formula(f, frozenset("xvt") | exponents) for k, f in tables["start"].items()},
-        shape=shape,
-        **(words | given | {"name": words["name"] or symbol}),
+        formula=formulas({"h": entry["formula"]}, allowed)["h"],
+        state=formulas(tables["state"], allowed),
+        memory=formulas(tables["memory"], allowed),
+        start=formulas(tables["start"], exponents),
+        shape={k: _shape(v, f"{where}, shape '{k}'") for k, v in tables["shape"].items()},
+        **(words | plain | known | {"name": words["name"] or symbol}),
     )
     held = {name for f in force.formulas for name in f.names} - internal
     force = replace(force, channels=tuple(channel for name, channel in channels.items() if name in held))
     _check_finite(force, where)
     return force
-
-
-def _words(text: object, where: str) -> str:
-    """A text on one line, as tables and figures show it; control characters could steer a terminal."""
-    if not isinstance(text, str):
-        raise LibraryError(f"{where} must be a text in quotes.")
-    line = " ".join(text.split())
-    if not line.isprintable():
-        raise LibraryError(f"{where} holds control characters; leave them out.")
-    return line
 
 
 def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
@@ -202,17 +203,12 @@ def _check_names(tables: Mapping[str, Mapping[str, Any]], where: str) -> None:
         raise LibraryError(f"{where}: start value for '{strange[0]}', which is neither a state nor a memory.")
 
 
-def _shape(table: object, where: str) -> Shape:
-    known = {key.name for key in fields(Shape)}
-    if not isinstance(table, dict) or not {"default", "low", "high"} <= set(table) <= known:
-        raise LibraryError(f'{where}: write {{ default = ..., low = ..., high = ..., meaning = "..." }}.')
-    numbers = [table[k] for k in ("default", "low", "high")]
-    if not all(map(is_number, numbers)):
-        raise LibraryError(f"{where}: default, low and high must be numbers up to 1e100.")
-    default, low, high = map(float, numbers)
+def _shape(table: Any, where: str) -> Shape:
+    check_keys(table, SHAPE_KEYS, ("default", "low", "high"), where)
+    default, low, high = (float(table[k]) for k in ("default", "low", "high"))
     if not low <= default <= high or low == high:
         raise LibraryError(f"{where}: default {default:g} must lie between low {low:g} and high {high:g}.")
-    return Shape(default, low, high, str(table.get("meaning", "")))
+    return Shape(default, low, high, table.get("meaning", ""))
 
 
 def _check_finite(force: Force, where: str) -> None:

@@ -1,23 +1,148 @@
-"""How a force is written: as TOML, in LaTeX, and with which powers of units and reference frequency."""
+"""How forces are written: formulas read by whitelist, TOML, LaTeX, powers of units and reference frequency.
 
+No text is ever executed, and what is not copied from its tree does not exist for the rest of the code.
+"""
+
+import ast
 import itertools
 import json
+import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from sysid_trib.errors import LibraryError
+from sysid_trib.forces.formulas import OPERATORS, SMOOTH, SWITCHING, Formula
+
 if TYPE_CHECKING:
     from sysid_trib.forces.force import Force
 
-FACTORS = (2.0, 0.125)
-# Powers of the signal that shape parameters, and states and memory, may have.
-SHAPE_POWERS = (0.0, 1.0, -1.0, -2.0)
-HIDDEN_POWERS = (1.0, 0.0, 2.0)
-# Powers of the reference frequency that these may have, and by how much those of rates, d/d(w t), are less.
-REFERENCE_POWERS = (0.0, -1.0, 1.0, -2.0, 2.0)
-OF_RATES = -1.0
+MAX_LENGTH = 500
+MAX_DEPTH = 30
+MAX_EXPONENT = 20
+# Beyond it arithmetic would overflow.
+LARGEST_CONSTANT = 1e100
+RESERVED_NAMES = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
+
+
+def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], where: str) -> Formula:
+    """Parse and check a formula.
+
+    Parameters
+    ----------
+    text : object
+        The formula as written in a library.
+    allowed : set of str
+        Names of variables it may hold, besides `pi`.
+    exponents : set of str
+        Names among them that may stand as an exponent (shape parameters).
+    where : str
+        File and force, for the message.
+
+    Returns
+    -------
+    Formula
+
+    Raises
+    ------
+    LibraryError
+        Not a formula of the whitelist; nothing of it is executed.
+    """
+    if not isinstance(text, str) or not text.strip():
+        raise LibraryError(f"{where}: a formula must be a non-empty text in quotes, not {text!r}.")
+    if len(text) > MAX_LENGTH:
+        raise LibraryError(f"{where}: the formula is longer than {MAX_LENGTH} characters; shorten it.")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        reason = f"{where}: '{_short(text)}' is not a formula; check its brackets and operators."
+        raise LibraryError(reason) from None
+    tree = _checked(tree, allowed, exponents, f"{where}: '{_short(text)}'", 0)
+    return Formula(text.strip(), tree)
+
+
+def _checked(
+    node: ast.AST, allowed: frozenset[str], exponents: frozenset[str], where: str, depth: int
+) -> ast.expr:
+    """Copy the tree node by node; what is not copied here does not exist for the rest of the code."""
+    if depth > MAX_DEPTH:
+        raise LibraryError(f"{where} is nested deeper than {MAX_DEPTH} levels; simplify it.")
+
+    def inner(child: ast.AST) -> ast.expr:
+        return _checked(child, allowed, exponents, where, depth + 1)
+
+    match node:
+        case ast.Constant(value=bool()):
+            pass
+        case ast.Constant(value=int() | float() as value):
+            if value > LARGEST_CONSTANT:
+                raise LibraryError(f"{where} holds a number above 1e100; rescale the formula.")
+            return ast.Constant(float(value))
+        case ast.Name(id=name):
+            if name in allowed or name == "pi":
+                return ast.Name(name)
+            known = ", ".join(sorted(allowed))
+            raise LibraryError(f"{where} holds the unknown name '{_short(name)}'; known are {known}, pi.")
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
+            return ast.UnaryOp(op, inner(operand))
+        case ast.BinOp(op=ast.Pow(), right=right) if not _is_exponent(right, exponents):
+            raise LibraryError(
+                f"{where}: an exponent must be a number up to {MAX_EXPONENT} or a shape parameter."
+            )
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS or isinstance(op, ast.Pow):
+            return ast.BinOp(inner(left), op, inner(right))
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
+            if name in ("min", "max") and len(args) >= 2:
+                first, *rest = [inner(arg) for arg in args]
+                for other in rest:
+                    first = _switch(name, [first, other], ast.BinOp(first, ast.Sub(), other))
+                return first
+            if name in ("sign", "abs") and len(args) == 1:
+                argument = inner(args[0])
+                return _switch(name, [argument], argument)
+            if name in SMOOTH and len(args) == 1:
+                return ast.Call(ast.Name(name), [inner(args[0])], [])
+            if name in RESERVED_NAMES:
+                raise LibraryError(
+                    f"{where}: '{name}' got {len(args)} arguments; min, max take two, others one."
+                )
+    advice = ""
+    match node:
+        case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):
+            advice = " (write ** for a power, sign for sgn)"
+    wrong = f"{where} holds something other than numbers, names, + - * / ** and functions"
+    raise LibraryError(f"{wrong} {' '.join((*SWITCHING, *SMOOTH))}{advice}.")
+
+
+def _is_exponent(node: ast.AST, exponents: frozenset[str]) -> bool:
+    match node:
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            return _is_exponent(operand, exponents)
+        case ast.Constant(value=int() | float() as value):
+            return not isinstance(value, bool) and abs(value) <= MAX_EXPONENT
+        case ast.Name(id=name):
+            return name in exponents
+    return False
+
+
+def _switch(name: str, args: list[ast.expr], surface: ast.expr) -> ast.Call:
+    """A call that changes branch where `surface` is zero; the surface is kept with it, found once."""
+    call = ast.Call(ast.Name(name), args, [])
+    call.surface = Formula(ast.unparse(surface), surface)  # type: ignore[attr-defined]
+    return call
+
+
+def _short(text: str) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def with_instead(formula: Formula, name: str, text: str, over: float = 1.0) -> Formula:
+    """A formula with an expression in the place of a name, divided by a number."""
+    names, whole = formula.names | {name}, re.sub(rf"\b{name}\b", f"({text})", formula.text)
+    return parse(whole if over == 1.0 else f"({whole})/{over!r}", names, names, formula.text)
 
 
 def toml(force: "Force") -> str:
@@ -71,6 +196,13 @@ def formula_latex(force: "Force") -> str:
     return str(sympy.latex(expression, mul_symbol=r"\,"))
 
 
+FACTORS = (2.0, 0.125)
+# Powers of the signal that shape parameters, and states and memory, may have.
+SHAPE_POWERS = (0.0, 1.0, -1.0, -2.0)
+HIDDEN_POWERS = (1.0, 0.0, 2.0)
+# Powers of the reference frequency that these may have, and by how much those of rates, d/d(w t), are less.
+REFERENCE_POWERS = (0.0, -1.0, 1.0, -2.0, 2.0)
+OF_RATES = -1.0
 # Power of the coefficient, under the name "", and of each shape parameter by its name.
 Powers: TypeAlias = dict[str, float]
 

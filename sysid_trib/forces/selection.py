@@ -1,16 +1,17 @@
 """Which forces are identified and offered: by a method, by default, and by the system that moves."""
 
+import itertools
 import math
 import os
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from sysid_trib.errors import DecayError, LibraryError, UsageError, did_you_mean
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.library import is_number, library_folder, load_library
+from sysid_trib.forces.library import TEXT, Checks, check_keys, is_number, library_folder, load_library
 
 # The forces that systems name, by library.
 EFFECTS, INPUTS, HYSTERESIS = "candidate_effects", "inputs", "hysteresis"
@@ -18,6 +19,17 @@ SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS, HYSTERESIS, "water")
 SYSTEMS_FILE = "systems.toml"
 # What a system's signal can be.
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
+SYMBOL_LISTS = ("forces", "impossible", "not_negative")
+SYSTEM_KEYS: Checks = {
+    "name": TEXT,
+    "meaning": TEXT,
+    "signal": (lambda v: v in QUANTITIES, f"one of {', '.join(QUANTITIES)}"),
+    **dict.fromkeys(SYMBOL_LISTS, (lambda v: isinstance(v, list), "a list of symbols")),
+    "held": (
+        lambda v: isinstance(v, dict) and all(map(is_number, v.values())),
+        "a table that gives a number to each force",
+    ),
+}
 
 
 def forces_to_identify(
@@ -257,26 +269,12 @@ def _systems(path: Path) -> dict[str, System]:
 
 
 def _checked(table: Any, source: str) -> System:
-    keys = {part.name for part in fields(System)}
-    if not isinstance(table, dict) or not isinstance(table.get("name"), str) or not set(table) <= keys:
-        raise LibraryError(
-            f"{source}: a [[system]] has a name, and of {', '.join(sorted(keys))} what it needs."
-        )
-    where, held = f"{source}: system '{table['name']}'", table.get("held", {})
-    words = {key: table.get(key, "") for key in ("name", "meaning", "signal")}
-    lists = {key: table[key] for key in ("forces", "impossible", "not_negative") if key in table}
-    if not all(isinstance(word, str) for word in words.values()):
-        raise LibraryError(f"{where}: name, meaning and signal are texts in quotes.")
-    if not all(isinstance(names, list) for names in lists.values()) or not isinstance(held, dict):
-        raise LibraryError(f"{where}: {', '.join(lists)} are lists of symbols, held is a table.")
-    if "signal" in table and table["signal"] not in QUANTITIES:
-        raise LibraryError(f"{where}: signal must be one of {', '.join(QUANTITIES)}.")
-    names = [*(name for names in lists.values() for name in names), *held]
+    check_keys(table, SYSTEM_KEYS, ("name",), f"{source}: a [[system]]")
+    lists = {key: tuple(table[key]) for key in SYMBOL_LISTS if key in table}
     known = [force.symbol for name in SHIPPED_LIBRARIES for force in load_library(name)]
-    for name in names:
+    for name in [*itertools.chain(*lists.values()), *table.get("held", {})]:
         if name not in known:
             nearest = did_you_mean(str(name), known)
+            where = f"{source}: system '{table['name']}'"
             raise LibraryError(f"{where} names a force '{name}' of no library.{nearest}")
-    if not all(map(is_number, held.values())):
-        raise LibraryError(f"{where}: 'held' gives a number to each force.")
-    return System(**{**table, **{key: tuple(value) for key, value in lists.items()}})
+    return System(**{**table, **lists})

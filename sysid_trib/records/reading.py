@@ -11,7 +11,8 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.formulas import Formula, parse
+from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.notation import parse
 from sysid_trib.records import units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.inputs import BETWEEN_SAMPLES
@@ -95,7 +96,6 @@ class Reading:
         return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
 
 
-ARC_TANGENT = "atan2("
 # How near to the factor between two units a factor is that stands for it.
 CONVERTED = 2e-3
 
@@ -175,15 +175,11 @@ def is_expression(table: FileTable, wanted: str | int | None) -> bool:
 
 def _arguments(text: str) -> list[str]:
     """The two arguments of an arc tangent of two, or the text itself."""
-    plain = text.strip()
-    if not (plain.startswith(ARC_TANGENT) and plain.endswith(")")):
-        return [plain]
-    inside, depth = plain[len(ARC_TANGENT) : -1], 0
-    for at, letter in enumerate(inside):
-        depth += (letter == "(") - (letter == ")")
-        if letter == "," and depth == 0:
-            return [inside[:at], inside[at + 1 :]]
-    return [plain]
+    with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
+        match ast.parse(text.strip(), mode="eval").body:
+            case ast.Call(func=ast.Name(id="atan2"), args=[first, second], keywords=[]):
+                return [ast.unparse(first), ast.unparse(second)]
+    return [text.strip()]
 
 
 def _scalars(notes: Iterable[str]) -> Iterator[tuple[str, float]]:

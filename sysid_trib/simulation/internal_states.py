@@ -15,8 +15,8 @@ from scipy.interpolate import CubicHermiteSpline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, LibraryError, SimulationError, SysidTribError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
-from sysid_trib.forces.formulas import Formula, parse
-from sysid_trib.forces.library import force_counted_from
+from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.notation import parse
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import Forcing, integrate
 
@@ -100,7 +100,7 @@ def states_along(
             "all of equal length and in order of time."
         )
     elapsed = np.broadcast_to(np.asarray(time, dtype=float), tau.shape)
-    force, span = force_counted_from(force, float(elapsed[0])), float(elapsed[-1] - elapsed[0])
+    force, span = force.counted_from(float(elapsed[0])), float(elapsed[-1] - elapsed[0])
     model = watched(force, shapes, float(tau[-1] - tau[0]) / span if span > 0.0 else FROZEN)
     return _followed(force, model, tau - tau[0], (float(x[0]), float(v[0])), leading(force, tau, x, v))
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
-from sysid_trib.forces.formulas import Formula, parse
+from sysid_trib.forces.formulas import Formula
+from sysid_trib.forces.notation import parse
 from sysid_trib.records.inputs import FORCING_CHANNEL, INPUT, KnownInput
 from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 

@@ -10,7 +10,6 @@ from scipy.stats import ttest_1samp
 
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import counted_from
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import least_squares_spline
 from sysid_trib.results import references, schema, variables
@@ -99,7 +98,7 @@ def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) ->
         motion = tau, x, spline(tau, 1)
         forces = [internal_states.begun_after(force, *motion, model.shapes, elapsed) for force in library]
         library = replace(library, forces=tuple(forces))
-    later = result.assign_attrs(library=counted_from(library, float(elapsed[-1])).to_toml())
+    later = result.assign_attrs(library=library.counted_from(float(elapsed[-1])).to_toml())
     return later.drop_vars(["start_angle", "start_rate"], errors="ignore")
 
 

@@ -10,7 +10,6 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import counted_from
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
@@ -35,7 +34,7 @@ def refit(
     """
     later = float(parts[0].time.values[0] - runs[0].time.values[0]) if runs else 0.0
     try:
-        return method.identify(one_or_all(parts), counted_from(library, later)), ""
+        return method.identify(one_or_all(parts), library.counted_from(later)), ""
     except (SysidTribError, np.linalg.LinAlgError) as error:
         return None, str(error)
 

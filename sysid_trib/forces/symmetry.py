@@ -1,0 +1,192 @@
+"""What formulas hold besides x, v and t, and what signs and sizes of these do to a force: its symmetries."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid_trib.forces.notation import parse
+
+if TYPE_CHECKING:
+    from sysid_trib.forces.force import Force
+
+# By name with the force's symbol, `dahl.s`.
+ShapeValues: TypeAlias = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape parameter: a number inside a formula that does not enter linearly.
+
+    Parameters
+    ----------
+    default : float
+        Its value unless another is given.
+    low, high : float
+        The range in which it is fitted.
+    meaning : str
+        Shown in tables.
+    """
+
+    default: float
+    low: float
+    high: float
+    meaning: str = ""
+
+
+# What an input may be, other than any quantity of its own, and the power of 1/w with which formulas then
+# see it, as they see theta' over w.
+INPUT_KINDS = {"": 0, "displacement": 0, "rate": 1, "acceleration": 2}
+# Derivatives of an input that formulas may hold: `u` and `du`.
+ORDERS = (0, 1)
+
+
+class Channel(NamedTuple):
+    """What a formula sees of an input u(t): `u`, or `du`, its derivative by tau = w t.
+
+    Attributes
+    ----------
+    input : str
+        Its name.
+    order : int
+        Of the derivative.
+    kind : str
+        One of `INPUT_KINDS`; other than "" it is in the unit of the signal, or that over s or s^2.
+    """
+
+    input: str
+    order: int = 0
+    kind: str = ""
+
+    @property
+    def name(self) -> str:
+        """As formulas write it."""
+        return "d" * self.order + self.input
+
+    @property
+    def power(self) -> int:
+        """Power of 1/w with which the derivative by time is seen."""
+        return INPUT_KINDS[self.kind] + self.order
+
+
+def matches(force: "Force", formula: str) -> bool:
+    """True if this is the force of the given formula, without history or shape parameters.
+
+    Parameters
+    ----------
+    formula : str
+        A formula in x, v and t. Forces are known by what they do, not by their symbols.
+    """
+    if not force.memoryless or force.kind != "force" or force.shape:
+        return False
+    expected = parse(formula, frozenset("xvt"), frozenset(), formula).evaluate(force.test_points)
+    return bool(np.allclose(_at(force, force.test_points), expected, rtol=1e-12, atol=1e-14))
+
+
+def parity(force: "Force") -> str:
+    """`odd`, `even` or `mixed` under (x, v) -> (-x, -v), states and memory following."""
+    hidden, points = (*force.state, *force.memory), force.test_points
+    rates = (*force.state.values(), *force.memory.values())
+    for signs in itertools.product((-1.0, 1.0), repeat=len(hidden)):
+        factors = dict(zip(hidden, signs, strict=True))
+        flipped = points | {k: s * points[k] for k, s in ({"x": -1.0, "v": -1.0} | factors).items()}
+        pairs = zip(rates, signs, strict=True)
+        if not all(_same(f.evaluate(flipped), s * np.asarray(f.evaluate(points))) for f, s in pairs):
+            continue
+        here, there = _at(force, points), _at(force, flipped)
+        if _same(there, -here):
+            return "odd"
+        if _same(there, here):
+            return "even"
+    return "mixed"
+
+
+def character(force: "Force") -> str:
+    """`dissipative` or `conservative` type by time reversal (v -> -v), else `mixed`.
+
+    A force with states or memory depends on history, which has no time reversal: `mixed`.
+    """
+    if not force.memoryless or force.channels or force.kind == "sensor":
+        return "sensor" if force.kind == "sensor" else "mixed"
+    points = force.test_points
+    here, there = _at(force, points), _at(force, points | {"v": -points["v"]})
+    return "conservative" if _same(there, here) else "dissipative" if _same(there, -here) else "mixed"
+
+
+def degree(force: "Force") -> float | None:
+    """Degree q of homogeneity in (x, v) together; None without one, of history, time and inputs."""
+    other = force.shape or force.holds_time or force.channels
+    return None if not force.memoryless or other else _degree_in(force, {"x": 1.0, "v": 1.0})
+
+
+def speed_degree(force: "Force") -> float | None:
+    """Degree of homogeneity in v alone (0 without v), None if there is none or if it has states.
+
+    A degree that depends on a shape parameter, as that of abs(v)**p, is none. Inputs that are seen over w
+    count as v, over w^2 as its square.
+    """
+    ends = [{k: getattr(s, end) for k, s in force.shape.items()} for end in ("default", "low", "high")]
+    over_w = {channel.name: float(channel.power) for channel in force.channels if channel.power}
+    degrees = {_degree_in(force, {"v": 1.0} | over_w, shapes) for shapes in ends}
+    return None if force.state or len(degrees) > 1 else degrees.pop()
+
+
+def units(force: "Force") -> str:
+    """Unit of the coefficient: `1` (dimensionless, angles in rad), or a power of s where t enters."""
+    power = _degree_in(force, {"t": 1.0}) if force.memoryless else None
+    return "1" if not power else "s-1" if power == 1 else f"s{-power:g}"
+
+
+def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
+    """Unit of the coefficient with inputs in units of their own, by their names: `1/V`.
+
+    Of an input that has none its name stands for it: `1/u`.
+    """
+    text = force.units
+    raw = dict.fromkeys(c.input for c in force.channels if not c.kind and c.input in inputs)
+    for name in raw:
+        of_input = {channel.name: 1.0 for channel in force.channels if channel.input == name}
+        if power := _degree_in(force, of_input):
+            unit = inputs[name] or name
+            unit = f"({unit})" if set("*/") & set(unit) else unit
+            text += f"/{unit}" if power == 1 else f"/{unit}^{power:g}"
+    return text
+
+
+def test_points(force: "Force") -> dict[str, Any]:
+    """Points at which formulas are compared; deterministic, off the axes.
+
+    Some are near zero: tanh(v/s) with a small s is sign(v) everywhere else.
+    """
+    random = np.random.default_rng(20190417)
+    sides = random.choice((-1.0, 1.0), size=(2, 64))
+    large, small = random.uniform(0.05, 1.2, (2, 40)), 10.0 ** random.uniform(-5.0, -1.3, (2, 24))
+    sizes = random.permuted(np.concatenate((large, small), axis=1), axis=1)
+    points = dict(zip("xv", sides * sizes, strict=True))
+    points |= {k: random.uniform(-0.5, 0.5, 64) for k in (*force.state, *force.memory)}
+    points |= {"t": random.uniform(0.5, 20.0, 64)} | force.shape_values()
+    return points | {
+        c.name: random.choice((-1.0, 1.0), 64) * random.uniform(0.05, 1.2, 64) for c in force.channels
+    }
+
+
+def _at(force: "Force", names: Mapping[str, Any]) -> NDArray[np.float64]:
+    with np.errstate(all="ignore"):
+        return np.broadcast_to(force.formula.evaluate(names), (64,))
+
+
+def _degree_in(
+    force: "Force", powers: Mapping[str, float], shapes: ShapeValues | None = None
+) -> float | None:
+    """Degree as variables grow with these powers of one factor; None without one, and of zero."""
+    points = force.test_points | dict(shapes or {})
+    # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
+    degree = force.formula.degree_in(powers, points, (2.0, 4.0, 1e-3, 1e-6))
+    return None if degree == np.inf else degree
+
+
+def _same(first: Any, second: Any) -> bool:
+    return bool(np.allclose(first, second, rtol=1e-9, atol=1e-12))
