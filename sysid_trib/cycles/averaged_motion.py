@@ -17,11 +17,10 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import elementwise
 
-from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.arrays import Array, Index, Mask, variable
 from sysid_trib.cycles.signatures import averages, tabulated_averages
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.forces.force import Force, ShapeValues
-from sysid_trib.results.variables import variable
 from sysid_trib.simulation.model import Model
 
 LARGEST_ENVELOPE = 1e3

@@ -15,9 +15,7 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import load_library
-from sysid_trib.records import half_sines, sensor, signal
-from sysid_trib.records.half_periods import noise_level
-from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.records import equilibrium, half_periods, half_sines, sensor, signal, smoothing
 from sysid_trib.results.signal_scale import counts_angles
 from sysid_trib.results.variables import Variables, group_names, variable
 
@@ -95,8 +93,6 @@ def _listed(words: list[str]) -> str:
 USUAL_LIBRARY, PENDULUM = "contact_forces", "pendulum"
 # Points of a spectrum that are kept: it is drawn, not computed with.
 SPECTRUM_POINTS = 2000
-# The middle between extrema of both sides; decays of either sign cancel in it to third order.
-MIDDLE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
 
 
@@ -148,10 +144,10 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     ends = slice(count), slice(len(instants) - count, None)
     first, last = (_damping(instants[part], amplitude[part], frequency) for part in ends)
     step = sensor.sensor_step(measured.to_numpy())
-    # Steps are noise: by chance the values that a filter repeats lie on a lattice as well.
-    # A step compared with the noise of sixth differences, of a motion that takes many samples to the next
-    # step at most.
-    step = step if step <= 30.0 * noise_level(measured.time.values, measured.to_numpy()) else float("nan")
+    # Steps are noise: by chance the values that a filter repeats lie on a lattice as well. Many samples are
+    # taken by a motion from one step to the next at most.
+    largest = 30.0 * half_periods.noise_level(measured.time.values, measured.to_numpy())
+    step, noise = step if step <= largest else float("nan"), smoothing.sensor_noise(decay)
     scalars: Variables = {
         "start": variable((), time[0], "first sample", "s"),
         "stop": variable((), time[-1], "last sample", "s"),
@@ -161,7 +157,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
         "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
         "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
-        "noise": variable((), sensor_noise(decay), "standard deviation of the sensor's noise", unit),
+        "noise": variable((), noise, "standard deviation of the sensor's noise", unit),
         "drift": variable((), _drift(curve), "how far the middle of the swing moves", unit),
         "sensor_step": variable((), step, "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
@@ -219,11 +215,12 @@ def _drift(curve: xr.Dataset) -> float:
     signed, time = curve.sign.values * curve.extremum.values, curve.extremum_time.values
     if signed.size < FEWEST_FOR_DRIFT:
         return 0.0
-    middle = np.convolve(signed, MIDDLE, "valid")
+    # The middle between extrema of both sides; decays of either sign cancel in it to third order.
+    middle = np.convolve(signed, equilibrium.BINOMIAL, "valid")
     at = time[2:-2] - time[2:-2].mean()
     line, covariance = np.polyfit(at, middle, 1, cov=True)
     # Neighbouring middles share extrema.
-    error = np.sqrt(covariance[0, 0] * MIDDLE.size)
+    error = np.sqrt(covariance[0, 0] * equilibrium.BINOMIAL.size)
     return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
 
 

@@ -14,11 +14,10 @@ import xarray as xr
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, dependent_columns
+from sysid_trib.arrays import Array, dependent_columns, variable
 from sysid_trib.cycles.one_cycle import CANCELLATION, ROUNDING_ERROR, cycle_averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
-from sysid_trib.results.variables import variable
 from sysid_trib.simulation.internal_states import states_along
 
 # Amplitudes averaged at once, to bound the memory used.

@@ -101,8 +101,8 @@ def smooth_curve(
     rows: CurveRows,
     position: Array,
     points: Array,
-    bends: Array | None = None,
-    walks: Array = WALKS,
+    bends: Array | None,
+    walks: Array,
 ) -> SmoothCurve:
     """The curve through rows, its standard error, and the band that holds all of it.
 
@@ -155,13 +155,9 @@ def _line_and_bends(position: Array) -> Array:
 
 def _bands(*roots: sp.csr_matrix) -> list[Array]:
     """Covariances of the rows, lower bands of equal number as scipy.linalg stores them."""
-    covariances = [(root @ root.T).tocoo() for root in roots]
-    width = max(int(np.max(np.abs(c.row - c.col), initial=0)) for c in covariances) + 1
-    bands = [np.zeros((width, root.shape[0])) for root in roots]
-    for band, entries in zip(bands, covariances, strict=True):
-        lower = entries.row >= entries.col
-        band[(entries.row - entries.col)[lower], entries.col[lower]] = entries.data[lower]
-    return bands
+    covariances = [root @ root.T for root in roots]
+    width = 1 + max(int(np.max(np.subtract(*c.nonzero()), initial=0)) for c in covariances)
+    return [np.stack([np.pad(c.diagonal(-k), (0, k)) for k in range(width)]) for c in covariances]
 
 
 def _whitened(band: Array, columns: Array, target: Array) -> _WhitePeriods:

@@ -8,9 +8,6 @@ from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.records.half_periods import noise_level, quantisation_step
 from sysid_trib.records.signal import LONGEST_FILLED, clamped_knots
 
-# Weights of the four neighbours of a sample (cubic), and of the four that follow the first.
-INSIDE = np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
-AT_END = np.array([4.0, -6.0, 4.0, -1.0])
 WRAP_SHARE = 0.75
 # Samples on either side that show how the motion goes on.
 CUT_REACH = 3
@@ -45,9 +42,7 @@ def spikes(time: Array, signal: Array) -> Index:
         candidates = (off > least) & np.concatenate([[True], off[1:-1] > 2.0 * back, [True]])
         if not candidates.any():
             break
-        reach = np.lib.stride_tricks.sliding_window_view(np.pad(off, 2), 5).max(axis=1)
-        worst = kept[candidates & (off == reach)]
-        bad[worst] = True
+        bad[kept[candidates & (off == maximum_filter1d(off, 5))]] = True
         kept = np.flatnonzero(~bad)
     return np.flatnonzero(bad)
 
@@ -57,13 +52,11 @@ def _off_neighbours(signal: Array) -> Array:
 
     Zero of the second from either end.
     """
-    off = np.zeros(signal.size)
-    windows = np.lib.stride_tricks.sliding_window_view(signal, 5)
-    off[2:-2] = np.abs(windows[:, 2] - windows[:, [0, 1, 3, 4]] @ INSIDE)
-    off[0] = abs(signal[0] - signal[1:5] @ AT_END)
-    off[-1] = abs(signal[-1] - signal[-2:-6:-1] @ AT_END)
+    # Six times the distance from the cubic through the other four, where it is between them.
+    fourth = np.abs(np.diff(signal, 4))
+    off = np.pad(fourth / 6.0, 2)
     # The noise of an extrapolation is several times that of an interpolation.
-    off[[0, -1]] /= 3.0
+    off[[0, -1]] = fourth[[0, -1]] / 3.0
     return off
 
 

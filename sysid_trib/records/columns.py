@@ -10,8 +10,7 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import cleaning, equilibrium, free_decay, units as lab
-from sysid_trib.records.clock import read_clock
+from sysid_trib.records import cleaning, clock, equilibrium, free_decay, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
@@ -127,11 +126,11 @@ def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | 
     with suppress(SysidTribError):
         stamps = np.arange(values.size) if time is None else time.numbers
         if stamps.size == values.size:
-            clock, rows, _, _ = read_clock(stamps.astype(float), 1.0, column.source, values)
+            times, rows, _, _ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
             whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])
-            return free_decay.swing_within(clock[good], whole)
+            return free_decay.swing_within(times[good], whole)
     return None, ""
 
 

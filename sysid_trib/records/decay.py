@@ -255,6 +255,5 @@ def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
 
 
 def root_mean_square(values: ArrayLike) -> float:
-    """RMS of numbers; of one it is that number itself."""
-    numbers = np.asarray(values, dtype=float)
-    return float(numbers[0]) if len(numbers) == 1 else float(np.sqrt(np.mean(numbers**2)))
+    """RMS of numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -167,17 +167,20 @@ def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods)
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     reach = np.maximum(local / 3.0, 1.5 * (time[-1] - time[0]) / (time.size - 1))
     low = np.searchsorted(time, middle - reach)
-    high = np.minimum(np.searchsorted(time, middle + reach), time.size)
-    index = np.arange(low[0], high[-1])
-    half = np.repeat(np.arange(low.size), np.diff(np.append(low, high[-1])))
-    inside = index < high[half]
-    index, half = index[inside], half[inside]
-    phase = np.pi * (time[index] - middle[half]) / local[half]
-    first = np.searchsorted(half, np.arange(low.size))
-    cc, cs, ss, cy, sy = harmonic_sums(phase, signal[index], np.ones(half.size), first)
+    high = np.minimum(np.searchsorted(time, middle + reach), np.append(low[1:], time.size))
+    sample, half, first = samples_between(low, high)
+    phase = np.pi * (time[sample] - middle[half]) / local[half]
+    cc, cs, ss, cy, sy = harmonic_sums(phase, signal[sample], np.ones(half.size), first)
     determinant = np.maximum(cc * ss - cs * cs, 1e-12 * cc * cc)
     p, q = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
     return np.copysign(np.hypot(p, q), p)
+
+
+def samples_between(low: Index, high: Index) -> tuple[Index, Index, Index]:
+    """Samples of each half period, one after the other: their numbers, its number, and the first of each."""
+    count = high - low
+    half, first = np.repeat(np.arange(count.size), count), np.cumsum(count) - count
+    return np.arange(half.size) + (low - first)[half], half, first
 
 
 def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Array:

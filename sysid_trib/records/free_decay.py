@@ -253,9 +253,7 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     stop = np.inf if window[1] is None else float(window[1])
     if not start < stop:
         raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
-    time = record["time"].to_numpy()
-    first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, "right"))
-    inside = record.isel(time=slice(first, last))
+    time, inside = record["time"].to_numpy(), record.sel(time=slice(start, stop))
     if (count := inside.sizes["time"]) < 20:
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
         where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."

@@ -85,9 +85,7 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         change = -200.0 * fall / peak[first] / (count - first)
         wrong = f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period"
         raise DecayError(f"{wrong}; is it driven? A free decay is needed.")
-    swing = replace(swing, run=slice(run.start + first, run.stop))
-    swing = _before_shaking(peak[first:], swing)
-    _refuse_rises(peak[first : first + swing.run.stop - swing.run.start], swing, source)
+    swing = _without_rises(peak[first:], replace(swing, run=slice(run.start + first, run.stop)), source)
     _refuse_beats(swing, source)
     return swing
 
@@ -131,40 +129,31 @@ def _refuse_beats(swing: Swing, source: str) -> None:
         )
 
 
-def _first_rise(peak: Array, swing: Swing) -> tuple[int, float] | None:
-    """First half period that is larger than one of its sign before, and the smallest of those; else None."""
+def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
+    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat.
+
+    A decay that is shaken on at its end, small, and larger again, ends before that.
+    """
     rises = []
     for side in (0, 1):
         same = peak[side::2]
         lowest = np.minimum.accumulate(same)
         larger = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
         rises += [(side + 2 * int(larger[0]), float(lowest[larger[0]]))] if larger.size else []
-    return min(rises, default=None)
-
-
-def _before_shaking(peak: Array, swing: Swing) -> Swing:
-    """Leave out what comes after the decay if it is shaken on from there: small, and larger again."""
-    rise = _first_rise(peak, swing)
-    if rise is None:
+    if not rises:
         return swing
-    level = float(peak[rise[0] :].max())
+    rise, lowest_before = min(rises)
+    level = float(peak[rise:].max())
     stop = int(np.argmax(peak <= level))
     # What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
-    if level > 0.25 * peak[0] or stop < FEWEST_EXTREMA:
-        return swing
-    return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
-
-
-def _refuse_rises(peak: Array, swing: Swing, source: str) -> None:
-    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat."""
-    rise = _first_rise(peak, swing)
-    if rise is not None:
-        instant = swing.halves.crossing[swing.run.start + rise[0]]
-        raise DecayError(
-            f"{source}: the amplitude rises again at {instant:.4g} s, from {rise[1]:.3g} to "
-            f"{peak[rise[0]]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
-            "window before, or start it after."
-        )
+    if level <= 0.25 * peak[0] and stop >= FEWEST_EXTREMA:
+        return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
+    instant = swing.halves.crossing[swing.run.start + rise]
+    raise DecayError(
+        f"{source}: the amplitude rises again at {instant:.4g} s, from {lowest_before:.3g} to "
+        f"{peak[rise]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
+        "window before, or start it after."
+    )
 
 
 def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:

@@ -1,5 +1,6 @@
 """Half periods of an oscillation that may be noisy, quantised, jittered, or held by hand at first."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,11 +106,7 @@ def _divided_difference(time: Array, signal: Array) -> Array:
     difference, squares = np.zeros(count), np.zeros(count)
     # One point after the other: all spacings of a long record at once take a gigabyte.
     for at in range(7):
-        weight = np.ones(count)
-        for other in range(7):
-            if other != at:
-                weight *= near[at] - near[other]
-        weight = 1.0 / weight
+        weight = 1.0 / math.prod(near[at] - near[other] for other in range(7) if other != at)
         difference += weight * values[at]
         squares += weight**2
     return np.asarray(np.abs(difference) / np.sqrt(squares))

@@ -61,10 +61,7 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index
     edge[-1] += 0.5 * (time[-1] - time[-2])
     low = np.searchsorted(edge, halves.crossing[:-1], side="right") - 1
     high = np.searchsorted(edge, halves.crossing[1:], side="left")
-    count = high - low
-    half = np.repeat(np.arange(count.size), count)
-    first = np.concatenate(([0], np.cumsum(count)[:-1]))
-    sample = np.arange(half.size) - first[half] + low[half]
+    sample, half, first = equilibrium.samples_between(low, high)
     start = np.maximum(edge[sample], halves.crossing[half])
     inside = np.minimum(edge[sample + 1], halves.crossing[half + 1]) - start
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
@@ -228,22 +225,15 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     duration = np.concatenate([duration[:1], duration, duration[-1:]])
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
-    half, impulse = np.arange(count), np.arange(IMPULSES)
 
     def matrix(pieces: Sequence[tuple[int, Array]]) -> sp.csr_matrix:
-        data, rows, columns = [], [], []
-        for offset, by_impulse in pieces:
+        kinds = []
+        for kind, unit in enumerate((np.ones(count), 1.0 / b)):
+            by_half_period = sp.diags(size * (duration / np.pi) ** kind)
             # The half period between extrema i - 1 and i has the number i.
-            number = half - offset + 1
-            inside = (number >= 0) & (number <= count)
-            for kind, unit in enumerate((np.ones(count), 1.0 / b)):
-                scale = unit[inside] * size[number[inside]]
-                scale = scale * (duration[number[inside]] / np.pi) ** kind
-                data.append((scale[:, None] * by_impulse[:, kind]).ravel())
-                rows.append(np.repeat(kind * count + half[inside], IMPULSES))
-                columns.append((number[inside, None] * IMPULSES + impulse).ravel())
-        places = np.concatenate(rows), np.concatenate(columns)
-        return sp.csr_matrix((np.concatenate(data), places), (2 * count, (count + 1) * IMPULSES))
+            shifts = ((sp.eye(count, count + 1, 1 - offset), part[None, :, kind]) for offset, part in pieces)
+            kinds.append(sp.diags(unit) @ sum(sp.kron(at @ by_half_period, part) for at, part in shifts))
+        return sp.vstack(kinds, format="csr")
 
     offsets = range(1 - SPAN, SPAN + 1)
     passing = matrix([(offset, passes[:, offset + SPAN - 1]) for offset in offsets])

@@ -22,9 +22,8 @@ FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
-# Splines by their degree: `smooth` leaves out less than a hundredth of a signal of three samples a period.
-SPLINE_DEGREES = {"cubic": 3, "smooth": 7}
-BETWEEN_SAMPLES = ("linear", "held", *SPLINE_DEGREES)
+# Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
+BETWEEN_SAMPLES = {"linear": 1, "held": 0, "cubic": 3, "smooth": 7}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +59,11 @@ class KnownInput:
     @cached_property
     def _polynomials(self) -> tuple[PPoly, ...]:
         """The input and its derivative by time, held before the first sample and from the last on."""
-        degree = SPLINE_DEGREES.get(self.between, 0)
-        if degree and len(self.elapsed) > degree:
-            spline = make_interp_spline(self.elapsed, self.values, degree)
-            knots, powers = np.unique(spline.t), PPoly.from_spline(spline).c[:, degree:-degree]
-        else:
-            knots, held = self.elapsed, self.values[:-1]
-            slope = np.diff(self.values) / np.diff(self.elapsed)
-            powers = np.array([held] if self.between == "held" else [slope, held])
+        degree = BETWEEN_SAMPLES[self.between]
+        degree = degree if degree < len(self.elapsed) else 1
+        spline = make_interp_spline(self.elapsed, self.values, degree)
+        # Without the empty pieces between the knots that are repeated at either end.
+        knots, powers = np.unique(spline.t), PPoly.from_spline(spline).c[:, degree : -max(1, degree)]
         whole = np.pad(powers, ((0, 0), (1, 1)))
         whole[-1, [0, -1]] = self.values[[0, -1]]
         value = PPoly(whole, np.concatenate([[knots[0] - 1.0], knots, [knots[-1] + 1.0]]))
@@ -80,13 +76,13 @@ class KnownInput:
 
     def of(self, elapsed: ArrayLike, order: int = 0) -> Array:
         """The input, or a derivative by time, at times since the first sample; at a jump the mean of both."""
-        polynomial = self._polynomials[order]
+        polynomial, degree = self._polynomials[order], BETWEEN_SAMPLES[self.between]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
-        if self.between in SPLINE_DEGREES:
+        if degree > 1:
             # A derivative at the last sample is that before it, not that of what is held from there on.
             inside = np.where(inside == self.elapsed[-1], np.nextafter(inside, -np.inf), inside)
         values = polynomial(inside)
-        if self.between == "held" or (self.between == "linear" and order):
+        if degree <= order:
             values = 0.5 * (values + polynomial(np.nextafter(inside, -np.inf)))
         return np.asarray(values)
 

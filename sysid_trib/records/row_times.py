@@ -12,10 +12,9 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records import assumed_units, units
+from sysid_trib.records import assumed_units, columns, units
 from sysid_trib.records.clock import Clock, read_clock
 from sysid_trib.records.column import Column
-from sysid_trib.records.columns import own_time
 from sysid_trib.records.inputs import ROLE
 from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.tables import FileTable, read_table
@@ -126,14 +125,14 @@ def _counted_on(column: Array) -> Index:
 
 def _of_packets(steps: Index) -> Index | None:
     """Numbers of samples in packets of the same size; None where sizes differ."""
-    begins = np.append(0, np.flatnonzero(steps) + 1)
-    sizes = np.diff(begins)
-    # The first and the last may be cut.
-    size = int(sizes[1:].max(initial=0))
-    if len(sizes) < 3 or np.mean(sizes[1:] == size) < MOSTLY or sizes[0] > size:
-        return None
     packet = np.append(0, np.cumsum(steps))
-    place = np.arange(len(packet)) - np.repeat(begins, np.diff(np.append(begins, len(packet))))
+    _, begins, sizes = np.unique(packet, return_index=True, return_counts=True)
+    # The first and the last may be cut.
+    whole = sizes[1:-1]
+    size = int(whole.max(initial=0))
+    if len(whole) < 2 or np.mean(whole == size) < MOSTLY or sizes[0] > size:
+        return None
+    place = np.arange(len(packet)) - np.repeat(begins, sizes)
     place[: sizes[0]] += size - sizes[0]
     numbers = packet * size + place
     return np.asarray(numbers - numbers[0])
@@ -141,8 +140,8 @@ def _of_packets(steps: Index) -> Index | None:
 
 def input_columns(inputs: Mapping[str, str | int], table: FileTable) -> list[Column]:
     """The columns of a table that are inputs, and so no signal."""
-    columns = [wanted for _, wanted, other in _sources(inputs) if other is None]
-    return [table.find(wanted) for wanted in columns if not is_expression(table, wanted)]
+    own = [wanted for _, wanted, other in _sources(inputs) if other is None]
+    return [table.find(wanted) for wanted in own if not is_expression(table, wanted)]
 
 
 def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
@@ -251,5 +250,5 @@ def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array,
     table = read_table(path)
     column = table.find(wanted)
     how = replace(how, time=None)
-    (time, rows, _, _), _, _ = row_times(table, own_time(table, column), column, column.numbers, how)
+    (time, rows, _, _), _, _ = row_times(table, columns.own_time(table, column), column, column.numbers, how)
     return time, column.numbers[rows], column.unit

@@ -96,10 +96,8 @@ def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_arra
         raise ValueError("times that do not increase")
     # No sample is beyond the knots: without extrapolation Python's own min and max look through all of them.
     basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE, extrapolate=True)
-    normal, count = basis.T @ basis, basis.shape[1]
-    band = np.zeros((SPLINE_DEGREE + 1, count))
-    for off in range(min(len(band), count)):
-        band[off, : count - off] = normal.diagonal(off)
+    normal = basis.T @ basis
+    band = np.stack([np.pad(normal.diagonal(off), (0, off)) for off in range(SPLINE_DEGREE + 1)])
     return basis, cholesky_banded(band, lower=True, check_finite=False)
 
 

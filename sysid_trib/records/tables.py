@@ -2,12 +2,13 @@
 
 import gzip
 import hashlib
+import os
 import re
 import sys
 import tempfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,10 +17,9 @@ from typing import Any
 import numpy as np
 
 from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
-from sysid_trib.records import formats, units as lab
+from sysid_trib.records import formats, text, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.probe import check_binary
-from sysid_trib.records.text import check_width
 
 STANDARD_INPUT = "-"
 # Bytes; more is no record but a bomb.
@@ -72,16 +72,16 @@ class FileTable:
 
     def match(self, wanted: str | int | None) -> Column | None:
         """The column of that name, or else of that number from 0; None if there is no single one."""
-        text = str(wanted)
+        name = str(wanted)
         for matches in (
             [column for column in self.columns if column.name == wanted],
-            [column for column in self.columns if column.base == text.strip().lower()],
-            [column for column in self.columns if column.name.startswith((f"{text}[", f"{text}."))],
+            [column for column in self.columns if column.base == name.strip().lower()],
+            [column for column in self.columns if column.name.startswith((f"{name}[", f"{name}."))],
         ):
             if len(matches) == 1 and isinstance(wanted, str):
                 return matches[0]
-        if re.fullmatch(r"[0-9]{1,9}", text) and int(text) < len(self.columns):
-            return self.columns[int(text)]
+        if re.fullmatch(r"[0-9]{1,9}", name) and int(name) < len(self.columns):
+            return self.columns[int(name)]
         return None
 
     def find(self, wanted: str | int) -> Column:
@@ -137,7 +137,7 @@ def read_table(path: Path) -> FileTable:
     with _opened(path) as file:
         source = readable(path.name if str(path) != STANDARD_INPUT else file.name)
         cells, units, notes = _contents(file)
-        check_width(file, len(cells))
+        text.check_width(file, len(cells))
         arrays = {name: np.asarray(values) for name, values in cells.items()}
         kept = [(name, values) for name, values in arrays.items() if not _is_nested(values)]
         columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
@@ -147,7 +147,6 @@ def read_table(path: Path) -> FileTable:
 
 
 def _contents(path: Path) -> formats.Contents:
-    check_is_file(path)
     try:
         reader = formats.reader_of(path)
         if reader is not formats.read_lines:
@@ -160,8 +159,6 @@ def _contents(path: Path) -> formats.Contents:
         raise RecordError(
             f"{path.name}: to read this format {package} is needed: pip install pyarrow npTDMS."
         ) from error
-    except PermissionError:
-        raise RecordError(f"{path}: you may not read this file; change its permissions.") from None
     # Readers of foreign formats meet a damaged file with any exception at all.
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
@@ -193,6 +190,8 @@ def check_is_file(path: Path) -> None:
         raise RecordError(f"{path}: this is a directory; name a file in it.")
     if not path.is_file():
         raise RecordError(f"{path}: this is a pipe or a device; save what it gives as a file first.")
+    if not os.access(path, os.R_OK):
+        raise RecordError(f"{path}: you may not read this file; change its permissions.")
 
 
 @contextmanager
@@ -205,9 +204,13 @@ def _opened(path: Path) -> Iterator[Path]:
         The .gz is damaged, or its content vast.
     """
     given = str(path) == STANDARD_INPUT
-    if not given and not _is_gzip(path):
-        yield path
-        return
+    if not given:
+        check_is_file(path)
+        with path.open("rb") as file:
+            packed = file.read(2) == b"\x1f\x8b"
+        if not packed:
+            yield path
+            return
     name = "standard input" if given else path.name
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / name.removesuffix(".gz")
@@ -223,12 +226,3 @@ def _opened(path: Path) -> Iterator[Path]:
         if copy.stat().st_size > LARGEST_CONTENT:
             raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
         yield copy
-
-
-def _is_gzip(path: Path) -> bool:
-    # The reader says why one cannot be read; a pipe would be waited for.
-    with suppress(OSError, ValueError):
-        if path.is_file():
-            with path.open("rb") as file:
-                return file.read(2) == b"\x1f\x8b"
-    return False
