@@ -98,8 +98,7 @@ class Formula:
     @cached_property
     def surfaces(self) -> tuple["Formula", ...]:
         """Expressions at whose zeros it changes branch, each once, innermost first."""
-        calls = [n for n in _bottom_up(self.tree) if isinstance(n, ast.Call)]
-        return tuple(dict.fromkeys(call.surface for call in calls if hasattr(call, "surface")))
+        return tuple(dict.fromkeys(n.surface for n in _bottom_up(self.tree) if hasattr(n, "surface")))
 
     def order_in(self, name: str) -> float:
         """Order of the polynomial in a variable that the formula is, as it is written; infinite if none."""
