@@ -139,8 +139,8 @@ class Fits:
     runs: Sequence[xr.Dataset] = ()
     predict: Callable[[FittedModel], unseen.Prediction] | None = None
     best: FittedModel | None = None
-    # Whether a model of these forces goes on, and models in a row that were no better than the best, which
-    # predicts to this RMS; by the coefficients predictions and p-values of noise.
+    # Whether a model of these forces goes on, models in a row that did not predict better than the best one,
+    # and its RMS; by the coefficients predictions and p-values of noise.
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     _refused: int = 0
     _least_rms: float = np.inf
