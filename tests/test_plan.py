@@ -189,6 +189,15 @@ def test_the_command_plans_from_a_result(tmp_path, tree):
     assert command("plan", str(tmp_path / "r.nc"), "--amplitude", "5").status == 2
 
 
+def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
+    result = tree["direct"].to_dataset()
+    incomplete = result.assign(error_of_model=("force", np.full(result.sizes["force"], 2e-3)))
+    save(incomplete, tmp_path / "result.nc")
+    limits = ("--amplitude", "0.1:0.3", "--duration", ":15")
+    ending = command("plan", tmp_path / "result.nc", *limits)
+    assert "error of its own, which no further run takes away: lambda 0.002," in ending.out, ending.err
+
+
 @pytest.mark.slow
 def test_rivals_of_a_discovery_part_at_a_larger_release():
     """Gravity and a cubic stiffness are alike at small amplitudes; synthetic."""

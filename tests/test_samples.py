@@ -13,6 +13,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
 from sysid_trib.printing.campaign import difference_blocks
 from sysid_trib.validation import sensitivity
+from sysid_trib.validation.samples import held_against
 
 RUN = paper_run(FIVE, duration=15.0)
 LIBRARY = RUN.model.library
@@ -99,6 +100,14 @@ def test_equal_samples_differ_as_often_as_the_level_says():
     # Of twelve uniform ones: 1 in 10,000 sets of them has one below.
     assert min(p_values) > 1e-5
     assert np.mean(np.array(p_values) < 0.5) < 0.95
+
+
+def test_a_coefficient_at_its_bound_is_pointed_out():
+    below = {"zeta": (None, 0.5 * FIVE["zeta"])}
+    runs = [RUN.decay(1)], [RUN.decay(2)]
+    tree = held_against(*runs, LIBRARY, Direct(), constraints=below)
+    text = "\n".join(sentence for block in difference_blocks(tree) for sentence in block.sentences)
+    assert "At a bound, where an error has but one side and z counts too much: zeta in " in text
 
 
 @pytest.mark.slow

@@ -261,6 +261,14 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
             f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
             "(--explain splits them)."
         )
+    at_bounds = [
+        f"{symbol} in {name}"
+        for name, run in _runs(tree)
+        for symbol, mark in zip(run.force.values, run.get("constraint", run.force).values, strict=True)
+        if mark == "at its bound"
+    ]
+    if at_bounds:
+        yield f"At a bound, where an error has but one side and z counts too much: {', '.join(at_bounds)}."
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]
     if methods[0] != methods[1]:
         yield f"The methods differ, {' and '.join(methods)}: a part of the differences may be theirs."
