@@ -180,9 +180,10 @@ class Direct(Constrained):
             if np.array_equal(chosen, active):
                 break
         if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
-            after = shifted(solution.runs, nearer - common_values(solution.runs), constraints)
-            again = refine_columns(after, after, constraints.keep(active))
-            solution, refined = again or solution, again is not None
+            after = shifted(rows.runs, nearer - common_values(rows.runs), constraints)
+            kept = constraints.keep(active)
+            again = refine_columns(after, after, kept)
+            solution, refined = again or solve(replace(rows, runs=after), kept), again is not None
         solution = with_errors_of_dropped(solution, active, constraints)
         estimate = _estimate(solution)
         result = identification(
@@ -205,14 +206,15 @@ class Direct(Constrained):
         if self._fits_random_force:
             return regress_stochastic(begun.runs, constraints, self.random_force)
         solution, linear_about = solve(last, constraints), begun.runs
-        if self.form == "strong" or not self.refine:
+        if self.form == "strong":
             return solution, False
         # What was dropped is no part of the motion's stiffness and damping.
         if linear_about[0].coefficients[~constraints.in_model].any():
             pairs = zip(solution.runs, linear_about, strict=True)
             linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)
-        refined = refine_columns(solution.runs, linear_about, constraints)
-        return refined or solution, refined is not None
+        refined = refine_columns(solution.runs, linear_about, constraints) if self.refine else None
+        # Rows that are not refined lead the frequency and the sensor's zero a step further.
+        return refined or solve(replace(last, runs=solution.runs), constraints), refined is not None
 
 
 def _estimate(solution: Solution) -> Estimate:
