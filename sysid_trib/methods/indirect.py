@@ -190,11 +190,9 @@ def _motion_from_start(
     # Two periods fix the start; a model that is still biased may slip out of phase later.
     count = np.searchsorted(time, time[0] + 4.0 * np.pi / frequency) + 1
     begin = time[:count], angle[:count]
-    if before is None:
-        start = fit_start(model, *begin, first_guess(*begin, frequency), offset=None)
-    else:
-        at, sensitivity = (before.angle, before.rate), before.sensitivity
-        start = fit_start(model, *begin, at, offset=None, sensitivity=sensitivity)
+    guess = first_guess(*begin, frequency) if before is None else (before.angle, before.rate)
+    sensitivity = None if before is None else before.sensitivity
+    start = fit_start(model, *begin, guess, offset=None, sensitivity=sensitivity)
     simulated = trajectory(model, time, start.angle, start.rate).angle
     return xr.Dataset({"angle": ("time", simulated)}, {"time": time}), start
 
