@@ -191,11 +191,12 @@ def test_the_command_plans_from_a_result(tmp_path, tree):
 
 def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
     result = tree["direct"].to_dataset()
-    incomplete = result.assign(error_of_model=("force", np.full(result.sizes["force"], 2e-3)))
+    parts = {"error_of_noise": result.standard_error, "error_of_model": 2e-3 + 0.0 * result.standard_error}
+    incomplete = result.assign(parts)
     save(incomplete, tmp_path / "result.nc")
-    limits = ("--amplitude", "0.1:0.3", "--duration", ":15")
+    limits = ("--amplitude", "0.1:0.3", "--duration", "5:15", "--rate", "100")
     ending = command("plan", tmp_path / "result.nc", *limits)
-    assert "error of its own, which no further run takes away: lambda 0.002," in ending.out, ending.err
+    assert "what the model lacks, which no further run takes away: lambda 0.002," in ending.out, ending.err
 
 
 @pytest.mark.slow

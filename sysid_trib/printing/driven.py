@@ -188,7 +188,7 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
-        yield f"What the model lacks makes an error of its own, which no further run takes away: {listed}."
+        yield f"In these is the error of what the model lacks, which no further run takes away: {listed}."
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."

@@ -72,8 +72,9 @@ def kind_of(tree: xr.DataTree) -> str:
 
 
 def is_of_driven(tree: xr.DataTree) -> bool:
-    """True if the records of a result are driven."""
-    return any(inputs.inputs_of(tree[group].to_dataset()) for group in record_groups(tree))
+    """True if the records of a result are driven; an identification alone keeps none."""
+    kept = (tree[group].to_dataset() for group in record_groups(tree) if group in tree.children)
+    return any(inputs.inputs_of(record) for record in kept)
 
 
 def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:
