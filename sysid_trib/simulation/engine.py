@@ -6,8 +6,8 @@ series as well, cross zero.
 
 import numpy as np
 
-from sysid_trib.simulation import branches as at
-from sysid_trib.simulation.branches import parameters_at, reverses, signs_of, state_at
+from sysid_trib.simulation import under_way as at
+from sysid_trib.simulation.branches import parameters_at, put, reverses, signs_of, state_at
 from sysid_trib.simulation.compiled import compiled, inner
 from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
 from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_of, series, value
@@ -137,7 +137,7 @@ def noted(times, count, tau):
     """The list of times with one more."""
     if count == len(times):
         longer = np.empty(2 * count)
-        at.put(times, longer)
+        put(times, longer)
         times = longer
     times[count] = tau
     return times

@@ -11,9 +11,7 @@ from sysid_trib.arrays import Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import channels_of
 from sysid_trib.records.units import ACCELEROMETER, STANDARD_GRAVITY
-from sysid_trib.simulation import branches
-from sysid_trib.simulation.branches import Given
-from sysid_trib.simulation.compiled import tell_of_compiling
+from sysid_trib.simulation import under_way
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, Vector, motion_of, sensor_error
 
 
@@ -162,15 +160,15 @@ def integrate(
     own = len(channels_of(model.forces))
     knots, polynomials, increments = forcing or (tau[:1], np.zeros((1, own, 1)), np.zeros((1, 2)))
     motion = motion_of(model.forces, forced=polynomials.shape[1] > own, paced=FREQUENCY in by)
-    marks = np.where(_jumps(knots, polynomials[:, int(motion.forced) :]), branches.INPUT_JUMPS, -1)
+    marks = np.where(_jumps(knots, polynomials[:, int(motion.forced) :]), under_way.INPUT_JUMPS, -1)
     marks[0] = 0
     values, slopes = motion.start(model, *at, by)
     many, size = len(knots), 2 + len(motion.hidden)
-    given = Given(
+    given = under_way.Given(
         knots=np.append(knots, tau[-1]),
         drives=np.concatenate([polynomials, polynomials[-1:]]),
         increments=np.append(increments, np.zeros((1, 2)), axis=0),
-        marks=np.append(marks, branches.MOTION_ENDS),
+        marks=np.append(marks, under_way.MOTION_ENDS),
         impulses=np.zeros((many + 1, len(by))),
         starts=values[None, :size],
         slopes=slopes[:size],
@@ -199,7 +197,7 @@ def run(
     model: Model,
     by: Sequence[str],
     parameters: tuple[Vector, Vector],
-    given: Given,
+    given: under_way.Given,
     limits: tuple[int, int],
 ) -> tuple[Vector, Vector, Vector, float]:
     """Follow motions by the compiled engine.
@@ -210,7 +208,7 @@ def run(
         The equations of the model, and what derivatives are by (see `integrate`).
     parameters : (parameter,) and (parameter, by) array of float
         Values and derivatives of what stays (see `Motion.names`).
-    given : Given
+    given : under_way.Given
         But for what is written.
     limits : (int, int)
         Switchings and steps that all may take.
@@ -218,7 +216,7 @@ def run(
     Returns
     -------
     rows, tangents : array of float
-        See `Given`.
+        See `under_way.Given`.
     turns, rest : (turn,) array of float, and float
         Where the sign of v changes, and where it rests, in tau.
 
@@ -233,8 +231,10 @@ def run(
         return rows, tangents, np.empty(0), np.nan
     # One kind of array, for which it is compiled once.
     parts = given._replace(rows=rows, tangents=tangents)._asdict()
-    given = Given(**{name: np.require(part, part.dtype, ["C", "W"]) for name, part in parts.items()})
-    state = branches.new_state(program, len(by))
+    given = under_way.Given(
+        **{name: np.require(part, part.dtype, ["C", "W"]) for name, part in parts.items()}
+    )
+    state = under_way.new_state(program, len(by))
     slots = slice(program.states + 1 + program.channels, program.inputs - program.memory)
     state.J[slots, 0] = state.aside[:, slots, 0] = parameters[0]
     state.T[slots, 0] = parameters[1]
@@ -243,8 +243,8 @@ def run(
         powers = np.array([channel.power for channel in motion.channels])
         state.of_drive[:, by.index(FREQUENCY)] = -powers / model.reference_frequency
     reversals, turns, rest, outcome = _engine()(program, given, state, (DIVERGED, *limits))
-    if outcome != branches.ENDED:
-        _raise(outcome, state.v[branches.CLOCK, 0] / model.reference_frequency)
+    if outcome != under_way.ENDED:
+        _raise(outcome, state.v[under_way.CLOCK, 0] / model.reference_frequency)
     return given.rows, given.tangents, reversals[:turns].copy(), rest
 
 
@@ -253,6 +253,7 @@ def _engine() -> Callable[..., Any]:
     """The compiled function, whose import takes its time."""
     # The compiler ends the process where memory does; what is not there is missed here instead.
     np.empty(ENGINE_ROOM, np.uint8)
+    from sysid_trib.simulation.compiled import tell_of_compiling
     from sysid_trib.simulation.engine import run
 
     tell_of_compiling()
@@ -261,13 +262,13 @@ def _engine() -> Callable[..., Any]:
 
 def _raise(outcome: int, elapsed: float) -> None:
     after = f"{elapsed:.4g} s after the start"
-    if outcome == branches.GROWS:
+    if outcome == under_way.GROWS:
         raise SimulationError(
             f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
             "mind negative damping and negative stiffness in the coefficients, a far start, and a strong "
             "random force."
         )
-    reason = {branches.SWITCHES: "switches without end", branches.STEPS: "needs too many steps"}
+    reason = {under_way.SWITCHES: "switches without end", under_way.STEPS: "needs too many steps"}
     raise SimulationError(
         f"The motion {reason.get(outcome, 'is not finite')}, {after}; mind forces that switch or are "
         "singular there."

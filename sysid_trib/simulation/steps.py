@@ -16,10 +16,10 @@ from scipy.special import ndtri
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.records.inputs import INPUT
-from sysid_trib.simulation.branches import MOTION_ENDS, Given
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, motion_of
 from sysid_trib.simulation.motions import run
 from sysid_trib.simulation.simulate import bends_of, polynomials_of
+from sysid_trib.simulation.under_way import MOTION_ENDS, Given
 
 # In an interval, and in each unit of tau of it.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000

@@ -2,8 +2,17 @@
 
 import numpy as np
 
-from sysid_trib.simulation import branches as at
-from sysid_trib.simulation.branches import branch, grip_of, held_by, parameters_at, rates_of, settle, state_at
+from sysid_trib.simulation import under_way as at
+from sysid_trib.simulation.branches import (
+    branch,
+    grip_of,
+    held_by,
+    parameters_at,
+    put,
+    rates_of,
+    settle,
+    state_at,
+)
 from sysid_trib.simulation.compiled import at_once, at_once_live, derivatives_at_once, inner, order
 from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_parameter, radius, slope, value
 
@@ -43,8 +52,8 @@ def held_step(program, c, n, h, held, ends):
         h, which = free_step(program, c, n, h)
     for side, rises, memory, signs in HELD_SIDES:
         if held != at.RESTS:
-            at.put(c.v[at.SIGNS], c.v[signs])
-            at.put(c.v[at.MEMORY_NOW], c.v[memory])
+            put(c.v[at.SIGNS], c.v[signs])
+            put(c.v[at.MEMORY_NOW], c.v[memory])
             c.v[signs, held] = rises
         # Upwards is where the surface rises.
         grip = 1.0 if held == at.RESTS else c.v[at.GRIP, 0]
@@ -106,8 +115,8 @@ def _is_still(program, c, n):
 @inner
 def released(program, c, held, way):
     """Let a body go from where it is held: from there it begins without speed and without acceleration."""
-    at.put(c.v[at.MEMORY_UP] if way > 0.0 else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
-    at.put(c.v[at.SIGNS_UP] if way > 0.0 else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])
+    put(c.v[at.MEMORY_UP] if way > 0.0 else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
+    put(c.v[at.SIGNS_UP] if way > 0.0 else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])
     c.v[at.ZEROS, held] = 2
 
 
@@ -135,7 +144,7 @@ def switched(program, c, which, n, h):
         # The surface is a state: exactly zero here.
         c.v[at.STATE, slot], c.v[at.STATE_ROUNDING, slot] = 0.0, 0.0
     c.v[at.ZEROS, which] = 1
-    at.put(c.v[at.MEMORY_NOW], c.v[at.MEMORY_BEFORE])
+    put(c.v[at.MEMORY_NOW], c.v[at.MEMORY_BEFORE])
     look_ahead(c, h)
     held = _settled(program, c)
     turned = way * c.v[at.SIGNS, 0] < 0.0

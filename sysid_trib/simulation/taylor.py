@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid_trib.simulation import branches as at
+from sysid_trib.simulation import under_way as at
 from sysid_trib.simulation.branches import grip_of, state_at
 from sysid_trib.simulation.compiled import at_once, derivatives_at_once, derivatives_of_order, inner, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
