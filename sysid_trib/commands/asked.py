@@ -14,9 +14,7 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
-from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.results.files import kind_of
-from sysid_trib.validation.compare import every_method
 from sysid_trib.validation.findings import main_result
 
 
@@ -71,12 +69,6 @@ def asked_model(given: app.Asked) -> app.Asked:
     random_force = parse_random_force(given.random_force)
     asked = {"library": offered, "shapes": shapes, "constraints": constraints.table}
     return given.but(**asked, contactless=contactless, random_force=random_force)
-
-
-def methods_asked(asked: app.Asked) -> dict[str, Method]:
-    """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
-    methods = every_method(asked.reference_frequency, asked.shapes)
-    return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
 
 def _constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:

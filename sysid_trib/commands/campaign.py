@@ -15,7 +15,8 @@ from sysid_trib.campaigns.conditions import estimates_of, read_conditions, repor
 from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.campaigns.study import load_study, names_of
 from sysid_trib.commands.app import GROUPS, Asked
-from sysid_trib.commands.asked import asked_model, asked_search, methods_asked
+from sysid_trib.commands.asked import asked_model, asked_search
+from sysid_trib.commands.fits import methods_asked
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import check_output, command_line, print_blocks, print_json
 from sysid_trib.errors import RecordError, Tell, UsageError

@@ -8,13 +8,13 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
-from sysid_trib.commands.asked import asked_model, asked_search, methods_asked
+from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.next_step import keep_next
 from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
-from sysid_trib.methods.scope import with_random_force
+from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks
@@ -24,7 +24,7 @@ from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
 from sysid_trib.results.variables import record_groups
 from sysid_trib.validation import findings, profiles, refits
-from sysid_trib.validation.compare import compare as compared
+from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.identify import identify as identified, usual_methods
 from sysid_trib.validation.samples import held_against
@@ -176,6 +176,12 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
     said = f"up to {high:g} s" if low is None else f"from {low:g} s on" if high is None else ""
     said = said or f"{low:g} s to {high:g} s"
     return seen, held, said + (" of each run" if len(decays) > 1 else "")
+
+
+def methods_asked(asked: Asked) -> dict[str, Method]:
+    """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
+    methods = every_method(asked.reference_frequency, asked.shapes)
+    return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
 
 def compare(tell: Tell, given: Asked) -> Callable[[], None]:

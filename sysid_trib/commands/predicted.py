@@ -1,0 +1,54 @@
+"""What `sysid-trib plan` and `response` do: runs that were not made, as models predict them."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.commands.app import Asked, numbers_by_name, parse_window
+from sysid_trib.commands.asked import asked_model, model_of_file
+from sysid_trib.commands.record_inputs import read_decays
+from sysid_trib.commands.terminal import deliver
+from sysid_trib.errors import Tell, UsageError
+from sysid_trib.printing import driven, layout
+from sysid_trib.results.files import kind_of, load
+from sysid_trib.validation.identify import identify
+from sysid_trib.validation.next_run import plan as best_run
+from sysid_trib.validation.steady_response import forced_response
+
+
+def plan(tell: Tell, given: Asked) -> Callable[[], None]:
+    """Say which run tells most, of a result or of records."""
+    limits = {
+        "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
+        "duration": parse_window(given.duration, "--duration"),
+    }
+    wanted = numbers_by_name(given.want, "--want", "FORCE=ERROR, such as delta=0.0005")
+    tell("reading")
+    tree = load(given.records[0]) if [p.suffix for p in given.records] == [".nc"] else None
+    # A record may be netCDF too.
+    if tree is None or not kind_of(tree):
+        of_model = asked_model(given)
+        decays, _ = read_decays(given)
+        tree = identify(decays, of_model.library, constraints=of_model.constraints, tell=tell)
+    main = model_of_file(given.records[0] if given.records else Path("the example"), tree)
+    data = best_run(tree, **limits, sampling_rate=given.rate, repeats=given.repeats, wanted=wanted, tell=tell)
+    says = partial(driven.plan_blocks, data, main), partial(driven.plan_json, data)
+    return deliver(given, tell, says, xr.DataTree(data), kind="plan")
+
+
+def response(tell: Tell, given: Asked) -> Callable[[], None]:
+    """Sweep the frequency of a drive."""
+    low, high = parse_window(given.frequencies, "--frequencies")
+    if low is None or high is None or not 0.0 < low < high:
+        raise UsageError(f"--frequencies '{given.frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
+    tell("reading")
+    answer = model_of_file(given.result, load(given.result))
+    tell("response")
+    w = answer.asymptotic_frequency.item() * np.linspace(low, high, given.points)
+    data = forced_response(answer, given.drive, w, driven_by=given.driven_by, base=given.base)
+    says = partial(driven.response_blocks, data), partial(layout.mapped, data, "response")
+    texts = {given.csv: partial(driven.response_csv, data)}
+    return deliver(given, tell, says, xr.DataTree(data), texts, kind="response")
