@@ -9,8 +9,8 @@ from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, sentences_of
 
 from sysid_trib import Model, load
-from sysid_trib.commands.app import Asked, options_of
-from sysid_trib.commands.next_step import command_after, next_step
+from sysid_trib.commands.app import Asked, command_after, options_of
+from sysid_trib.commands.next_step import next_step
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing import discovery, layout
 from sysid_trib.results.files import save

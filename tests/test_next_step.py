@@ -12,8 +12,8 @@ from command_line import run, write_csv
 from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
-from sysid_trib.commands.app import Asked, options_of
-from sysid_trib.commands.next_step import command_after, keep_next, next_step
+from sysid_trib.commands.app import Asked, command_after, options_of
+from sysid_trib.commands.next_step import keep_next, next_step
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.validation.findings import holds
 from sysid_trib.validation.identify import usual_methods

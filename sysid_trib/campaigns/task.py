@@ -9,8 +9,8 @@ from time import perf_counter
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import binned_statistic
 
 from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
@@ -193,7 +193,9 @@ def _outline(decay: xr.Dataset) -> np.ndarray:
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     edges = np.linspace(time[0], time[-1], stored.OUTLINE_PARTS + 1)
-    return np.array([binned_statistic(time, angle, of, bins=edges).statistic for of in ("min", "max")])
+    return np.array(
+        [scipy.stats.binned_statistic(time, angle, of, bins=edges).statistic for of in ("min", "max")]
+    )
 
 
 def checksum_of(record: Any) -> str:

@@ -4,6 +4,7 @@ What works is imported when it runs.
 """
 
 import re
+import shlex
 import tomllib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -19,7 +20,7 @@ import typer
 from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import UsageError, readable
 
 # What the embedded example starts from: a search then has two elastic forces to find.
 EXAMPLE_FORCES = "lambda,zeta,delta"
@@ -91,6 +92,33 @@ class Asked(SimpleNamespace):
 def options_of(*groups: str) -> Options:
     """The options of groups by their names."""
     return {name: row for group in groups for name, row in GROUPS[group].items()}
+
+
+RECORDS = "records"
+# What the next command asks of the same records and forces.
+TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
+
+
+def command_after(command: str, others: Mapping[str, str | None], given: Asked) -> str:
+    """A command with the options that were given before, and others in their place (`next_step.NextStep`)."""
+    known, options = options_of(*COMMANDS[command]["options"]), given.options
+    changed = {name: vars(given)[name] for name in options if name in TAKEN_OVER}
+    if "candidates" not in known and "library" in changed and not given.changed(["library"]):
+        # Forces that the package ships are known to every command, one's own candidates by their file.
+        changed["library"] = changed.get("candidates") or changed["library"]
+    # A dash at the beginning of a word would be an option.
+    files = map(str, changed.pop(RECORDS, []))
+    words = [f"./{file}" if file.startswith("-") else file for file in files]
+    words += [file for name, file in others.items() if name == RECORDS and file]
+    for name, value in changed.items():
+        if name in known and name.strip("_") not in others and value != options[name]["default"]:
+            for item in value if isinstance(value, list | tuple) else [value]:
+                # A switch is its flag alone.
+                words += [options[name]["flag"], *([] if isinstance(item, bool) else [str(item)])]
+    for name, value in others.items():
+        if value is not None and name != RECORDS:
+            words += [f"--{name.replace('_', '-')}", *filter(None, [value])]
+    return readable(shlex.join(["sysid-trib", command, *words]))
 
 
 def check_between(value: float | None, option: str, low: float, high: float, units: str = "") -> None:

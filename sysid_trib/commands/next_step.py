@@ -1,13 +1,11 @@
 """What to do after a result: the next command, and why."""
 
-import shlex
 from collections.abc import Mapping
 
 import xarray as xr
 
-from sysid_trib.commands.app import COMMANDS, Asked, options_of
+from sysid_trib.commands.app import Asked, command_after
 from sysid_trib.cycles.look import PENDULUM, pointers
-from sysid_trib.errors import readable
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects
 from sysid_trib.results.files import identifications_of, kind_of
@@ -112,11 +110,6 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
-RECORDS = "records"
-# What the next command asks of the same records and forces.
-TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
-
-
 def keep_next(tree: xr.DataTree, given: Asked) -> None:
     """Keep the command that follows from a result as its attribute `next`.
 
@@ -132,25 +125,3 @@ def keep_next(tree: xr.DataTree, given: Asked) -> None:
         options = {"system": PENDULUM}
         reason = "amplitude and frequency are those of a pendulum under gravity"
     tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
-
-
-def command_after(command: str, others: Mapping[str, str | None], given: Asked) -> str:
-    """A command with the options that were given before, and others in their place (see `next_step`)."""
-    known, options = options_of(*COMMANDS[command]["options"]), given.options
-    changed = {name: vars(given)[name] for name in options if name in TAKEN_OVER}
-    if "candidates" not in known and "library" in changed and not given.changed(["library"]):
-        # Forces that the package ships are known to every command, one's own candidates by their file.
-        changed["library"] = changed.get("candidates") or changed["library"]
-    # A dash at the beginning of a word would be an option.
-    files = map(str, changed.pop(RECORDS, []))
-    words = [f"./{file}" if file.startswith("-") else file for file in files]
-    words += [file for name, file in others.items() if name == RECORDS and file]
-    for name, value in changed.items():
-        if name in known and name.strip("_") not in others and value != options[name]["default"]:
-            for item in value if isinstance(value, list | tuple) else [value]:
-                # A switch is its flag alone.
-                words += [options[name]["flag"], *([] if isinstance(item, bool) else [str(item)])]
-    for name, value in others.items():
-        if value is not None and name != RECORDS:
-            words += [f"--{name.replace('_', '-')}", *filter(None, [value])]
-    return readable(shlex.join(["sysid-trib", command, *words]))

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import MOST, Asked, numbers_by_name
+from sysid_trib.commands.app import MOST, Asked, command_after, numbers_by_name
 from sysid_trib.commands.asked import model_of_file
-from sysid_trib.commands.next_step import command_after
 from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
 from sysid_trib.commands.terminal import check_output, deliver, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of

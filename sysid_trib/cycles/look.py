@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
+import scipy
 import xarray as xr
 from scipy.optimize import lsq_linear, nnls
-from scipy.signal import periodogram
 from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
@@ -235,7 +235,7 @@ def _damping(time: Array, amplitude: Array, frequency: float) -> float:
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
     """One-sided density, averaged to so many points on a logarithmic axis."""
     sampling_rate = 1.0 / float(np.mean(np.diff(time)))
-    line, power = (values[1:] for values in periodogram(angle, sampling_rate, "hann"))
+    line, power = (values[1:] for values in scipy.signal.periodogram(angle, sampling_rate, "hann"))
     if line.size > SPECTRUM_POINTS:
         edges = np.unique(np.geomspace(1, line.size, SPECTRUM_POINTS).astype(int)) - 1
         counts = np.diff(np.append(edges, line.size))

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import freqz
-from scipy.stats import binned_statistic_2d, chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.free_motion import FreeMotion
@@ -58,7 +57,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
         values, remaining = _fitted_trend(np.column_stack([plain, integral]), value, error)
         trends.append((remaining, values[-2] + values[-1] * rate, name.replace("larger", "large")))
     least, *best = min(trends, key=lambda trend: trend[0])
-    counts = chi_square - least > max(EXPLAINED_PART * chi_square, float(chi2.isf(LEVEL, 1)))
+    counts = chi_square - least > max(EXPLAINED_PART * chi_square, float(scipy.stats.chi2.isf(LEVEL, 1)))
     return (best[0], best[1]) if counts else constant
 
 
@@ -136,7 +135,7 @@ def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]
     step = float(np.median(np.diff(run.time)))
     harmonics = np.array([harmonic for harmonic, _ in DEMODULATED.values()])
     per_sample = min(1.0, run.model.reference_frequency * step)
-    _, response = freqz([1.0], noise.filter_, harmonics * per_sample)
+    _, response = scipy.signal.freqz([1.0], noise.filter_, harmonics * per_sample)
     coloured = noise.innovation * np.abs(response)
     fitted = [_fitted(residual[span], phase[span], amplitude[span], coloured) for span in spans]
     terms = np.array(fitted)
@@ -173,7 +172,7 @@ def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[s
         of_part = [terms[name] for name, (_, other) in DEMODULATED.items() if other == part]
         values, errors = np.stack(of_part, axis=1)
         # A part of the residual counts if it is significant at this level.
-        if float(np.sum((values / errors) ** 2)) > chi2.isf(1e-3, values.size):
+        if float(np.sum((values / errors) ** 2)) > scipy.stats.chi2.isf(1e-3, values.size):
             scaled = values * amplitude if part == "phase" else values
             size[part] = float(np.sqrt(np.mean(np.sum(scaled**2, axis=0))))
     ordered = sorted(size, key=lambda part: -size[part])
@@ -209,7 +208,7 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
         # Where a smoothed residual has no middle, as in a record of a period: every cell is empty.
         good, force = np.ones(len(x), dtype=bool), np.full(len(x), np.nan)
     x, v, values = x[good], v[good], np.vstack([force, drawn])[:, good]
-    mean, *scatter = binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic
+    mean, *scatter = scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic
     samples, *_ = np.histogram2d(x, v, [edges, edges])
     error = np.sqrt(np.mean(np.square(scatter), axis=0))
     middle = 0.5 * (edges[1:] + edges[:-1])

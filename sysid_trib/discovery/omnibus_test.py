@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from scipy.linalg import block_diag
-from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discovery.single_columns import each_column, known_directions, known_finely, strengths
@@ -53,7 +53,7 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
     draws = np.random.default_rng(seed).standard_normal((len(axes), NOISE_DRAWS), np.float32)
     scores = root.astype(np.float32) @ (half.T.astype(np.float32) @ draws)
     largest = np.quantile(np.max(np.abs(scores), axis=0), 1.0 - TAIL)
-    return max(1.0, TAIL / (2.0 * float(norm.sf(largest))))
+    return max(1.0, TAIL / (2.0 * float(scipy.stats.norm.sf(largest))))
 
 
 def corrected(p_value: float) -> float:
@@ -119,7 +119,7 @@ def omnibus(
     gains = np.maximum(0.0, whole.deviance - deviance)
     scores = np.sqrt(gains * of_many_rows(rows, 1 + model.columns))
     z = np.where(tested, scores * np.sign(coefficients), 0.0)
-    largest = len(z) * 2.0 * float(norm.sf(np.max(np.abs(z))))
+    largest = len(z) * 2.0 * float(scipy.stats.norm.sf(np.max(np.abs(z))))
     residuals = model.white_residuals()
     least = min(largest, _strongest_line(residuals), _largest_part(residuals))
     if corrected(least) >= model.settings.level:
@@ -127,7 +127,7 @@ def omnibus(
         mixtures, mixed, together = _of_possible_size(products, along, mixtures, model)
         gain = max(0.0, whole.deviance - together.deviance)
         # Chance gains more than a chi-square of their number: simulated where that would decide.
-        if corrected(float(chi2.sf(gain, mixtures.shape[1]))) < model.settings.level:
+        if corrected(float(scipy.stats.chi2.sf(gain, mixtures.shape[1]))) < model.settings.level:
             tried = [columns @ mixtures for columns in along]
             least = _p_value_by_simulation(gain, model, whole, tried, mixed)
     return z, corrected(least)
@@ -175,7 +175,7 @@ def _largest_part(residuals: Sequence[Array]) -> float:
         while length <= len(residual) // 2:
             parts = len(residual) // length
             squares = np.sum(residual[: parts * length].reshape(parts, length) ** 2, axis=1)
-            tests, least = tests + parts, min(least, float(chi2.sf(np.max(squares), length)))
+            tests, least = tests + parts, min(least, float(scipy.stats.chi2.sf(np.max(squares), length)))
             length *= 2
     return min(1.0, max(1, tests) * least)
 
@@ -219,7 +219,7 @@ def _p_value_by_simulation(
         gains.append(max(0.0, without - likelihood(draw, every).deviance))
     mean, variance = float(np.mean(gains)), float(np.var(gains, ddof=1))
     count = 2.0 * mean**2 / variance if variance > 0.0 else np.inf
-    return float(chi2.sf(gain * count / mean, count)) if np.isfinite(count) else 1.0
+    return float(scipy.stats.chi2.sf(gain * count / mean, count)) if np.isfinite(count) else 1.0
 
 
 def _of_noise(

@@ -5,8 +5,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.fits import evidence, probabilities
@@ -42,7 +42,7 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     """
     names = ("chi_square", "degrees_of_freedom", "most")
     tests = dict(zip(names, map(list, zip(*map(_differing, models), strict=True)), strict=True))
-    p_value = chi2.sf(tests["chi_square"], tests["degrees_of_freedom"])
+    p_value = scipy.stats.chi2.sf(tests["chi_square"], tests["degrees_of_freedom"])
     gains = [before.deviance - after.deviance for before, after in pairwise(models)]
     differ = p_value < models[0].settings.level
     return {**tests, "p_value": p_value, "differ": differ, "gain": [*gains, np.nan]}

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.signal import find_peaks
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discovery import single_columns as single
@@ -164,7 +163,7 @@ class Screening:
         (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : that tell the error of its coefficient.
         """
         gain = max(0.0, gain) * float(of_many_rows(effective_rows, 1 + self.model.columns))
-        p_value = self.tests * float(chi2.sf(gain, 1))
+        p_value = self.tests * float(scipy.stats.chi2.sf(gain, 1))
         if has_frequency_parameter(force):
             lines = 0.5 * sum(run.rows for run in self.products)
             p_value += FAMILIES * lines * float(np.sqrt(np.pi / 6.0 * gain) * np.exp(-0.5 * gain))
@@ -263,7 +262,7 @@ def _lines(model: FittedModel) -> list[float]:
         count, duration = len(residual), float(np.ptp(rows.path.time[[0, -1]]))
         power = np.abs(np.fft.rfft(residual * np.hanning(count), 4 * count)) ** 2
         frequency = 2.0 * np.pi * np.arange(len(power)) / 4.0 / duration
-        peaks, _ = find_peaks(power, distance=8)
+        peaks, _ = scipy.signal.find_peaks(power, distance=8)
         lines += zip(power[peaks].tolist(), frequency[peaks].tolist(), strict=True)
     reference = model.rows[0].path.frequency
     of_model = [w for trial in model.trials for w in frequencies_of(trial, reference)]

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import norm
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
@@ -105,7 +105,7 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
     tests = np.array([screening.tests for screening in search.screenings])
     values: dict[str, Any] = {"z": z, "p_value": p_value, "significant": p_value < level}
     values |= {"coefficient": coefficient, "testable": reasons == "", "reason": reasons}
-    values |= {"independent_tests": tests, "threshold": norm.isf(level / (2.0 * tests))}
+    values |= {"independent_tests": tests, "threshold": scipy.stats.norm.isf(level / (2.0 * tests))}
     values |= {"significance_level": level}
     coords: dict[str, Any] = {"candidate": symbols, **_labels(offered.forces, ("name", "family", "unit"))}
     if names:
@@ -132,7 +132,7 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
         "coefficient": coefficients,
         "standard_error": errors,
         "z": coefficients / errors,
-        "significant": np.abs(coefficients / errors) >= norm.isf(0.5 * final.settings.level),
+        "significant": np.abs(coefficients / errors) >= scipy.stats.norm.isf(0.5 * final.settings.level),
         "gain": -np.diff([model.deviance for model in search.models]),
         "p_value": search.p_values,
         "selection_step": [_selected_at(search, symbol) for symbol in search.effects],

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.optimize import minimize
-from scipy.signal import welch
 
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.sensor_noise import NoiseModel, filter_of, filter_slopes, partial_autocorrelations
@@ -228,7 +228,7 @@ def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
 def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, Array, Array]:
     """Lines of a spectrum in cycles a sample, their power, and their frequency in units of the motion's."""
     length = len(deviation) // segments
-    line, power = welch(deviation, nperseg=length, detrend="linear")
+    line, power = scipy.signal.welch(deviation, nperseg=length, detrend="linear")
     # One-sided, which takes half of the time: each line but the first is there twice.
     line, power = line[: length // 2], power[: length // 2]
     power[1:] *= 0.5

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
@@ -189,7 +189,7 @@ def significant(columns: Array, target: Array, level: float, removed_columns: in
     # Columns may be dependent: the residual of all of them is the noise, by as many as are independent.
     degrees = max(1, len(target) - removed_columns - int(np.linalg.matrix_rank(table)))
     noise = max(residual_sum(np.ones(count, bool)) / degrees, 1e-300)
-    penalty = noise * float(chi2.isf(level / max(1, count), 1))
+    penalty = noise * float(scipy.stats.chi2.isf(level / max(1, count), 1))
 
     def deviance(kept: Mask) -> float:
         return residual_sum(kept) / penalty + float(np.sum(kept))

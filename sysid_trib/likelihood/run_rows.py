@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 import xarray as xr
-from scipy.signal import savgol_filter
 from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
@@ -44,7 +44,7 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     width = factor if factor % 2 else factor - 1
     smoothed = not apart and width >= 3 and signal.is_uniform(time)
     if smoothed:
-        angle = savgol_filter(angle, width, 2)
+        angle = scipy.signal.savgol_filter(angle, width, 2)
     kept = slice(factor // 2, None, factor)
     # What holds for the whole decay, such as its equilibrium, stays.
     fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))

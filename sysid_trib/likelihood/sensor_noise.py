@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 import xarray as xr
-from scipy.signal import lfilter
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.results.variables import Variables, noise_of_run, variable
@@ -113,7 +112,7 @@ def memory_samples(whitening_filter: Array) -> int:
 def whitened(values: Array, whitening_filter: Array) -> Array:
     """Values along the first axis after the whitening filter, without the first that have no past."""
     start = NoiseModel(1.0, whitening_filter).warm_up
-    return np.asarray(lfilter(whitening_filter, [1.0], values, axis=0))[start:]
+    return np.asarray(scipy.signal.lfilter(whitening_filter, [1.0], values, axis=0))[start:]
 
 
 def _highest_order(samples: int) -> int:
@@ -154,7 +153,9 @@ class NoiseModel:
             return self
         lags = step * MAX_ORDER + 1
         # The autocovariance of the series of innovations' responses, long enough to have died away.
-        response = lfilter([1.0], self.filter_, np.eye(1, lags + 2 * memory_samples(self.filter_))[0])
+        response = scipy.signal.lfilter(
+            [1.0], self.filter_, np.eye(1, lags + 2 * memory_samples(self.filter_))[0]
+        )
         size = len(response)
         covariance = np.array([response[lag:] @ response[: size - lag] for lag in range(0, lags, step)])
         filter_, variance = _autoregression_of(covariance, samples)
@@ -216,7 +217,7 @@ def ljung_box_p_value(correlation: Array, count: int) -> float:
     """P-value that so many values are white, by their autocorrelation at the first lags, (lag,)."""
     lags = np.arange(1, len(correlation) + 1)
     statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
-    return float(chi2.sf(statistic, len(lags)))
+    return float(scipy.stats.chi2.sf(statistic, len(lags)))
 
 
 def white_p_value(residual: Array) -> float:

@@ -11,8 +11,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import scipy
 from scipy.linalg import cho_solve_banded
-from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError
@@ -123,7 +123,7 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution,
     steps = solution.steps[[at, *range(count, len(solution.steps))]]
     residual = rows.target - rows.columns @ solution.coefficients - rows.nuisances @ steps
     innovation = -(weighed.acting.T @ cho_solve_banded((rows.factor, True), residual))
-    noise = lfilter([1.0], run.sensor.filter_, innovation)
+    noise = scipy.signal.lfilter([1.0], run.sensor.filter_, innovation)
     try:
         change = (run.measured - run.x - noise) / run.gain
         spline, x = least_squares_spline(tau, change)

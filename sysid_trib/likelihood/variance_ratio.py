@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import scipy
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
@@ -134,7 +134,7 @@ class VarianceRatio:
 
 def p_value_of_gain(gain: float) -> float:
     """P-value of a ratio of zero, where another lowers the deviance so much (Chernoff 1954)."""
-    return 0.5 * float(chi2.sf(gain, 1)) if gain > 0.0 else 1.0
+    return 0.5 * float(scipy.stats.chi2.sf(gain, 1)) if gain > 0.0 else 1.0
 
 
 def rows_by_ratio(

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+import scipy
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.interpolate import make_interp_spline
-from scipy.signal import lfilter
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
@@ -238,7 +238,7 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
         entries = operator[block].tocoo()
         backwards = np.zeros((len(block), int(length[block].max())))
         backwards[entries.row, last[block][entries.row] - entries.col] = entries.data
-        carried = lfilter([1.0], filter_, backwards, axis=1)
+        carried = scipy.signal.lfilter([1.0], filter_, backwards, axis=1)
         inside = np.arange(backwards.shape[1]) < length[block][:, None]
         values.append(carried[inside])
         columns.append((last[block][:, None] - np.arange(backwards.shape[1]))[inside])

@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
@@ -129,7 +129,7 @@ def _recent_ratios(
     for at, due in enumerate(np.searchsorted(times[seen], time[starts], side="right")):
         last = squares[max(0, due - RECENT_PERIODS) : due]
         # Significance level of predictions that are worse than they claim.
-        if len(last) and chi2.sf(np.sum(last), len(last)) < 0.01:
+        if len(last) and scipy.stats.chi2.sf(np.sum(last), len(last)) < 0.01:
             factors[at] = np.sqrt(np.mean(last))
     return factors
 
@@ -176,7 +176,9 @@ def _expected_density(force: RandomForce) -> float:
     if not force.standard_error > 0.0:
         return force.density
     at = force.density / force.standard_error
-    return force.density + force.standard_error * float(np.exp(norm.logpdf(at) - norm.logcdf(at)))
+    return force.density + force.standard_error * float(
+        np.exp(scipy.stats.norm.logpdf(at) - scipy.stats.norm.logcdf(at))
+    )
 
 
 def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | None) -> Index:

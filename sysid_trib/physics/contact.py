@@ -1,8 +1,8 @@
 """The contact: its stiffness, the inertia that it turns, and the fingerprint of slip in a six-force model."""
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import norm
 
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import model_estimate, of_measured
@@ -227,7 +227,7 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
         variance = combination @ covariance @ combination + (ALLOWED * SLIP_RATIO * delta) ** 2
         z = (combination @ [nu, delta]) / np.sqrt(variance)
         significance = delta / np.sqrt(covariance[1, 1])
-    p_value = 2.0 * norm.sf(abs(z))
+    p_value = 2.0 * scipy.stats.norm.sf(abs(z))
     known = abs(significance) >= SIGNIFICANT_FRICTION and error <= SHARP * abs(SLIP_RATIO)
     # Slip takes energy: a quadratic friction that feeds it in is another thing.
     # Below this p-value the ratio is another one.

@@ -3,11 +3,11 @@
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from scipy.stats import norm
 
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
@@ -17,7 +17,7 @@ from sysid_trib.results.variables import signal_units, small_units
 
 # Of a Gaussian, in standard deviations.
 BAND_LEVEL = 0.95
-BAND_WIDTH = float(norm.isf(0.5 * (1.0 - BAND_LEVEL)))
+BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - BAND_LEVEL)))
 BAND_NAME, BAND_COLOR = f"{100.0 * BAND_LEVEL:g} % band", "0.85"
 RESPONSE_HEIGHT = 2.8
 # Inch: innovations, autocorrelation, random force, predictions.

@@ -3,11 +3,11 @@
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
-from scipy.stats import norm
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
@@ -199,7 +199,7 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
     """A row each force: first minus second over the standard error, with the interval of the level."""
     data = tree.to_dataset()
     symbols, z = data.force.values.tolist(), data.z.values
-    half = float(norm.isf(0.5 * float(data.attrs["level"]) / len(symbols)))
+    half = float(scipy.stats.norm.isf(0.5 * float(data.attrs["level"]) / len(symbols)))
     edge = min(MOST_ERRORS, float(np.nanmax(np.abs(z), initial=half))) + 1.1 * half
     ax.axvline(0.0, color=GREY, linewidth=0.6)
     for at, symbol in enumerate(symbols):

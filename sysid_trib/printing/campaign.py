@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 from rich.table import Table
-from scipy.stats import norm
 
 from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
@@ -283,7 +283,9 @@ def _table(tree: xr.DataTree, between: bool) -> Table:
     """A row each force: both samples, difference, how sure, and what would be found."""
     data, rows = tree.to_dataset(), []
     names = dict(zip(SIDES, _names(data), strict=True))
-    factor = norm.isf(0.5 * float(data.attrs["level"]) / data.sizes["force"]) + norm.isf(1.0 - POWER_STATED)
+    factor = scipy.stats.norm.isf(
+        0.5 * float(data.attrs["level"]) / data.sizes["force"]
+    ) + scipy.stats.norm.isf(1.0 - POWER_STATED)
     several = [side for side in SIDES if between and np.isfinite(data[f"{side}_between_runs"]).any()]
     for symbol, row in layout.by_label(data, "force").items():
         error, force = row.standard_error.item(), _force(tree, symbol)

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.fft import next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import hilbert
 
 from sysid_trib.arrays import Array, Index
 
@@ -267,7 +267,7 @@ def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     trend = _log_trend(halves, grid)
     steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
     # Odd about both ends, as the motion itself is about a zero crossing but for its decay.
-    signal = hilbert(np.concatenate([steady, -steady[::-1]]))[:count]
+    signal = scipy.signal.hilbert(np.concatenate([steady, -steady[::-1]]))[:count]
     phase = np.unwrap(np.angle(signal))
     # The branch on which the first extremum has the phase zero.
     first = grid < crossing[1]

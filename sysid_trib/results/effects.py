@@ -1,11 +1,12 @@
 """What a result says of effects: which coefficients differ from zero, and what a discovery names."""
 
+import math
 from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces import force, library
@@ -32,7 +33,7 @@ def birge_ratio(chi_square: float, degrees_of_freedom: int) -> float:
 # A coefficient of fewer standard errors may be zero (99.7 % of a Gaussian).
 SIGNIFICANT_ERRORS = 3.0
 # The same as a probability.
-BY_CHANCE = float(chi2.sf(SIGNIFICANT_ERRORS**2, 1))
+BY_CHANCE = math.erfc(SIGNIFICANT_ERRORS / math.sqrt(2.0))
 
 
 def significant(result: xr.Dataset) -> Mask:
@@ -87,7 +88,7 @@ def sufficient_forces(result: xr.Dataset) -> list[dict[str, tuple[float, float]]
         # Chi square of the coefficients that would be zero.
         among = [(score[~c], np.linalg.pinv(correlation[np.ix_(~c, ~c)])) for c in choices]
         squares = [float(part @ inverse @ part) for part, inverse in among]
-        allowed = chi2.isf(BY_CHANCE, max(1, count - kept))
+        allowed = scipy.stats.chi2.isf(BY_CHANCE, max(1, count - kept))
         if min(squares) <= allowed:
             break
     likely = [choices[at] for at in np.argsort(squares) if squares[at] <= allowed]

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 import xarray as xr
 from scipy.special import logsumexp, softmax
-from scipy.stats import genpareto, multivariate_t
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
@@ -106,7 +106,7 @@ def posterior(
     lp = described("posterior", {"lp": log_likelihood[chosen].reshape(chains, draws)})
     # Shape of the generalised Pareto distribution of the largest weights.
     tail, ordered = int(min(0.2 * count, 3.0 * np.sqrt(count))), np.sort(weight)
-    pareto_k = genpareto.fit((ordered[-tail:] - ordered[-tail - 1]) / ordered[-1], floc=0.0)[0]
+    pareto_k = scipy.stats.genpareto.fit((ordered[-tail:] - ordered[-tail - 1]) / ordered[-1], floc=0.0)[0]
     attrs = {"effective_sample_size": 1.0 / float(np.sum(weight**2)), "pareto_k": float(pareto_k)}
     drawn = _dataset(likelihood, kept.reshape(chains, draws, -1)).assign_attrs(attrs)
     return xr.DataTree.from_dict({"posterior": drawn, "sample_stats": xr.Dataset(lp, attrs=attrs)})
@@ -147,7 +147,9 @@ def _drawn(
     parameters, size = likelihood.parameters, np.sqrt(np.diag(parts[0][1]))
     low, high = (limit[parameters.free] for limit in parameters.limits)
     proposals = [
-        multivariate_t(centre / size, covariance / np.outer(size, size), PROPOSAL_TAILS, allow_singular=True)
+        scipy.stats.multivariate_t(
+            centre / size, covariance / np.outer(size, size), PROPOSAL_TAILS, allow_singular=True
+        )
         for centre, covariance in parts
     ]
     pairs = zip(proposals, rng.multinomial(count, masses), strict=True)

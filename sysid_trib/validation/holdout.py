@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import ttest_1samp
 
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import ForceLibrary
@@ -129,7 +129,7 @@ def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Seq
         return float("nan")
     if np.ptp(difference) == 0.0:
         return float(difference[0] == 0.0)
-    return float(ttest_1samp(difference, 0.0).pvalue)
+    return float(scipy.stats.ttest_1samp(difference, 0.0).pvalue)
 
 
 def _block_losses(residual: Array, block: int) -> Array:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any, overload
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy import optimize, stats
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages_decide
@@ -238,7 +238,7 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 def _tested(of: str, chi_square: ArrayLike, degrees_of_freedom: ArrayLike) -> dict[str, ArrayLike]:
     """A chi-square with its p-value, by names that begin so."""
     tested = {"chi_square": chi_square, "degrees_of_freedom": degrees_of_freedom}
-    tested["p_value"] = stats.chi2.sf(chi_square, degrees_of_freedom)
+    tested["p_value"] = scipy.stats.chi2.sf(chi_square, degrees_of_freedom)
     return {f"{of}{name}": value for name, value in tested.items()}
 
 
@@ -273,5 +273,5 @@ def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Datase
             of_some = np.sum(((log_density - logs) / relative) ** 2)
             return float(of_some + np.sum(np.exp(log_density) / errors[zero]))
 
-        statistic = optimize.minimize_scalar(deviance, bracket=(logs.min() - 1.0, logs.max())).fun
+        statistic = scipy.optimize.minimize_scalar(deviance, bracket=(logs.min() - 1.0, logs.max())).fun
     return {"random_force_density": (densities, errors), **_tested("density_", statistic, count)}

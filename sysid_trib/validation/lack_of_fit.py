@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy import interpolate, stats
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.cycles import backbone as bands, smooth_curve
@@ -111,7 +111,7 @@ def _against(
     against = {}
     for name, of_model in zip(bands.CURVES, model[1:], strict=True):
         curve, u = backbone[name].values, np.log(backbone.period_amplitude.values)
-        there = interpolate.PchipInterpolator(model[0], of_model, extrapolate=False)(u)
+        there = scipy.interpolate.PchipInterpolator(model[0], of_model, extrapolate=False)(u)
         difference = there - backbone[f"period_{name}"].values
         smoothed = weights[name] @ np.where(np.isfinite(difference), difference, 0.0)
         reached = (log_amplitude >= model[0][0]) & (log_amplitude <= model[0][-1])
@@ -225,9 +225,9 @@ def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
     """Means over cells of the force (the first row) and their scatter over drawings (the others)."""
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, SURFACE_CELLS + 1)
-    means = {"force": stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic}
+    means = {"force": scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic}
     for name, on in (("x", x), ("v", v)):
-        means[f"force_of_{name}"] = stats.binned_statistic(on, values, bins=edges).statistic
+        means[f"force_of_{name}"] = scipy.stats.binned_statistic(on, values, bins=edges).statistic
     middle = 0.5 * (edges[1:] + edges[:-1])
     data = {name: (of[0], np.sqrt(np.mean(of[1:] ** 2, axis=0))) for name, of in means.items()}
     cells = xr.Dataset(described("residual_force", data | {"x": middle, "v": middle}))

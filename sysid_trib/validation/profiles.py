@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy import interpolate, stats
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
@@ -18,7 +18,7 @@ from sysid_trib.results import schema, signal_scale, variables
 
 # Confidence of the intervals, and the root of the deviance at their ends.
 CONFIDENCE = 0.95
-END_ROOT = float(stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
+END_ROOT = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 # Standard errors of the first step by which the ends are looked for, by how much the next is longer, and how
 # many each way: some fifty errors.
 STEP_OUT, STEP_GROWTH, MOST_STEPS_OUT = 1.0, 1.5, 8
@@ -95,7 +95,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         "value": estimate[:, None] + error[:, None] * points[0],
         "deviance": points[1],
     }
-    attrs = {"confidence": CONFIDENCE, "threshold": float(stats.chi2.ppf(CONFIDENCE, 1))}
+    attrs = {"confidence": CONFIDENCE, "threshold": float(scipy.stats.chi2.ppf(CONFIDENCE, 1))}
     return xr.Dataset(variables.described("profile", values), {"parameter": list(names)}, attrs)
 
 
@@ -120,7 +120,7 @@ def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign:
         places, roots = _roots(likelihood, fits)
         roots = np.maximum.accumulate(roots)
         rising = np.concatenate([[True], np.diff(roots) > 0.0])
-        return float(interpolate.PchipInterpolator(roots[rising], places[rising])(sign * END_ROOT))
+        return float(scipy.interpolate.PchipInterpolator(roots[rising], places[rising])(sign * END_ROOT))
 
     at, step = 0.0, STEP_OUT
     for _ in range(MOST_STEPS_OUT):
@@ -177,7 +177,7 @@ def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     """
     if len(set(names)) != 2:
         raise UsageError(f"Contours are of two parameters, not of {', '.join(names)}; give lambda:delta.")
-    likelihood, thresholds = free_likelihood(decay, result, names), stats.chi2.ppf(CONTOURS, 2)
+    likelihood, thresholds = free_likelihood(decay, result, names), scipy.stats.chi2.ppf(CONTOURS, 2)
     error = np.array([_error(likelihood, name) for name in names])
     parameters = likelihood.parameters
     places = [parameters.index(name) for name in names]

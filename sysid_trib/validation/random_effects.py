@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize, special, stats
+import scipy
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
@@ -85,13 +85,13 @@ class RandomEffects:
 
         The chi-square about the weighted effects falls with tau, and at the true one is distributed as such.
         """
-        lower, upper = stats.chi2.ppf(TAILS, self.degrees_of_freedom)
+        lower, upper = scipy.stats.chi2.ppf(TAILS, self.degrees_of_freedom)
         return self._tau_of(lower), self._tau_of(upper)
 
     @property
     def homogeneity_p_value(self) -> float:
         """p-value of no scatter beyond the one there is."""
-        return float(stats.chi2.sf(self.chi_square, self.degrees_of_freedom))
+        return float(scipy.stats.chi2.sf(self.chi_square, self.degrees_of_freedom))
 
     def _tau_of(self, chi_square: float) -> float:
         """The scatter by which the residuals have a chi-square; 0 where none need be."""
@@ -104,7 +104,7 @@ class RandomEffects:
         above = float(np.max(self.errors))
         while excess(above) > 0.0:
             above *= 2.0
-        return float(optimize.brentq(excess, 0.0, above, xtol=1e-9 * above))
+        return float(scipy.optimize.brentq(excess, 0.0, above, xtol=1e-9 * above))
 
     @property
     def widened_covariance(self) -> Array:
@@ -119,7 +119,7 @@ class RandomEffects:
         """p-value of no effect of some columns at all (F)."""
         effects, covariance = self.effects[columns], self.widened_covariance[np.ix_(columns, columns)]
         statistic = float(effects @ np.linalg.solve(covariance, effects)) / len(columns)
-        return float(stats.f.sf(statistic, len(columns), self.degrees_of_freedom))
+        return float(scipy.stats.f.sf(statistic, len(columns), self.degrees_of_freedom))
 
     def deleted_residuals(self) -> Array:
         """Distance of each value from what all others let expect, over scatter and error: (value,).
@@ -140,8 +140,8 @@ class RandomEffects:
         scatters = others[0] > freedoms
         part = np.where(scatters, (before - freedoms) / np.where(before > after, before - after, 1.0), 0.0)
         size = sizes[at - 1, value] + part * (sizes[at, value] - sizes[at - 1, value])
-        tail = np.maximum(stats.t.sf(np.abs(size), freedoms), np.finfo(float).tiny)
-        return np.where(scatters, np.copysign(stats.norm.isf(tail), size), size)
+        tail = np.maximum(scipy.stats.t.sf(np.abs(size), freedoms), np.finfo(float).tiny)
+        return np.where(scatters, np.copysign(scipy.stats.norm.isf(tail), size), size)
 
     def _of_fitted(self) -> Array:
         """Variances of the fitted values, (value,)."""
@@ -161,14 +161,14 @@ class RandomEffects:
         At one tau the mean of value and effects, weighted by both variances. What few values leave open of
         tau is averaged over: restricted likelihood times Jeffreys' prior.
         """
-        last = self._tau_of(float(stats.chi2.ppf(LAST_P_VALUE, self.degrees_of_freedom)))
+        last = self._tau_of(float(scipy.stats.chi2.ppf(LAST_P_VALUE, self.degrees_of_freedom)))
         taus = max(last, float(np.max(self.errors))) * np.logspace(-4.0, 0.0, TAUS)
         fits = self.with_scatter(taus)
         # Twice the logarithm of the restricted likelihood, and the prior.
         of_root = np.log(np.abs(np.diagonal(fits.root, axis1=1, axis2=2)))
         likelihood = np.log(fits.weights).sum(axis=1) + 2.0 * of_root.sum(axis=1) - fits.chi_square
         prior = taus**2 * np.linalg.norm(fits.weights, axis=1)
-        mass, towards = special.softmax(np.log(prior) + 0.5 * likelihood), self.errors**2 * fits.weights
+        mass, towards = scipy.special.softmax(np.log(prior) + 0.5 * likelihood), self.errors**2 * fits.weights
         means = self.values + towards * (fits.fitted - self.values)
         variances = (1.0 - towards) * self.errors**2 + towards**2 * fits._of_fitted()
         mean = mass @ means
@@ -262,12 +262,12 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     repeats = p / float(np.sum(1.0 / counts))
     between = repeats * float(np.var(means, ddof=1))
     freedoms = p - 1, n - p
-    lower, upper = stats.chi2.ppf(TAILS, freedoms[1])
+    lower, upper = scipy.stats.chi2.ppf(TAILS, freedoms[1])
     of_repeats = within, within * freedoms[1] / lower, within * freedoms[1] / upper
     # By which parts chi-squares are below and above their means, of each mean square.
-    tails = np.array(freedoms) / stats.chi2.ppf(np.array(TAILS)[:, None], freedoms)
+    tails = np.array(freedoms) / scipy.stats.chi2.ppf(np.array(TAILS)[:, None], freedoms)
     (g1, g2), (h1, h2) = 1.0 - tails[0], tails[1] - 1.0
-    high, low = stats.f.ppf(TAILS, *freedoms)
+    high, low = scipy.stats.f.ppf(TAILS, *freedoms)
     g12 = ((high - 1.0) ** 2 - (g1 * high) ** 2 - h2**2) / high
     h12 = ((1.0 - low) ** 2 - (h1 * low) ** 2 - g2**2) / low
     below = (g1 * between) ** 2 + (h2 * within) ** 2 + g12 * between * within

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy import linalg, signal, stats
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
@@ -107,7 +107,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     chi_square, columns, _ = gains["any"]
     density = random_force.RandomForce.density_of(null.ratio * null.variance, w)
     deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
-    of_density = stats.chi2.sf(max(0.0, deviances[0] - deviances[1]), 1)
+    of_density = scipy.stats.chi2.sf(max(0.0, deviances[0] - deviances[1]), 1)
     numbers = (p_value, chi_square, columns, density, of_density)
     return dependence(numbers, p_values).assign_attrs(every=every)
 
@@ -138,7 +138,7 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     # Part of a variance below which a direction of the parameters was held or tied.
     free = size[:, None] * vectors[:, values > 1e-12]
-    basis = linalg.block_diag(free[:-1], np.eye(linear.start.shape[1] - len(kept)))
+    basis = scipy.linalg.block_diag(free[:-1], np.eye(linear.start.shape[1] - len(kept)))
     by_column = linear.by_column @ basis
     by_column[:, :2, : free.shape[1]] += stiffness * free[-1]
     return replace(
@@ -155,7 +155,7 @@ def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.rando
     # Coloured noise has a past before the first sample.
     past = sensor_noise.memory_samples(linear.sensor_filter)
     white = random.standard_normal((past + len(random_walk), NULL_DRAWS))
-    return np.asarray(random_walk + signal.lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
+    return np.asarray(random_walk + scipy.signal.lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
 # A record with the model's columns (nuisances), columns that are tried, and records of noise alone, all as
@@ -212,7 +212,7 @@ def _likelihood_gains(
     size = np.linalg.norm(tried, axis=0)
     unit = tried / np.where(size > 0.0, size, 1.0)
     basis = orthonormal(nuisances)
-    _, r, order = linalg.qr(unit - basis @ (basis.T @ unit), mode="economic", pivoting=True)
+    _, r, order = scipy.linalg.qr(unit - basis @ (basis.T @ unit), mode="economic", pivoting=True)
     # Part of a column that others must leave for it to be a further one.
     further = order[np.abs(np.diag(r)) > 1e-2]
     chosen = {name: np.intersect1d(index, further) for name, index in sets.items()}
@@ -228,7 +228,7 @@ def _likelihood_gains(
     for (name, index), gain in zip(chosen.items(), np.maximum(least[0] - least[1:], 0.0), strict=True):
         if count := len(index):
             chi_square = float(gain[0] * count / np.mean(gain[1:]))
-            tested[name] = chi_square, count, float(stats.chi2.sf(chi_square, count))
+            tested[name] = chi_square, count, float(scipy.stats.chi2.sf(chi_square, count))
     return tested
 
 
@@ -280,7 +280,7 @@ def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, flo
     # Mean and covariance are those of `draws` records: the measured one differs from them by a bit more.
     covariance = (1.0 + 1.0 / draws) * np.cov(null)
     z = excess / np.sqrt(np.diag(covariance))
-    p_values = 2.0 * stats.t.sf(np.abs(z), draws - 1)
+    p_values = 2.0 * scipy.stats.t.sf(np.abs(z), draws - 1)
     squared = float(excess @ np.linalg.pinv(covariance) @ excess)
-    joint = stats.f.sf(squared * (draws - size) / (size * (draws - 1)), size, draws - size)
+    joint = scipy.stats.f.sf(squared * (draws - size) / (size * (draws - 1)), size, draws - size)
     return {**dict(zip(SIZE_ON, p_values.tolist(), strict=True)), "any": float(joint)}

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import chi2, norm
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
@@ -257,7 +257,10 @@ def _constancy(table: xr.Dataset) -> variables.Variables:
         mean, centre = ((weight * part).sum(axis=0) / weight.sum(axis=0) for part in (c, t))
         square, moment = ((weight * part**2).sum(axis=0) for part in (c - mean, t - centre))
         trend, trend_error = (weight * (t - centre) * c).sum(axis=0) / moment, 1.0 / np.sqrt(moment)
-        p_value, trend_p = chi2.sf(square, count - 1), 2.0 * norm.sf(np.abs(trend / trend_error))
+        p_value, trend_p = (
+            scipy.stats.chi2.sf(square, count - 1),
+            2.0 * scipy.stats.norm.sf(np.abs(trend / trend_error)),
+        )
     if count < 2:
         p_value, trend_p = np.full((2, len(square)), np.nan)
     tests = {"mean_coefficient": mean, "chi_square": square, "p_value": p_value, "trend_p_value": trend_p}

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import chi2
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SimulationError, SysidTribError
@@ -210,7 +210,7 @@ def departure_time(time: Array, residual: Array, noise: float, width: int) -> fl
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = (total[width:] - total[:-width]) / width
     # A level that so many samples of noise pass once in a hundred records.
-    level = max(DEPARTED**2, float(chi2.isf(0.01 * width / len(residual), width)) / width)
+    level = max(DEPARTED**2, float(scipy.stats.chi2.isf(0.01 * width / len(residual), width)) / width)
     departed = np.flatnonzero(local > level * noise**2)
     return float(time[departed[0]]) if len(departed) else float("nan")
 
@@ -243,7 +243,7 @@ def _noise_p_value(
         drawn = np.array([sizes(values) for values in noises])
         scale = drawn.var(axis=0) / (2.0 * drawn.mean(axis=0))
         degrees = drawn.mean(axis=0) / scale
-    return float(min(1.0, 2.0 * np.min(chi2.sf(sizes(residual) / scale, degrees))))
+    return float(min(1.0, 2.0 * np.min(scipy.stats.chi2.sf(sizes(residual) / scale, degrees))))
 
 
 def half_period(v: Array) -> int:

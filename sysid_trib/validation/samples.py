@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import chi2, t as student
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.cycles.backbone import backbone
@@ -170,13 +170,13 @@ def _contrast(
     known_by = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
     # The frequency is no force.
     contrast, error, z, covariance = contrast[:-1], error[:-1], z[:-1], covariance[:-1, :-1]
-    p_value, known = 2.0 * student.sf(np.abs(z), known_by[:-1]), np.isfinite(z)
+    p_value, known = 2.0 * scipy.stats.t.sf(np.abs(z), known_by[:-1]), np.isfinite(z)
     weights = covariance[known][:, known] / np.outer(error[known], error[known])
     statistic = float(z[known] @ np.linalg.pinv(weights, hermitian=True) @ z[known])
     values_of = {"difference": contrast, "standard_error": error, "z": z, "p_value": p_value}
     values_of |= {"differs": _holm(p_value, level), "covariance": covariance}
     values_of |= {"chi_square": statistic, "degrees_of_freedom": float(known.sum())}
-    values_of |= {"p_value_of_all": chi2.sf(statistic, known.sum())}
+    values_of |= {"p_value_of_all": scipy.stats.chi2.sf(statistic, known.sum())}
     return described("difference", values_of)
 
 

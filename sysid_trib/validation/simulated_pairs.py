@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.stats import chi2, f as f_distribution
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, silent
@@ -147,10 +147,10 @@ def _chi_square(difference: Array, scatter: Scatter) -> tuple[float, float]:
     excess, count = difference - expected, len(difference)
     statistic = float(excess @ np.linalg.pinv(covariance) @ excess)
     if stated:
-        return statistic, float(chi2.sf(statistic, count))
+        return statistic, float(scipy.stats.chi2.sf(statistic, count))
     rest = max(1, records - count)
     ratio = statistic * rest / (count * max(1, records - 1))
-    return statistic, float(f_distribution.sf(ratio, count, rest))
+    return statistic, float(scipy.stats.f.sf(ratio, count, rest))
 
 
 def _nothing_known(count: int, records: int) -> Scatter:
@@ -239,7 +239,7 @@ def scatter(
         of_stated = np.sqrt(np.diagonal(stated, axis1=1, axis2=2))
         excess = np.divide(of_stated, errors, out=np.ones_like(errors), where=errors > 0.0)
         # Of a few records the largest ratio by chance depends on their number: at 1 %, of all quantities.
-        allowed = np.sqrt((count - 1) / chi2.ppf(EXCESS_LEVEL / errors.size, count - 1))
+        allowed = np.sqrt((count - 1) / scipy.stats.chi2.ppf(EXCESS_LEVEL / errors.size, count - 1))
         exceeds = bool(np.max(excess) > allowed)
         simulated = np.atleast_2d(np.cov(differences, rowvar=False))
         covariance = stated.sum(axis=0) if exceeds else simulated
