@@ -116,7 +116,8 @@ def test_control_characters_of_a_library(refused, folder):
     (folder / "own.toml").write_text('[[force]]\nsymbol = "z"\nformula = "v"\nname = "\\u001b[31m"\n')
     assert refused("forces", "own.toml") == (
         1,
-        "sysid-trib: own.toml, force 'z': 'name' holds control characters; leave them out.",
+        r"sysid-trib: own.toml, force 'z': name must be a text in quotes, without control characters, "
+        r"not '\x1b[31m'.",
     )
 
 

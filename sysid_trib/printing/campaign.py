@@ -15,7 +15,7 @@ from rich.table import Table
 from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.verdict import error_parts_sentence
-from sysid_trib.results.effects import sufficient_forces
+from sysid_trib.results.effects import at_bound, sufficient_forces
 from sysid_trib.results.files import identifications_of
 from sysid_trib.validation.samples import SIDES
 
@@ -261,12 +261,7 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
             f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
             "(--explain splits them)."
         )
-    at_bounds = [
-        f"{symbol} in {name}"
-        for name, run in _runs(tree)
-        for symbol, mark in zip(run.force.values, run.get("constraint", run.force).values, strict=True)
-        if mark == "at its bound"
-    ]
+    at_bounds = [f"{symbol} in {name}" for name, run in _runs(tree) for symbol in at_bound(run)]
     if at_bounds:
         yield f"At a bound, where an error has but one side and z counts too much: {', '.join(at_bounds)}."
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]

@@ -10,6 +10,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces import force, library
+from sysid_trib.forces.constraints import AT_BOUND
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
@@ -34,6 +35,13 @@ def birge_ratio(chi_square: float, degrees_of_freedom: int) -> float:
 SIGNIFICANT_ERRORS = 3.0
 # The same as a probability.
 BY_CHANCE = math.erfc(SIGNIFICANT_ERRORS / math.sqrt(2.0))
+
+
+def at_bound(result: xr.Dataset) -> list[str]:
+    """Coefficients that a fit holds at one of their bounds."""
+    if "constraint" not in result.coords:
+        return []
+    return [str(symbol) for symbol in result.force.values[result.constraint.values == AT_BOUND]]
 
 
 def significant(result: xr.Dataset) -> Mask:
