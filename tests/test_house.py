@@ -142,7 +142,7 @@ def test_the_house_does_not_grow():
     now = numbers()
     assert len(arrows()) <= 138
     assert now["files"] <= 197
-    assert now["code lines"] <= 25_882
+    assert now["code lines"] <= 25_877
     assert now["classes"] <= 97
     assert now["code lines of tests"] <= 9_952
     assert now["code lines of benchmarks"] <= 4_945

@@ -22,8 +22,6 @@ Bounds: TypeAlias = tuple[float | None, float | None]
 Constraint: TypeAlias = float | Bounds | str
 ConstraintTable: TypeAlias = Mapping[str, Constraint]
 NO_CONSTRAINTS: ConstraintTable = MappingProxyType({})
-# What a result says of a coefficient that a fit holds at one of its bounds.
-AT_BOUND = "at its bound"
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,7 @@ class Constraints:
         """
         if not self:
             return result
-        held = dict.fromkeys(at_bound, AT_BOUND) | dict.fromkeys(self.fixed, "fixed")
+        held = dict.fromkeys(at_bound, "at its bound") | dict.fromkeys(self.fixed, "fixed")
         held |= {name: f"{name}={text}" for name, text in self.ties.items()}
         kinds = [held.get(symbol, "") for symbol in result.force.values.tolist()]
         return result.assign_coords(constraint=("force", kinds))

@@ -13,10 +13,9 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from rich.table import Table
 
-from sysid_trib.forces.constraints import AT_BOUND
 from sysid_trib.results.variables import record_groups, small_units
 
-MARKS = {"": "", "fixed": " (fixed)", AT_BOUND: " (bound)"}
+MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
 FREQUENCY_ROWS = {"reference_frequency": "w (rad/s)", "asymptotic_frequency": "w_inf (rad/s)"}
 # Columns of a row of `quantities`, and the variables of a force that they hold.
 COLUMNS = {

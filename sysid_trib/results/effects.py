@@ -10,7 +10,6 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces import force, library
-from sysid_trib.forces.constraints import AT_BOUND
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
@@ -41,7 +40,7 @@ def at_bound(result: xr.Dataset) -> list[str]:
     """Coefficients that a fit holds at one of their bounds."""
     if "constraint" not in result.coords:
         return []
-    return [str(symbol) for symbol in result.force.values[result.constraint.values == AT_BOUND]]
+    return [str(symbol) for symbol in result.force.values[result.constraint.values == "at its bound"]]
 
 
 def significant(result: xr.Dataset) -> Mask:
