@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import pickle
 import shlex
 from functools import cache
 from pathlib import Path
@@ -119,6 +120,11 @@ def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors
 
 
 # Methods that break down.
+
+
+def test_what_a_command_was_given_reaches_a_worker():
+    given = Asked(options_of("records", "model"), forces="zeta")
+    assert vars(pickle.loads(pickle.dumps(given))) == vars(given)
 
 
 def test_a_file_that_begins_with_a_dash_is_no_option():

@@ -13,7 +13,6 @@ from importlib import import_module
 from inspect import Parameter, Signature
 from math import isfinite
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Annotated, Any
 
 import typer
@@ -73,12 +72,16 @@ GROUPS: dict[str, Options] = {
 }
 
 
-class Asked(SimpleNamespace):
+class Asked:
     """What a command was given: the values of its options by their names, and these as `options`."""
 
     def __init__(self, options: Options, **values: Any) -> None:
-        usual = {name: copy(row["default"]) for name, row in options.items()}
-        super().__init__(**{"options": options, **usual, **values})
+        vars(self).update({name: copy(row["default"]) for name, row in options.items()} | values)
+        self.options = options
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse what is no option of the command."""
+        raise AttributeError(name)
 
     def but(self, **values: Any) -> "Asked":
         """Options and values, some of them others."""
