@@ -54,7 +54,7 @@ def test_systems_are_data(tmp_path):
     path = tmp_path / "mine.toml"
     for text, reason in (
         ("[[system]]\nname = 'swing'\nforces = ['lamda']\n", r"force 'lamda' of no library\. Did you mean"),
-        ("[[system]]\nforces = ['zeta']\n", "has a name"),
+        ("[[system]]\nforces = ['zeta']\n", "lacks its name"),
         ("[[system]]\nname = 'swing'\nheld = {gravity = 'one'}\n", "gives a number"),
         ("no toml", "not a TOML file"),
         ("title = 'none'\n", r"no \[\[system\]\]"),

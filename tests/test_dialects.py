@@ -209,14 +209,22 @@ def test_a_unit_or_a_column_that_does_not_follow_is_asked_for(tmp_path, headers,
 def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
     time = np.arange(0.0, 8.0, 0.01)
     volts = 0.3 * np.exp(-0.02 * time) * np.cos(6.0 * time)
-    place = tmp_path / "rig.mat"
+    place, twice = tmp_path / "rig.mat", tmp_path / "twice.csv"
     scipy.io.savemat(place, {"t": time, "pot": volts, "Gain": 0.5, "zero": 0.01, "rig": "a"})
     record = st.read_record(place, time="t", angle="gain*pot - zero", units="rad")
     assert record.angle.values == pytest.approx(0.5 * volts - 0.01)
-    with pytest.raises(UsageError, match="does not follow"):
-        st.read_record(place, time="t", angle="gain*pot")
     with pytest.raises(UsageError, match=r"--input: 'gian\*pot' holds the unknown name 'gian'"):
         st.read_record(place, time="t", angle="pot", units="rad", input="gian*pot")
+    rows = [f"{t!r},{v!r}" for t, v in zip(time.tolist(), volts.tolist(), strict=True)]
+    head = ["// gain = 0.5", "# zero = 0.01", "time (s),a (deg)"]
+    twice.write_text("\n".join([*head, *rows]))
+    assert st.read_record(twice, angle="gain*a - zero").attrs["angle_unit_in_file"] == "deg"
+    # As of a number that is written there.
+    with pytest.raises(UsageError, match="says deg"):
+        st.read_record(twice, angle="a - zero", units="rad")
+    twice.write_text("\n".join(["# gain = 0.7", *head, *rows]))
+    with pytest.raises(UsageError, match=r"holds gain, which the file states as 0.7 and 0.5; write"):
+        st.read_record(twice, angle="gain*a - zero")
 
 
 @pytest.mark.parametrize("formula", ["a*pi/180", "0.0115*pot - 0.2", "a + 0*b"])

@@ -26,7 +26,7 @@ EXAMPLE_FORCES = "lambda,zeta,delta"
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 POSITIVE = (LEAST, MOST, "")
-PARAMETER = re.compile(r"[A-Za-z]\w*(\.[A-Za-z_]\w*)?", re.ASCII)
+PARAMETER = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)?")
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 PYTHON_TYPES: dict[str, Any] = {"text": str, "number": float, "count": int, "switch": bool, "file": Path}
 PYTHON_TYPES |= {"files": list[Path], "texts": list[str]}
@@ -82,6 +82,10 @@ class Asked:
     def __getattr__(self, name: str) -> Any:
         """Refuse what is no option of the command."""
         raise AttributeError(name)
+
+    def __repr__(self) -> str:
+        # By this a campaign knows its task again, in another process too.
+        return f"Asked({ {name: value for name, value in vars(self).items() if name != 'options'} })"
 
     def but(self, **values: Any) -> "Asked":
         """Options and values, some of them others."""

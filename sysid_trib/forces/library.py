@@ -14,7 +14,7 @@ import numpy as np
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, Shape
 from sysid_trib.forces.formulas import Formula
-from sysid_trib.forces.notation import LARGEST_CONSTANT, RESERVED_NAMES, parse
+from sysid_trib.forces.notation import LARGEST_CONSTANT, RESERVED_NAMES, parse, short
 from sysid_trib.forces.symmetry import INPUT_KINDS, ORDERS
 
 TEXT_KEYS = ("name", "family", "meaning", "source")
@@ -60,13 +60,18 @@ def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) 
     LibraryError
         With the key, and what it may be.
     """
-    if not isinstance(table, dict) or not {*needed} <= table.keys() <= checks.keys():
-        known = ", ".join(sorted(checks))
-        raise LibraryError(f"{where} has a {', a '.join(needed)}, and of {known} what it needs.")
+    if not isinstance(table, dict):
+        raise LibraryError(f"{where} must be a table with {', '.join(needed)}, not {short(repr(table))}.")
+    if unknown := sorted(table.keys() - checks.keys()):
+        raise LibraryError(
+            f"{where}: unknown key '{short(unknown[0])}'; known are {', '.join(sorted(checks))}."
+        )
+    if missing := [key for key in needed if key not in table]:
+        raise LibraryError(f"{where} lacks its {' and its '.join(missing)}; add it.")
     for key, value in table.items():
         fits, meaning = checks[key]
         if not fits(value):
-            raise LibraryError(f"{where}: {key} must be {meaning}, not {value!r}.")
+            raise LibraryError(f"{where}: {key} must be {meaning}, not {short(repr(value))}.")
 
 
 # The input that a library need not name.

@@ -57,9 +57,9 @@ def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], wher
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        reason = f"{where}: '{_short(text)}' is not a formula; check its brackets and operators."
+        reason = f"{where}: '{short(text)}' is not a formula; check its brackets and operators."
         raise LibraryError(reason) from None
-    tree = _checked(tree, allowed, exponents, f"{where}: '{_short(text)}'", 0)
+    tree = _checked(tree, allowed, exponents, f"{where}: '{short(text)}'", 0)
     return Formula(text.strip(), tree)
 
 
@@ -84,7 +84,7 @@ def _checked(
             if name in allowed or name == "pi":
                 return ast.Name(name)
             known = ", ".join(sorted(allowed))
-            raise LibraryError(f"{where} holds the unknown name '{_short(name)}'; known are {known}, pi.")
+            raise LibraryError(f"{where} holds the unknown name '{short(name)}'; known are {known}, pi.")
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
             return ast.UnaryOp(op, inner(operand))
         case ast.BinOp(op=ast.Pow(), right=right) if not _is_exponent(right, exponents):
@@ -134,7 +134,8 @@ def _switch(name: str, args: list[ast.expr], surface: ast.expr) -> ast.Call:
     return call
 
 
-def _short(text: str) -> str:
+def short(text: str) -> str:
+    """A text on a line, of 60 letters at most."""
     text = " ".join(text.split())
     return text if len(text) <= 60 else text[:57] + "..."
 

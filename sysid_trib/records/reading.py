@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from numbers import Real
@@ -12,7 +12,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.formulas import Formula
-from sysid_trib.forces.notation import parse
+from sysid_trib.forces.notation import parse, with_instead
 from sysid_trib.records import units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.inputs import BETWEEN_SAMPLES
@@ -96,6 +96,7 @@ class Reading:
         return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
 
 
+_STATED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)\s*")
 # How near to the factor between two units a factor is that stands for it.
 CONVERTED = 2e-3
 
@@ -119,9 +120,8 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
         Not a formula of the columns, a name that two of them have, or a unit that does not follow.
     """
     signal, parts, held = evaluated(table, text, "--angle")
-    scalars = {name for part in parts for name in part.names} - {*held, "pi"}
-    # The usual name of a unit, so that deg and degrees are one; that of a number in the notes is not known.
-    follows = None if scalars else _unit(parts, {name: column.unit_text for name, column in held.items()})
+    # The usual name of a unit, so that deg and degrees are one.
+    follows = _unit(parts, {name: column.unit_text for name, column in held.items()})
     unit = _agreed(follows, units)
     if unit is None:
         columns = ", ".join(column.name for column in held.values())
@@ -145,10 +145,13 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
         name = column.base.replace(" ", "_")
         if name.isidentifier():
             names.setdefault(name, []).append(column)
-    scalars = {name: value for name, value in _scalars(table.notes) if name not in names}
-    known = frozenset({*names, *scalars})
+    stated = _stated(table, text, flag, names)
+    known = frozenset({*names, *stated})
     try:
         parts = [parse(part, known, frozenset(), flag) for part in _arguments(text.lower())]
+        # What the file states is a number as if it stood there.
+        for name, value in stated.items():
+            parts = [with_instead(part, name, repr(value)) for part in parts]
     except LibraryError as error:
         raise UsageError(f"{table.source}: {error} Columns that it may hold: {', '.join(names)}.") from None
     used = {name for part in parts for name in part.names & names.keys()}
@@ -161,7 +164,7 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
     if len(sizes) > 1:
         raise UsageError(f"{table.source}: the columns of {flag} '{text}' are not of one length.")
     with np.errstate(all="ignore"):
-        made = [np.broadcast_to(part.evaluate(scalars | columns), tuple(sizes)) for part in parts]
+        made = [np.broadcast_to(part.evaluate(columns), tuple(sizes)) for part in parts]
         signal = np.arctan2(*made) if len(made) == 2 else made[0].astype(float)
     return signal, parts, held
 
@@ -182,12 +185,16 @@ def _arguments(text: str) -> list[str]:
     return [text.strip()]
 
 
-def _scalars(notes: Iterable[str]) -> Iterator[tuple[str, float]]:
-    """Numbers that notes state as `name = value`, by their names in small letters."""
-    for note in notes:
-        name, _, value = note.lower().partition("=")
-        with suppress(ValueError):
-            yield name.strip(" #%"), float(value)
+def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> dict[str, float]:
+    """Numbers that the notes of a file state as `name = value`, of the names in a formula."""
+    stated: dict[str, float] = {}
+    words = {*re.findall(r"\w+", text.lower())} - {*columns}
+    for match in filter(None, (_STATED.fullmatch(note.lower()) for note in table.notes)):
+        name, value = match["name"], match["value"]
+        if name in words and stated.setdefault(name, float(value)) != float(value):
+            wrong = f"{flag} '{text}' holds {name}, which the file states as {stated[name]:g} and {value}"
+            raise UsageError(f"{table.source}: {wrong}; write the number itself.")
+    return stated
 
 
 def _single(columns: Sequence[Column], name: str, expression: str) -> Column:

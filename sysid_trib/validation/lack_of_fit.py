@@ -280,15 +280,17 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
 
 
 def _harmonics(time: Array, motion: tuple[Array, Array], resolution: float, count: int) -> Mask:
-    """Which lines are within two of a harmonic of the motion at its start, at its end, or between."""
+    """Which lines a harmonic of the motion leaks into at its start, at its end, or between."""
     phase = np.unwrap(np.arctan2(-motion[1], motion[0]))
     quarter = max(2, len(time) // 4)
     rates = [(phase[b] - phase[a]) / (time[b] - time[a]) for a, b in ((0, quarter), (-quarter - 1, -1))]
     at = resolution * np.arange(count)
     low, high = min(np.abs(rates)), max(np.abs(rates))
+    # Means of quarters: a frequency that goes on evenly is beyond them at either end.
+    low, high = low - (high - low) / 6.0, high + (high - low) / 6.0
     # What drifts slowly is no line.
     excluded = at <= SLOWEST * resolution
     for harmonic in range(1, MOTION_HARMONICS + 1):
         middle, half = 0.5 * harmonic * (low + high), 0.5 * harmonic * (high - low)
-        excluded |= np.abs(at - middle) <= half + 2.0 * resolution
+        excluded |= np.abs(at - middle) <= half + LEAK * resolution
     return np.asarray(excluded)
