@@ -14,6 +14,7 @@ from sysid_trib.methods import method_of
 from sysid_trib.printing.equation import from_template
 from sysid_trib.reporting.contents import Part
 from sysid_trib.results.files import identifications_of, kind_of
+from sysid_trib.results.schema import NOT_KEPT
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
 
@@ -75,7 +76,7 @@ def libraries(tree: xr.DataTree) -> dict[str, str]:
 
 def _options(text: str) -> str:
     """Options as they are kept, without those that are not set."""
-    options = json.loads(text)
+    options = {k: v for k, v in json.loads(text).items() if not (isinstance(v, dict) and NOT_KEPT in v)}
     return ", ".join(f"{k} = {json.dumps(v)}" for k, v in options.items() if v not in (None, {}, []))
 
 
@@ -167,10 +168,13 @@ def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
 def _library(attrs: Mapping[Any, Any]) -> str:
     offered = library_of_text(attrs["library"], attrs["library_source"])
     name = attrs["library_source"].removesuffix(".toml")
-    shipped = (library_folder() / f"{name}.toml").is_file()
-    whole = shipped and load_library(name).symbols == offered.symbols
-    chosen = "" if whole or not shipped else f".select({json.dumps(list(offered.symbols))})"
-    return f"library = st.load_library({name if shipped else attrs['library_source']!r}){chosen}"
+    if not (library_folder() / f"{name}.toml").is_file():
+        return f"library = st.load_library({attrs['library_source']!r})"
+    shipped = load_library(name).symbols
+    if not {*offered.symbols} <= {*shipped}:
+        return 'library = st.load_library("library.toml")  # the text below, as a file'
+    chosen = "" if shipped == offered.symbols else f".select({json.dumps(list(offered.symbols))})"
+    return f"library = st.load_library({name!r}){chosen}"
 
 
 def _method(result: xr.Dataset) -> str:
@@ -180,11 +184,18 @@ def _method(result: xr.Dataset) -> str:
     except UsageError:
         return "method"  # of the user's own
     kept = {field.name: getattr(method, field.name) for field in fields(method)}
-    # Kept as JSON, which knows lists but no tuples.
-    options = {name: tuple(v) if isinstance(v, list) else v for name, v in kept.items()}
-    usual = type(method)()
+    options, usual = {name: _python(value) for name, value in kept.items()}, type(method)()
     given = {name: value for name, value in options.items() if value != getattr(usual, name)}
     return f"st.methods.{type(method).__name__}({_given(given)})"
+
+
+def _python(value: Any) -> Any:
+    """What was kept as JSON, which has no tuples; a side of bounds that is open is None."""
+    if isinstance(value, dict):
+        return {key: _python(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(map(_python, value))
+    return None if isinstance(value, float) and np.isinf(value) else value
 
 
 def _given(options: Mapping[str, Any], *first: str) -> str:
