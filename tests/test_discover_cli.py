@@ -158,6 +158,8 @@ def test_nothing_is_missing(plain):
     assert "No missing effect was found" in ending.out
     assert "What is missing" not in ending.out
     assert "the coefficient of five standard errors" in ending.out
+    # No command that was there before: one would go round in circles.
+    assert "\nNext: sysid-trib plan " in ending.out
 
 
 def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):

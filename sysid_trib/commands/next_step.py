@@ -7,7 +7,7 @@ import xarray as xr
 from sysid_trib.commands.app import Asked, command_after
 from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.printing.comparison import ratio_of_best
-from sysid_trib.results import effects
+from sysid_trib.results import effects, files
 from sysid_trib.results.files import identifications_of, kind_of
 from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
@@ -84,6 +84,8 @@ def _after_discovery(tree: xr.DataTree) -> NextStep:
     forces = ",".join(after.force.values.tolist())
     shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())
     options = {"forces": forces} | ({"set": shapes} if shapes else {})
+    if not tree["steps"].attrs["count"] and not files.is_of_driven(tree):
+        return "plan", "which further run makes the errors smaller", options
     return "identify", "two methods, held against each other", options
 
 

@@ -212,6 +212,8 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
     samples, *_ = np.histogram2d(x, v, [edges, edges])
     error = np.sqrt(np.mean(np.square(scatter), axis=0))
     middle = 0.5 * (edges[1:] + edges[:-1])
+    # Of zero, rounding leaves something.
+    middle = 0.5 * (middle - middle[::-1])
     return {"x": middle, "v": middle, "force": mean, "standard_error": error, "samples": samples}
 
 

@@ -183,9 +183,11 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     panels[0].legend(**LEGEND, ncols=3)
     titles = [""] * len(panels)
     if "parting" in data:
+        odds = np.log(data.attrs["odds"])
+        top = 1.15 * max(odds, float(data.parting.max()))
         panels[-1].plot(data.time, data.parting, color=INK, linewidth=1.0)
-        panels[-1].set(xlabel="time (s)", ylabel="log likelihood ratio", ylim=(0.0, None))
-        style.threshold(panels[-1], np.log(data.attrs["odds"]), f"odds of {data.attrs['odds']:g} to 1")
+        panels[-1].set(xlabel="time (s)", ylabel="log likelihood ratio", ylim=(0.0, top))
+        style.threshold(panels[-1], odds, f"odds of {data.attrs['odds']:g} to 1")
         titles[-1] = " or ".join(data.parting.attrs["models"])
     if len(panels) > 1:
         style.letter(panels, titles)
