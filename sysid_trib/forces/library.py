@@ -62,9 +62,9 @@ def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) 
     """
     if not isinstance(table, dict):
         raise LibraryError(f"{where} must be a table with {', '.join(needed)}, not {short(repr(table))}.")
-    if unknown := sorted(table.keys() - checks.keys()):
+    if others := sorted(table.keys() - checks.keys()):
         raise LibraryError(
-            f"{where}: unknown key '{short(unknown[0])}'; known are {', '.join(sorted(checks))}."
+            f"{where}: unknown key '{short(others[0])}'; known are {', '.join(sorted(checks))}."
         )
     if missing := [key for key in needed if key not in table]:
         raise LibraryError(f"{where} lacks its {' and its '.join(missing)}; add it.")
