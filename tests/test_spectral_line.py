@@ -5,11 +5,12 @@ import pytest
 from helpers import decay
 
 import sysid_trib as st
-from sysid_trib.methods import Direct
+from sysid_trib.methods import Averaging, Direct
 from sysid_trib.printing.verdict import line_sentences, verdict_sentence
 from sysid_trib.validation.cross_check import cross_check
 from sysid_trib.validation.findings import verdict_of
 from sysid_trib.validation.lack_of_fit import spectral_line
+from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import identifications
 
 TIME = np.arange(0.0, 30.0, 0.01)
@@ -31,6 +32,18 @@ def test_a_line_has_its_frequency_and_amplitude(frequency):
     at, amplitude = found(noise() + 3e-3 * np.sin(2.0 * np.pi * frequency * TIME + 1.0))
     assert at / (2.0 * np.pi) == pytest.approx(frequency, abs=0.003)
     assert amplitude == pytest.approx(3e-3, rel=0.03)
+
+
+def test_what_a_missing_force_leaves_beside_the_motion_is_no_line():
+    forces = st.load_library().select(["zeta", "delta", "nu", "epsilon"])
+    model = st.Model(forces, dict(zip(forces.symbols, (0.005, 0.037, -0.4, 0.3), strict=True)), 9.91)
+    clean = st.simulate(model, TIME[:2500], angle=0.3)
+    record = st.free_decay(clean.assign(angle=clean.angle + 0.5 * noise(11)[:2500]))
+    result = st.identify(record, forces.select(["zeta", "delta", "nu"]), Averaging(random_force="off"))
+    motion = fitted_motion(record, result)
+    residual = record.angle.values - motion.offset - motion.x
+    assert np.std(residual) > NOISE
+    assert np.isnan(spectral_line(record.time.values, residual, (motion.x, motion.v))[0])
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -2,6 +2,7 @@
 
 import html
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -19,6 +20,7 @@ from sysid_trib.printing.discovery import discovery_blocks
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.reporting.page import page
+from sysid_trib.reporting.provenance import python_text
 
 KINDS = ("identify", "cross_check", "runs", "compare", "discover")
 
@@ -132,6 +134,19 @@ def test_provenance(results, pages):
     assert st.load_library().select(["zeta", "delta", "epsilon"]).to_toml() in text
     assert st.__version__ in text
     assert "sysid-trib discover" in pages["discover"]
+
+
+def test_python_of_a_system_reads_the_library_on_the_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_csv(tmp_path / "swing.csv")
+    usual, gravity = st.load_library(), st.load_library("candidate_effects").select(["gravity"])
+    library = replace(usual, forces=(*usual.select(["zeta"]), *gravity))
+    method = st.methods.Direct(constraints={"gravity": 1.0, "zeta": (0.0, float("inf"))})
+    before = st.identify(st.free_decay(st.read_record("swing.csv")), library, method)
+    (tmp_path / "library.toml").write_text(before.attrs["library"])
+    names = {}
+    exec(python_text(xr.DataTree(before)), names)
+    np.testing.assert_array_equal(names["result"].coefficient, before.coefficient)
 
 
 @pytest.mark.parametrize(
