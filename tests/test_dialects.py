@@ -210,9 +210,11 @@ def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
     time = np.arange(0.0, 8.0, 0.01)
     volts = 0.3 * np.exp(-0.02 * time) * np.cos(6.0 * time)
     place, twice = tmp_path / "rig.mat", tmp_path / "twice.csv"
-    scipy.io.savemat(place, {"t": time, "pot": volts, "Gain": 0.5, "zero": 0.01, "rig": "a"})
-    record = st.read_record(place, time="t", angle="gain*pot - zero", units="rad")
-    assert record.angle.values == pytest.approx(0.5 * volts - 0.01)
+    scipy.io.savemat(
+        place, {"t": time, "pot": volts, "Gain": 0.5, "zero": 0.01, "rig": "a", "sin": 2.0, "pi": 3}
+    )
+    record = st.read_record(place, time="t", angle="gain*sin(pot) - pi*zero", units="rad")
+    assert record.angle.values == pytest.approx(0.5 * np.sin(volts) - 0.01 * np.pi)
     with pytest.raises(UsageError, match=r"--input: 'gian\*pot' holds the unknown name 'gian'"):
         st.read_record(place, time="t", angle="pot", units="rad", input="gian*pot")
     rows = [f"{t!r},{v!r}" for t, v in zip(time.tolist(), volts.tolist(), strict=True)]

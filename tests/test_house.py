@@ -144,7 +144,7 @@ def test_the_house_does_not_grow():
     assert now["files"] <= 197
     assert now["code lines"] <= 25_906
     assert now["classes"] <= 97
-    assert now["code lines of tests"] <= 9_990
+    assert now["code lines of tests"] <= 9_992
     assert now["code lines of benchmarks"] <= 4_945
 
 

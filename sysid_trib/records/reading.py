@@ -188,7 +188,8 @@ def _arguments(text: str) -> list[str]:
 def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> dict[str, float]:
     """Numbers that the notes of a file state as `name = value`, of the names in a formula."""
     stated: dict[str, float] = {}
-    words = {*re.findall(r"\w+", text.lower())} - {*columns}
+    # What has arguments is a function.
+    words = {*re.findall(r"\b\w+\b(?!\s*\()", text.lower())} - {*columns, "pi"}
     for match in filter(None, (_STATED.fullmatch(note.lower()) for note in table.notes)):
         name, value = match["name"], match["value"]
         if name in words and stated.setdefault(name, float(value)) != float(value):
