@@ -274,6 +274,11 @@ def test_the_command_ends_with_a_page(tmp_path):
     assert "run2.csv" in page
     assert "of another result" not in page
     assert page.count('<svg class="thumbnail"') == 3
+    # The same task, elsewhere and shown otherwise, goes on with the store.
+    again = run(
+        *arguments, "--forces", "zeta,delta", "-o", f"{tmp_path}/out.zarr", "--workers", "0", "--json"
+    )
+    assert again.status == 0, again.err
 
 
 SCRIPT = """

@@ -14,7 +14,7 @@ from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.campaigns.study import load_study, names_of
-from sysid_trib.commands.app import GROUPS, Asked
+from sysid_trib.commands.app import GROUPS, Asked, options_of
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.fits import methods_asked
 from sysid_trib.commands.record_inputs import read_decays
@@ -75,8 +75,10 @@ def _task(given: Asked) -> task.Task:
     name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
-    # How a file is read does not depend on which others there are.
-    read = partial(decays_of, given.but(records=[]))
+    # How a file is read depends neither on which others there are, nor on where its row goes.
+    known = options_of("records", "model")
+    of_reading = {name: value for name, value in vars(given).items() if name in known}
+    read = partial(decays_of, Asked(known, **of_reading | {"records": []}))
     of_model = [option for option in GROUPS["model"] if option not in GROUPS["start"]]
     # What the task would pass over in silence.
     if idle := given.changed(of_model if name == "discover" else GROUPS["search"]):
