@@ -18,6 +18,12 @@ DEPENDENCE = 1e-11
 SMALLEST_PART = 1e-8
 
 
+def cell_middles(edges: Array) -> Array:
+    """Middles of cells that lie evenly about zero, (cell,), without what rounding leaves of zero."""
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    return 0.5 * (middle - middle[::-1])
+
+
 def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
     """A variable with its attributes.
 

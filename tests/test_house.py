@@ -142,9 +142,9 @@ def test_the_house_does_not_grow():
     now = numbers()
     assert len(arrows()) <= 138
     assert now["files"] <= 197
-    assert now["code lines"] <= 25_908
+    assert now["code lines"] <= 25_910
     assert now["classes"] <= 97
-    assert now["code lines of tests"] <= 9_997
+    assert now["code lines of tests"] <= 9_996
     assert now["code lines of benchmarks"] <= 4_945
 
 

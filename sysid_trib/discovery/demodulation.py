@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from scipy.integrate import cumulative_trapezoid
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, cell_middles
 from sysid_trib.discovery.free_motion import FreeMotion
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.validation.residuals import departure_time, half_period
@@ -211,9 +211,7 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
     mean, *scatter = scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic
     samples, *_ = np.histogram2d(x, v, [edges, edges])
     error = np.sqrt(np.mean(np.square(scatter), axis=0))
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    # Of zero, rounding leaves something.
-    middle = 0.5 * (middle - middle[::-1])
+    middle = cell_middles(edges)
     return {"x": middle, "v": middle, "force": mean, "standard_error": error, "samples": samples}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, cell_middles
 from sysid_trib.cycles import backbone as bands, smooth_curve
 from sysid_trib.errors import SysidTribError
 from sysid_trib.records import equilibrium, half_sines, signal
@@ -228,7 +228,7 @@ def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
     means = {"force": scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic}
     for name, on in (("x", x), ("v", v)):
         means[f"force_of_{name}"] = scipy.stats.binned_statistic(on, values, bins=edges).statistic
-    middle = 0.5 * (edges[1:] + edges[:-1])
+    middle = cell_middles(edges)
     data = {name: (of[0], np.sqrt(np.mean(of[1:] ** 2, axis=0))) for name, of in means.items()}
     cells = xr.Dataset(described("residual_force", data | {"x": middle, "v": middle}))
     for in_unit in cells.variables.values():
