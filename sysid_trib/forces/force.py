@@ -1,7 +1,7 @@
 """Forces as data: a force is declared by lines of TOML, everything else is derived from its formula."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -50,6 +50,9 @@ class Force:
         What its formulas hold of inputs.
     run : int, optional
         Of several runs, from 1, the only one in which it acts: its coefficient is that run's own.
+    curve : str
+        Name of the smooth curve that it is a part of. The coefficients of a curve are penalised: they are
+        random effects of one variance, which follows from the data. Empty for a force of its own.
     """
 
     symbol: str
@@ -67,6 +70,7 @@ class Force:
     coefficient: float | None = None
     channels: tuple[Channel, ...] = ()
     run: int | None = None
+    curve: str = ""
 
     def __hash__(self) -> int:
         return hash((self.symbol, self.formula))
@@ -235,6 +239,12 @@ class ForceLibrary:
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
         """The library of these forces alone, in the order given; UsageError for an unknown one."""
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
+
+    def curves_among(self, symbols: Sequence[str]) -> dict[str, NDArray[np.intp]]:
+        """Return the places of each curve's forces in a list of symbols, by the curve's name."""
+        names = [self[symbol].curve for symbol in symbols]
+        curves = dict.fromkeys(name for name in names if name)
+        return {curve: np.flatnonzero([name == curve for name in names]) for curve in curves}
 
     def counted_from(self, seconds: float) -> "ForceLibrary":
         """The forces with `t` of their formulas moved (see `Force.counted_from`)."""

@@ -17,7 +17,7 @@ from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.notation import LARGEST_CONSTANT, RESERVED_NAMES, parse, short
 from sysid_trib.forces.symmetry import INPUT_KINDS, ORDERS
 
-TEXT_KEYS = ("name", "family", "meaning", "source")
+TEXT_KEYS = ("name", "family", "meaning", "source", "curve")
 TABLE_KEYS = ("state", "memory", "start", "shape")
 SHORT_WORD = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
 # What each key of a table may be, and how that is said.

@@ -148,7 +148,7 @@ def with_instead(formula: Formula, name: str, text: str, over: float = 1.0) -> F
 
 def toml(force: "Force") -> str:
     """The lines of a force in a library's file."""
-    words = {k: getattr(force, k) for k in ("symbol", "name", "family", "meaning", "source")}
+    words = {k: getattr(force, k) for k in ("symbol", "name", "family", "meaning", "source", "curve")}
     words |= {"formula": force.formula.text, "kind": force.kind if force.kind != "force" else ""}
     tables: dict[str, Any] = {
         k: {name: f.text for name, f in getattr(force, k).items()} for k in ("state", "memory", "start")

@@ -1,6 +1,6 @@
 """Least squares of rows of correlated noise, their errors, and constraints as a map of free coefficients."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -8,11 +8,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Index, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.sensor_noise import autocorrelation, ljung_box_p_value
+from sysid_trib.likelihood.smoothness import smooth_least_squares
 from sysid_trib.likelihood.weak_form import whiten
 
 # Level and lags of Ljung and Box's test (1978) of rows that should be white.
@@ -102,7 +103,9 @@ def constraint_map(
     return ConstraintMap(free, matrix, constant, limits[:, 0], limits[:, 1])
 
 
-def white_least_squares(columns: Array, target: Array, lags: int = 0) -> tuple[Array, Array, float, int]:
+def white_least_squares(
+    columns: Array, target: Array, lags: int = 0, curves: Sequence[Index] = ()
+) -> tuple[Array, Array, float, int]:
     """Solve white rows.
 
     Parameters
@@ -112,6 +115,8 @@ def white_least_squares(columns: Array, target: Array, lags: int = 0) -> tuple[A
     lags : int
         Over which the covariance is to allow for correlation where the residual has one; 0 takes it for
         white.
+    curves : sequence of arrays of int
+        Columns whose coefficients are random effects of one variance each (see `smooth_least_squares`).
 
     Returns
     -------
@@ -131,17 +136,25 @@ def white_least_squares(columns: Array, target: Array, lags: int = 0) -> tuple[A
     # the record's unit and those of forces would else be far apart.
     unit = np.exp2(-np.frexp(np.linalg.norm(columns, axis=0))[1].astype(float))
     scaled = columns * unit
-    solved = np.linalg.lstsq(scaled, target, rcond=None)[0]
+    gram = scaled.T @ scaled
+    if curves:
+        smooth = smooth_least_squares(scaled, target, curves)
+        solved, covariance, noise = smooth.coefficients, smooth.covariance, smooth.noise
+        inverse = np.linalg.inv(gram + np.diag(smooth.penalty))
+    else:
+        solved = np.linalg.lstsq(scaled, target, rcond=None)[0]
+        squares = np.sum((target - scaled @ solved) ** 2)
+        noise = float(np.sqrt(squares / max(1, len(scaled) - len(unit))))
+        inverse = np.asarray(np.linalg.pinv(gram), dtype=float)
+        covariance = noise**2 * inverse
     residual = target - scaled @ solved
-    noise = float(np.sqrt(np.sum(residual**2) / max(1, len(scaled) - len(unit))))
-    inverse: Array = np.asarray(np.linalg.pinv(scaled.T @ scaled), dtype=float)
     lags = lags if _correlated(residual) else 0
-    covariance = noise**2 * inverse
     if lags:
         # Here, since it takes 0.2 s to import.
         from statsmodels.stats.sandwich_covariance import S_hac_simple
 
-        covariance = inverse @ S_hac_simple(scaled * residual[:, None], nlags=lags) @ inverse
+        correlated = S_hac_simple(scaled * residual[:, None], nlags=lags) - noise**2 * gram
+        covariance = covariance + inverse @ correlated @ inverse
     return solved * unit, covariance * np.outer(unit, unit), noise, lags
 
 

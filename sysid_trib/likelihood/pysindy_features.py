@@ -10,7 +10,7 @@ from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
 from pysindy.optimizers import BaseOptimizer
 from sklearn.utils.validation import check_is_fitted
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, LibraryError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 from sysid_trib.likelihood.force_columns import value_along
@@ -209,6 +209,8 @@ class WhitenedLeastSquares(BaseOptimizer):
     correlation_lags : int, default 0
         Lags over which the errors allow for correlation where the residuals of the whitened rows have one
         (Newey and West 1987); 0 takes them for white.
+    curves : sequence of arrays of int, optional
+        Features whose coefficients are random effects of one variance each (see `smooth_least_squares`).
 
     Attributes
     ----------
@@ -221,10 +223,16 @@ class WhitenedLeastSquares(BaseOptimizer):
         Lags over which the errors allow for correlation.
     """
 
-    def __init__(self, covariance_factor: Array | None = None, correlation_lags: int = 0) -> None:
+    def __init__(
+        self,
+        covariance_factor: Array | None = None,
+        correlation_lags: int = 0,
+        curves: Sequence[Index] | None = None,
+    ) -> None:
         super().__init__(unbias=False)
         self.covariance_factor = covariance_factor
         self.correlation_lags = correlation_lags
+        self.curves = curves
 
     def fit(self, x_: Any, y: Any, sample_weight: Any = None, **reduce_kws: Any) -> "WhitenedLeastSquares":
         """Whiten the rows and solve them, once; see `pysindy.optimizers.BaseOptimizer.fit`."""
@@ -240,7 +248,8 @@ class WhitenedLeastSquares(BaseOptimizer):
 
     def _reduce(self, x: Array, y: Array) -> None:
         columns, targets = (whitened(self.covariance_factor, part) for part in (x, y))
-        solutions = [white_least_squares(columns, target, self.correlation_lags) for target in targets.T]
+        lags, curves = self.correlation_lags, self.curves or ()
+        solutions = [white_least_squares(columns, target, lags, curves) for target in targets.T]
         coefficients, covariances, noises, lags = zip(*solutions, strict=True)
         self.coef_, self.covariance_ = np.stack(coefficients), np.stack(covariances)
         self.noise_, self.lags_ = np.array(noises), np.array(lags)

@@ -246,10 +246,13 @@ def begin(
         run = RunRegression(*record, white, white, x, v, np.empty((0, 0)), held, nominal, start)
         runs.append(run.along_own_path())
     rows = sum(run.form.rows for run in runs)
-    if rows < len(library) + 3 + len(runs):
-        raise DecayError(f"{rows} rows cannot decide {len(library)} forces; give a longer record.")
-    columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix
-    names = [library.symbols[i] for i in constraints.free]
+    # The penalty of a curve decides between its parts.
+    alone = [at for at, i in enumerate(constraints.free) if not library.forces[i].curve]
+    names = [library.symbols[constraints.free[at]] for at in alone]
+    count = sum(not force.curve for force in library)
+    if rows < count + 3 + len(runs):
+        raise DecayError(f"{rows} rows cannot decide {count} forces; give a longer record.")
+    columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix[:, alone]
     if free:
         columns = np.column_stack([columns, np.concatenate([run.x for run in runs])])
         names.append("the frequency")

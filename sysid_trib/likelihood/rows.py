@@ -187,7 +187,9 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
         nuisances = np.column_stack([nuisances[:, :-1], nuisances[:, -1] + rows.columns @ shift])
     design = np.column_stack([rows.columns @ constraints.matrix, nuisances])
     target = rows.target - rows.columns @ constraints.constant
-    fit = WhitenedLeastSquares(rows.factor, rows.lags).fit(design, target)
+    names = [run.library.symbols[i] for i in constraints.free]
+    curves = list(run.library.curves_among(names).values())
+    fit = WhitenedLeastSquares(rows.factor, rows.lags, curves).fit(design, target)
     solved, count = fit.coef_[0], len(constraints.free)
     free, steps = solved[:count], solved[count:]
     if np.any((free < constraints.low) | (free > constraints.high)):

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 import xarray as xr
 
-from sysid_trib.arrays import Array, jacobian
+from sysid_trib.arrays import Array, Index, jacobian
 from sysid_trib.cycles.signatures import averages, tabulated_averages
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
@@ -78,6 +78,10 @@ class AuxiliaryModel:
         Of least squares (see `solve`).
     names : tuple of str
         Of the first parameters, for what is refused.
+    curves : tuple of arrays of int
+        Parameters of each smooth curve, which are penalised (see `solve_curves`).
+    means : callable, optional
+        From coefficients and frequency to the parameters of the curves, zero for the others.
     """
 
     equations: Mapping[str, half_periods.Equations]
@@ -88,6 +92,8 @@ class AuxiliaryModel:
     curve: EnvelopeCurve = "half-sines"
     rule: half_periods.Rule = "weighted"
     names: tuple[str, ...] = ()
+    curves: tuple[Index, ...] = ()
+    means: Callable[[Array], Array] | None = None
 
     def measure(self, decay: xr.Dataset) -> xr.Dataset:
         """Envelope of a decay (see `envelope`), with what gave it and `first_time` (s) in its attrs."""
@@ -96,10 +102,38 @@ class AuxiliaryModel:
 
     def fit(self, measured: Sequence[xr.Dataset]) -> Groups:
         """Least squares of each group on the envelopes of all runs."""
+        if self.curves:
+            return {
+                name: half_periods.solve_curves(of_group, measured, self.names, self.curves)
+                for name, of_group in self.equations.items()
+            }
         return {
             name: half_periods.solve(of_group, measured, self.rule, self.names)
             for name, of_group in self.equations.items()
         }
+
+    def fit_simulated(self, simulated: Sequence[xr.Dataset], values: Array, first: Groups) -> Groups:
+        """Fit the envelopes of motions of a model as those of the records were fitted.
+
+        Parameters
+        ----------
+        simulated : sequence of Dataset
+            Their envelopes.
+        values : (value,) array of float
+            Coefficients and frequency of the model.
+        first : Groups
+            The fit of the records, whose smoothness of curves is held. The penalty is about the model's own
+            curves: what it pulls to zero in a record is no bias of the averaging.
+        """
+        if not self.curves or self.means is None:
+            return self.fit(simulated)
+        means = self.means(values)
+        fits = {}
+        for name, of_group in self.equations.items():
+            precision = first[name].precision
+            penalty = None if precision is None else half_periods.Penalty(precision, means)
+            fits[name] = half_periods.solve_curves(of_group, simulated, self.names, self.curves, penalty)
+        return fits
 
     def values(self, groups: Groups) -> Array:
         """Coefficients and, last, the frequency (rad/s)."""

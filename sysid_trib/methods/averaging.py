@@ -165,6 +165,16 @@ class Averaging(Constrained):
             coefficients = np.array(products)[free.free] / frequency
             return np.append(free.matrix @ coefficients + free.constant, frequency)
 
+        names = tuple(library.symbols[i] for i in free.free)
+        curves = tuple(library.curves_among(names).values())
+
+        def means(values: Array) -> Array:
+            """Parameters w c of the curves of a model."""
+            parameters = np.zeros(len(names) + (reference is None))
+            for curve in curves:
+                parameters[curve] = values[free.free[curve]] * values[-1]
+            return parameters
+
         last = self.frequency == "last" and reference is None
         return AuxiliaryModel(
             {"": equations},
@@ -174,7 +184,9 @@ class Averaging(Constrained):
             wandering=("",),
             curve=self.curve,
             rule="last" if last else "weighted" if self.weighted else "plain",
-            names=tuple(library.symbols[i] for i in free.free),
+            names=names,
+            curves=curves,
+            means=means,
         )
 
 

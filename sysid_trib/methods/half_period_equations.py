@@ -12,6 +12,7 @@ from scipy.linalg import cho_solve_banded
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.sensor_noise import covariance_band
+from sysid_trib.likelihood.smoothness import smooth_least_squares
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.half_sines import half_period_responses
 
@@ -92,6 +93,23 @@ class HalfPeriodEquations:
 
 
 @dataclass(frozen=True)
+class Penalty:
+    """What is known of the parameters of curves before the equations are solved.
+
+    Attributes
+    ----------
+    precision : (parameter,) array of float
+        Inverse prior variance of each parameter, over the variance of the whitened equations; zero without a
+        penalty.
+    mean : (parameter,) array of float
+        Prior mean.
+    """
+
+    precision: Array
+    mean: Array
+
+
+@dataclass(frozen=True)
 class EquationSolution:
     """Least squares of equations between the half periods of all runs, by common parameters.
 
@@ -99,22 +117,29 @@ class EquationSolution:
     ----------
     parameters : (parameter,) array of float
     influence : (parameter, error) array of float
-        Of unit errors of the extrema, of their times and, if the motion is pushed, of unit impulses.
+        Of unit errors of the extrema, of their times and, if the motion is pushed, of unit impulses; last,
+        where there are curves, of unit errors of their penalty and smoothness.
     runs : sequence of HalfPeriodEquations
         With their residual, of each run.
     factors : sequence of (band, equation) array of float
         Cholesky factor of the covariance of each run's equations, lower banded.
+    fitted : float
+        Number of parameters; of curves, which are penalised, the effective number.
+    precision : (parameter,) array of float, optional
+        That of the `Penalty`, where there are curves.
     """
 
     parameters: Array
     influence: Array
     runs: Sequence[HalfPeriodEquations]
     factors: Sequence[Array]
+    fitted: float
+    precision: Array | None = None
 
     @property
     def degrees_of_freedom(self) -> int:
         """Degrees of freedom of the residual."""
-        return max(1, sum(len(run.residual) for run in self.runs) - len(self.parameters))
+        return max(1, round(sum(len(run.residual) for run in self.runs) - self.fitted))
 
     @property
     def chi_square(self) -> float:
@@ -167,9 +192,7 @@ def solve(
     # The covariance depends on the parameters: weakly, but where averages over a cycle leave much of a
     # record, which would be weighed by what is wrong. Plain ones do not depend on it.
     for _ in range(2 if rule == "weighted" and not names else 1):
-        runs = [HalfPeriodEquations(a, y, slopes(parameters), first) for a, y, first, slopes in linear]
-        noises = [run.noise(envelope) for run, envelope in zip(runs, measured, strict=True)]
-        factors = [cholesky_factor(covariance_band(noise)) for noise in noises]
+        runs, noises, factors = _with_noise(linear, measured, parameters)
         if rule == "weighted":
             pairs = list(zip(factors, np.split(design / size, ends), strict=True))
             white = np.concatenate([whiten(factor, part) for factor, part in pairs])
@@ -178,7 +201,83 @@ def solve(
             parameters = weights @ target
     influence = [part @ noise for part, noise in zip(np.split(weights, ends, axis=1), noises, strict=True)]
     solved = [replace(run, residual=run.residual - run.design @ parameters) for run in runs]
-    return EquationSolution(parameters, np.hstack(influence), solved, factors)
+    return EquationSolution(parameters, np.hstack(influence), solved, factors, len(parameters))
+
+
+def solve_curves(
+    equations: Equations,
+    measured: Sequence[xr.Dataset],
+    names: Sequence[str],
+    curves: Sequence[Index],
+    penalty: Penalty | None = None,
+) -> EquationSolution:
+    """Solve equations between half periods in which some parameters are those of smooth curves.
+
+    Parameters
+    ----------
+    equations : Equations
+    measured : sequence of Dataset
+        The envelope of each run.
+    names : sequence of str
+        Of the first parameters.
+    curves : sequence of arrays of int
+        Parameters of each curve (see `smooth_least_squares`).
+    penalty : Penalty, optional
+        Of the curves; estimated from the equations where left out.
+
+    Returns
+    -------
+    EquationSolution
+
+    Raises
+    ------
+    DecayError
+        Too few half periods for the parameters without a penalty, or parameters that they cannot separate.
+    """
+    linear = [_linear(equations, run) for run in measured]
+    design, target = (np.concatenate(parts) for parts in zip(*(run[:2] for run in linear), strict=True))
+    alone = np.setdiff1d(np.arange(design.shape[1]), np.concatenate(curves))
+    kept = [names[at] for at in alone if at < len(names)]
+    _check_rank(design[:, alone], kept, sum(first[-1] + 1 for _, _, first, _ in linear))
+    size, ends = np.linalg.norm(design, axis=0), np.cumsum([len(run[1]) for run in linear])[:-1]
+    first_estimate = smooth_least_squares(design / size, target, curves).coefficients / size
+    runs, noises, factors = _with_noise(linear, measured, first_estimate)
+    pairs = list(zip(factors, np.split(np.column_stack([design / size, target]), ends), strict=True))
+    white = np.concatenate([whiten(factor, part) for factor, part in pairs])
+    white, white_target = white[:, :-1], white[:, -1]
+    mean = np.zeros(len(size)) if penalty is None else penalty.mean * size
+    fit = None
+    if penalty is None:
+        fit = smooth_least_squares(white, white_target, curves)
+        precision = fit.penalty
+    else:
+        precision = penalty.precision / size**2
+    gram = white.T @ white
+    inverse = np.linalg.inv(gram + np.diag(precision))
+    scaled = mean + inverse @ (white.T @ (white_target - white @ mean))
+    whitened_twice = [cho_solve_banded((f, True), part[:, :-1]) for f, part in pairs]
+    weights = np.split((inverse @ np.concatenate(whitened_twice).T) / size[:, None], ends, axis=1)
+    influence = [part @ noise for part, noise in zip(weights, noises, strict=True)]
+    if fit is not None:
+        scaled = fit.coefficients
+        unexplained = fit.covariance / fit.noise**2 - inverse @ gram @ inverse
+        values, vectors = np.linalg.eigh(unexplained)
+        influence.append(vectors * np.sqrt(np.maximum(values, 0.0)) / size[:, None])
+    parameters = scaled / size
+    solved = [replace(run, residual=run.residual - run.design @ parameters) for run in runs]
+    fitted = float(np.trace(inverse @ gram))
+    return EquationSolution(parameters, np.hstack(influence), solved, factors, fitted, precision * size**2)
+
+
+def _with_noise(
+    linear: Sequence[tuple[Array, Array, Index, Callable[[Array], sp.csr_matrix]]],
+    measured: Sequence[xr.Dataset],
+    parameters: Array,
+) -> tuple[list[HalfPeriodEquations], list[sp.csr_matrix], list[Array]]:
+    """The equations at an estimate, how unit errors move them, and the factor of their covariance."""
+    runs = [HalfPeriodEquations(a, y, slopes(parameters), first) for a, y, first, slopes in linear]
+    noises = [run.noise(envelope) for run, envelope in zip(runs, measured, strict=True)]
+    return runs, noises, [cholesky_factor(covariance_band(noise)) for noise in noises]
 
 
 def _plain_weights(design: Array, *, last: bool) -> Array:

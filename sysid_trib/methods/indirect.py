@@ -37,6 +37,8 @@ from sysid_trib.simulation.simulate import trajectory
 
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
+# Parts of a smooth curve are nearly the same on a record: what they are together settles far earlier.
+SETTLED_CURVES = 0.1
 # Rounds in which values and random force follow each other. A smaller step of the density, of its standard
 # error, ends them.
 DENSITY_ROUNDS, SETTLED_DENSITY = 3, 0.1
@@ -163,7 +165,8 @@ def _corrected(
     """
     biased = values = auxiliary.values(first)
     errors = np.sqrt(np.diag(auxiliary.covariance(first, birge_ratios(first))))
-    settled = SETTLED_ERRORS * errors + SETTLED_VALUES * np.abs(biased)
+    part = SETTLED_CURVES if auxiliary.curves else SETTLED_ERRORS
+    settled = part * errors + SETTLED_VALUES * np.abs(biased)
     starts: list[FittedMotion | None] = [None] * len(decays)
     tried: list[Array] = []
     steps: list[Array] = []
@@ -172,7 +175,7 @@ def _corrected(
         for run, (decay, envelope) in enumerate(zip(decays, measured, strict=True)):
             motion, starts[run] = _motion_from_start(model, decay, starts[run], float(biased[-1]))
             simulated.append(_as_measured(auxiliary.measure(motion), envelope))
-        fit = auxiliary.fit(simulated)
+        fit = auxiliary.fit_simulated(simulated, values, first)
         tried.append(values)
         steps.append(biased - auxiliary.values(fit))
         values = _accelerated(tried, steps, np.where(settled > 0.0, settled, 1.0))

@@ -29,7 +29,7 @@ R = TypeVar("R")
 USUAL_ANGLES = 1e-4, 1e4
 # Variables in rad or rad/s that are no signal: phases and frequencies have no unit of length.
 NO_SIGNAL = ("phase", "frequency", "refers_to", "omega0")
-POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2/Hz": 2}
+POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2": 2, "(rad/s^2)^2/Hz": 2}
 SHAPE_VARIABLES = ("shape", "shape_standard_error", "competing_shape")
 # Units of what is counted by coefficients.
 PER_FORCE = (PER_FORCE_UNIT, "1; rad/s for the frequency")

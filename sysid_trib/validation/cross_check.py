@@ -142,12 +142,12 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     compared = simulated_pairs.comparison(pair, draws=draws, seed=seed, tell=tell)
     tell("residuals")
     records = with_motions(followed)
-    over_motion = {"residual_over_motion": _residual_over_motion(records)}
+    over_motion = {"residual_over_motion": residual_over_motion(records)}
     compared = compared.merge(residuals(followed, results[1])).assign(described("cross_check", over_motion))
     compared = compared.assign(findings.failure_of_models(records))
     verdict = agreement_of(compared.p_value.item())
     made = {"first": names[0], "second": names[1], "verdict": verdict, "draws": draws, "seed": seed}
-    explained, answer = _explained(compared), names[better_of(*results)]
+    explained, answer = explained_by(compared), names[better_of(*results)]
     stochastic = random_force_groups(pair[1])
     unexplained = compared.residual_over_motion.sel(model=answer).item()
     compared.attrs = (
@@ -157,11 +157,11 @@ def _checked(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tell)
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
     of_names = dict(zip(names, results, strict=True))
-    groups |= of_names | {"comparison": compared} | _backbones(runs, of_names)
+    groups |= of_names | {"comparison": compared} | backbones_of(runs, of_names)
     return xr.DataTree.from_dict({**groups, **stochastic})
 
 
-def _backbones(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
     """Backbone of each run, and where the models leave it; none of a run with too few half periods."""
     groups = {}
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
@@ -173,13 +173,13 @@ def _backbones(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) ->
     return groups
 
 
-def _residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
+def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
     """RMS of record minus motion over that of the record, of each model; nan without a motion."""
     missed = sum(((run.angle - run.simulated_angle) ** 2).sum("time", skipna=False).values for run in records)
     return np.sqrt(missed / sum(float((run.angle**2).sum()) for run in records))
 
 
-def _explained(compared: xr.Dataset) -> str:
+def explained_by(compared: xr.Dataset) -> str:
     """`yes` if no departure from white noise is found in the better residual, `partly` if a small one."""
     if np.nanmax(compared.residual_p_value.values) >= RESIDUAL_LEVEL:
         return "yes"

@@ -1,6 +1,7 @@
 """The error of a model: by how much its coefficients move between parts of a record."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -55,8 +56,43 @@ def with_error_of_model(
     the part and of the whole squared and subtracted (Hausman 1978); what they move beyond that is the error
     of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
     """
-    runs, result, limits = [*followed.runs.values()], followed.result, RECORD_PARTS.values()
+    runs, result = [*followed.runs.values()], followed.result
     whole, own = (_numbers(result, names) for names in (ESTIMATED, STATED))
+    parts = fitted_parts(runs, method, library, result)
+    if parts.results:
+        changes = [_numbers(part, ESTIMATED) - whole for part in parts.results]
+        errors = [np.nan_to_num(_numbers(part, STATED)) for part in parts.results]
+        of_model = covariance_by_parts(changes, errors, np.nan_to_num(own))
+    else:
+        of_model = np.diag((widening**2 - 1.0) * np.nan_to_num(own) ** 2)
+    model, count = np.sqrt(np.diag(of_model)), result.sizes["force"]
+    of = {
+        "error_of_noise": own[:count],
+        "error_of_model": model[:count],
+        "held_out_rms": parts.held_out_rms if parts.results else float("nan"),
+    }
+    total = _with_errors(result, np.ones(len(own)), of_model)
+    return followed.with_result(total.assign(variables.described("identification", of)))
+
+
+class FittedParts(NamedTuple):
+    """Identifications of parts of the runs.
+
+    Attributes
+    ----------
+    results : list of Dataset
+        Those of the parts that could be fitted.
+    held_out_rms : float, rad
+        Geometric mean of the residuals of what the parts do not hold; nan where one predicts no motion.
+    """
+
+    results: list[xr.Dataset]
+    held_out_rms: float
+
+
+def fitted_parts(runs: RunList, method: Method, library: ForceLibrary, result: xr.Dataset) -> FittedParts:
+    """Identify each of `RECORD_PARTS` of the runs, and every other run, and predict the rest."""
+    limits = RECORD_PARTS.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
     pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
     missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends)]
@@ -65,19 +101,10 @@ def with_error_of_model(
             part = _same_forces(refits.refit(method, taken, library)[0], result)
             begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
             missed += [_missed(run, begun) for run in others]
-    fitted, held_out = [part for part in parts if part is not None], float("nan")
-    if fitted:
-        changes = [_numbers(part, ESTIMATED) - whole for part in fitted]
-        errors = [np.nan_to_num(_numbers(part, STATED)) for part in fitted]
-        of_model = covariance_by_parts(changes, errors, np.nan_to_num(own))
-        if missed and np.all(np.isfinite(missed)):
-            held_out = float(np.exp(np.mean(np.log(missed))))
-    else:
-        of_model = np.diag((widening**2 - 1.0) * np.nan_to_num(own) ** 2)
-    model, count = np.sqrt(np.diag(of_model)), result.sizes["force"]
-    of = {"error_of_noise": own[:count], "error_of_model": model[:count], "held_out_rms": held_out}
-    total = _with_errors(result, np.ones(len(own)), of_model)
-    return followed.with_result(total.assign(variables.described("identification", of)))
+    held_out = float("nan")
+    if missed and np.all(np.isfinite(missed)):
+        held_out = float(np.exp(np.mean(np.log(missed))))
+    return FittedParts([part for part in parts if part is not None], held_out)
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:

@@ -1,0 +1,190 @@
+"""Friction against speed and restoring force against displacement of an identification, with bands."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.results import schema
+from sysid_trib.results.variables import Variables, described
+
+# Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
+VISITED_POINTS, BEYOND = 40, 0.25
+LEVEL = 0.95
+# Draws from which the width of a simultaneous band follows.
+DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class Law:
+    """One law of an identification: a force over the inertia against one variable of the motion.
+
+    Attributes
+    ----------
+    name : {"friction", "restoring"}
+    variable : {"speed", "displacement"}
+    places : (place,) array of float, rad/s or rad
+    visited : (place,) array of bool
+        Whether the record reaches them.
+    values : (place,) array of float, rad/s^2
+    covariance : (place, place) array of float
+        By the noise and the smoothness.
+    """
+
+    name: str
+    variable: str
+    places: Array
+    visited: Mask
+    values: Array
+    covariance: Array
+
+
+def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
+    """Return places of a law, (place,), and which of them the record visits.
+
+    Parameters
+    ----------
+    largest : float
+        Largest speed or displacement of the record.
+    both_sides : bool
+        Whether the law is shown for both signs, because it is not odd.
+    """
+    step = largest / VISITED_POINTS
+    count = VISITED_POINTS + round(BEYOND * VISITED_POINTS)
+    # At zero speed the law has its limit from above.
+    places = step * np.arange(1, count + 1)
+    if both_sides:
+        places = np.concatenate([-places[::-1], places])
+    return places, np.abs(places) <= largest * (1.0 + 1e-9)
+
+
+def laws_of(result: xr.Dataset, largest: dict[str, float]) -> list[Law]:
+    """Return the laws of any identification whose forces depend on speed or displacement alone.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    largest : dict
+        Largest displacement `x` (rad) and speed `v` (rad/s) of its records.
+
+    Returns
+    -------
+    list of Law
+        `friction` of the forces of v alone, and `restoring` of w^2 x and the forces of x alone.
+    """
+    library = schema.library_of(result)
+    laws = []
+    for name, variable, of in (("friction", "speed", "v"), ("restoring", "displacement", "x")):
+        forces = [force for force in library if _depends_on(force, of)]
+        even = any(force.parity != "odd" for force in forces)
+        places, visited = grid(largest[of], both_sides=even)
+        values, covariance = _evaluated(result, library, forces, of, places)
+        laws.append(Law(name, variable, places, visited, values, covariance))
+    return laws
+
+
+def _depends_on(force: Force, of: str) -> bool:
+    """Return True if a force is a function of x, or of v, alone."""
+    if force.kind != "force" or not force.memoryless or force.channels or force.holds_time:
+        return False
+    return {"x", "v"} & set(force.formula.names) == {of} and force.run is None
+
+
+def _evaluated(
+    result: xr.Dataset, library: ForceLibrary, forces: Sequence[Force], of: str, places: Array
+) -> tuple[Array, Array]:
+    """Values of a law (place,), rad/s^2, and their covariance, (place, place)."""
+    shapes = schema.shape_values_of(result)
+    symbols = result.force.values.tolist()
+    w = result.reference_frequency.item()
+    coefficients = np.where(result.active.values, result.coefficient.values, 0.0)
+
+    def columns(frequency: float) -> Array:
+        """Forces over the inertia of coefficient 1, (place, force), rad/s^2."""
+        x, v = (0.0 * places, places / frequency) if of == "v" else (places, 0.0 * places)
+        values = np.zeros((len(places), len(symbols)))
+        for force in forces:
+            values[:, symbols.index(force.symbol)] = force.value(x, v, shapes=shapes)
+        return frequency**2 * values
+
+    def law(frequency: float) -> Array:
+        linear = frequency**2 * places if of == "x" else 0.0
+        return np.asarray(linear + columns(frequency) @ coefficients)
+
+    step = 1e-6 * w
+    by_frequency = (law(w + step) - law(w - step)) / (2.0 * step)
+    jacobian = np.column_stack([columns(w), by_frequency])
+    covariance = jacobian @ schema.covariance_with_frequency(result) @ jacobian.T
+    return law(w), 0.5 * (covariance + covariance.T)
+
+
+def simultaneous_factor(covariance: Array) -> float:
+    """Return by how many standard errors a band must reach to hold at all places at once, in 95 %.
+
+    Parameters
+    ----------
+    covariance : (place, place) array of float
+
+    Notes
+    -----
+    The quantile of the largest of correlated normal variables, from draws (Ruppert, Wand & Carroll 2003,
+    Sec. 6.5).
+    """
+    errors = np.sqrt(np.diag(covariance))
+    known = np.flatnonzero(errors > 0.0)
+    if not len(known):
+        return 0.0
+    correlation = covariance[np.ix_(known, known)] / np.outer(errors[known], errors[known])
+    values, vectors = np.linalg.eigh(correlation)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(0).standard_normal((DRAWS, len(values))) @ root.T
+    return float(np.quantile(np.max(np.abs(draws), axis=1), LEVEL))
+
+
+def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, dict[str, Array]]:
+    """Return the variables of laws with their bands, and their coordinates.
+
+    Parameters
+    ----------
+    laws : sequence of Law
+    of_model : sequence of (place, place) arrays of float
+        Covariance of the error of the model, of each law.
+    """
+    values: dict[str, object] = {}
+    places: dict[str, Array] = {}
+    for law, added in zip(laws, of_model, strict=True):
+        covariance = law.covariance + added
+        error = np.sqrt(np.diag(covariance))
+        half = simultaneous_factor(covariance[np.ix_(law.visited, law.visited)]) * error
+        values[law.name] = law.values
+        values[f"{law.name}_standard_error"] = error
+        values[f"{law.name}_low"] = law.values - half
+        values[f"{law.name}_high"] = law.values + half
+        values[f"{law.name}_error_of_model"] = np.sqrt(np.diag(added))
+        values[f"{law.name}_covariance"] = covariance
+        values[f"{law.variable}_visited"] = law.visited
+        places[law.variable] = law.places
+        places[f"other_{law.variable}"] = law.places
+    return described("laws", values), places
+
+
+def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:
+    """Return the visited speeds at which friction certainly, and at which it seemingly, feeds energy in.
+
+    Parameters
+    ----------
+    result : Dataset
+        With `friction(speed)` and its band.
+    """
+    part = result.isel(speed=np.flatnonzero(result.speed_visited.values))
+    speed = part.speed.values
+    power = np.sign(speed) * part.friction.values
+    highest = np.where(speed > 0.0, part.friction_high.values, -part.friction_low.values)
+    return speed[highest < 0.0], speed[(power < 0.0) & (highest >= 0.0)]
+
+
+LawTest = Callable[[xr.Dataset], float]

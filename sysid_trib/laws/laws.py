@@ -1,0 +1,324 @@
+"""`laws`: friction against speed and restoring force against displacement, without choosing a form."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import EFFECTS, System, load_system, with_shipped
+from sysid_trib.laws import bands, curves
+from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.methods import Averaging, Direct
+from sysid_trib.methods.scope import Method
+from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.results import signal_scale
+from sysid_trib.results.variables import described, group_names
+from sysid_trib.validation import cross_check, findings, model_error
+from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
+from sysid_trib.validation.verdict import RESIDUAL_LEVEL, verdict_on_record
+
+# Forces outside of the penalty where no system is named, and the one that is always there: a jump at rest.
+USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
+# Forces that differ between directions and sides, and the level of a test that finds them.
+EVEN_FORCES, EVEN_LEVEL = ("even_speed", "even_drag", "even_spring", "bilinear"), 1e-4
+# Fewer half periods, or amplitudes that change by less than this factor, decide no curve.
+FEWEST_HALF_PERIODS, SMALLEST_RANGE = 8, 1.15
+# A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
+BELOW_SMALLEST = 0.5
+
+
+@dataclass(frozen=True)
+class LawModel:
+    """What is fitted: named forces, curves, and what is held.
+
+    Attributes
+    ----------
+    named : ForceLibrary
+        Forces outside of the penalty, and those that are held.
+    constraints : mapping
+        Of coefficients.
+    odd, even : tuple of str
+        Curves of `libraries/curves.toml`; none where the record decides no curve.
+    reason : str
+        Why the record decides no curve; empty where it does.
+    """
+
+    named: ForceLibrary
+    constraints: ConstraintTable
+    odd: tuple[str, ...] = curves.ODD
+    even: tuple[str, ...] = ()
+    reason: str = ""
+
+    def library(self, runs: Sequence[xr.Dataset], lowest: float = curves.LOWEST) -> ForceLibrary:
+        """Return all forces, the parts of the curves over the range of the runs."""
+        return curves.with_curves(self.named, (*self.odd, *self.even), curves.ranges(runs), lowest)
+
+
+def laws(
+    decay: Decays,
+    system: str | System | None = None,
+    constraints: ConstraintTable | None = None,
+    *,
+    library: ForceLibrary | None = None,
+    random_force: RandomForceOption = "off",
+    tell: Tell = silent,
+) -> xr.DataTree:
+    """Identify friction as a function of speed and restoring force as a function of displacement.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        `angle(time)`; several runs share their laws.
+    system : str or System, optional
+        A system of `libraries/systems.toml`: what it holds, as a pendulum its gravity, stays as it is, and
+        its usual forces are outside of the penalty.
+    constraints : mapping of str to float, (float, float) or str, optional
+        Known forces: `{"gravity": 1.0}`.
+    library : ForceLibrary, optional
+        Where forces of the constraints are looked for before those of the package.
+    random_force : "off", "estimated" or float
+        As that of `methods.Direct`.
+    tell : callable
+        Called with a few words as the work goes on.
+
+    Returns
+    -------
+    DataTree
+        As that of `identify`: groups `record`, `averaging`, `direct`, `comparison`, `backbone`. Each
+        identification also holds `friction(speed)` (rad/s^2 over rad/s: the force over the inertia) and
+        `restoring(displacement)` (rad/s^2 over rad), each with `_standard_error`, `_low`, `_high` (a
+        simultaneous 95 % band over the visited range), `_error_of_model` and `_covariance`;
+        `speed_visited`, `displacement_visited`. `comparison` holds the difference of both methods' laws over
+        its error at each speed and displacement. Its attrs say the preferred method (`answer`), what was
+        decided about even parts (`even`), and `reason` where the record decides no curve.
+
+    Raises
+    ------
+    DecayError
+        The record cannot support the request.
+    UsageError
+        No such system or force, or a force of an angle for a displacement.
+
+    Notes
+    -----
+    theta'' = -w^2 (theta + K(theta) + D(theta'/w) + known forces). K and D are penalised splines in mixed
+    model form outside of whose penalty the named forces stay (Ruppert, Wand & Carroll 2003). `Direct` reads
+    them within the cycle, averaging from amplitude to amplitude.
+    """
+    moving = system if isinstance(system, System) else load_system(system)
+    model = _named(moving, Constraints(constraints or NO_CONSTRAINTS), library)
+    runs = as_runs(decay)
+    if not signal_scale.counts_angles(runs[0]):
+        for force in model.named:
+            if not signal_scale.scalable(force):
+                raise UsageError(
+                    f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
+                    "leave it out, or give the pendulum's length, --length M."
+                )
+    return _identified(decay, model, random_force, tell=tell)
+
+
+def _named(system: System, asked: Constraints, library: ForceLibrary | None) -> LawModel:
+    """Return the forces outside of the penalty and what is held."""
+    whole = library or load_library()
+    symbols = list(dict.fromkeys((*(system.symbols or USUAL), *asked.names)))
+    whole = with_shipped(whole, symbols)
+    jump = whole.role(JUMP) or load_library().role(JUMP)
+    named = whole.select(symbols)
+    if jump is not None and named.role(JUMP) is None:
+        named = replace(named, forces=(jump, *named.forces))
+    held = {symbol: value for symbol, value in system.held.items() if symbol not in asked.names}
+    return LawModel(named, {**held, **asked.table})
+
+
+@signal_scale.in_units_of_the_motion
+def _identified(
+    decay: Decays, model: LawModel, random_force: RandomForceOption, *, tell: Tell
+) -> xr.DataTree:
+    runs = as_runs(decay)
+    envelopes = [envelope(run) for run in runs]
+    amplitudes = np.concatenate([np.abs(of_run.extremum.values) for of_run in envelopes])
+    if reason := _no_curve(amplitudes):
+        model = replace(model, odd=(), even=(), reason=reason)
+    tell("direct")
+    direct = Direct(random_force=random_force, constraints=model.constraints)
+    followed = _followed(runs, direct, model.library(runs))
+    if not reason and not _is_white(followed):
+        tell("differences between directions and sides")
+        model, followed = _with_even(runs, direct, model, followed)
+    tell("averaging")
+    averaging = Averaging(random_force=random_force, constraints=model.constraints)
+    lowest = max(curves.LOWEST, BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max()))
+    # Averages tell nothing of even forces.
+    odd = replace(model, named=_odd_forces(model), even=())
+    libraries = {"direct": model.library(runs), "averaging": odd.library(runs, lowest)}
+    kept: dict[str, FollowedRuns] = {}
+    failed = ""
+    try:
+        kept["averaging"] = _followed(runs, averaging, libraries["averaging"])
+    except (SysidTribError, np.linalg.LinAlgError) as error:
+        failed = str(error)
+    kept["direct"] = followed
+    tell("errors")
+    methods: dict[str, Method] = {"averaging": averaging, "direct": direct}
+    largest = _largest(runs)
+    done = {
+        name: _with_laws(of, methods[name], libraries[name], largest, tell=tell) for name, of in kept.items()
+    }
+    return _tree(runs, done, model, failed)
+
+
+def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
+    """Return the largest displacement (rad) and speed (rad/s) of the runs."""
+    w = max(swing_frequency(run) for run in runs)
+    found = curves.ranges(runs, w)
+    return {"x": found["x"], "v": found["v"] * w}
+
+
+def _no_curve(amplitudes: Array) -> str:
+    """Return why the amplitudes decide no curve, or nothing."""
+    if len(amplitudes) < FEWEST_HALF_PERIODS:
+        return (
+            f"{len(amplitudes)} half periods are too few for a curve (it takes {FEWEST_HALF_PERIODS}): the "
+            "laws are those of the named forces."
+        )
+    ratio = float(amplitudes.max() / max(amplitudes.min(), 1e-300))
+    if ratio < SMALLEST_RANGE:
+        return (
+            f"The amplitude changes by a factor of {ratio:.3g} only, too little for a curve (it takes "
+            f"{SMALLEST_RANGE:g}): the laws are those of the named forces."
+        )
+    return ""
+
+
+def _followed(runs: Sequence[xr.Dataset], method: Method, library: ForceLibrary) -> FollowedRuns:
+    decay = runs[0] if len(runs) == 1 else list(runs)
+    return FollowedRuns(dict(enumerate(runs)), method.identify(decay, library))
+
+
+def _residual(followed: FollowedRuns) -> xr.Dataset:
+    return followed.once("residual", lambda: residuals({"": followed}, followed.result))
+
+
+def _is_white(followed: FollowedRuns) -> bool:
+    """Return True if the residual of a model is nothing but noise."""
+    return bool(_residual(followed).residual_p_value.item() >= RESIDUAL_LEVEL)
+
+
+def _with_even(
+    runs: Sequence[xr.Dataset], direct: Direct, model: LawModel, odd: FollowedRuns
+) -> tuple[LawModel, FollowedRuns]:
+    """Return the model with even parts, and its fit, where the record asks for them; else what was given."""
+    even = load_library(EFFECTS).select(EVEN_FORCES)
+    named = replace(model.named, forces=(*model.named.forces, *even.forces))
+    wanted = replace(model, named=named, even=curves.EVEN)
+    try:
+        plain = _followed(runs, direct, replace(wanted, even=()).library(runs))
+        at = [plain.result.force.values.tolist().index(symbol) for symbol in EVEN_FORCES]
+        values = plain.result.coefficient.values[at]
+        covariance = plain.result.covariance.values[np.ix_(at, at)]
+        square = float(values @ np.linalg.pinv(covariance, hermitian=True) @ values)
+        if scipy.stats.chi2.sf(square, len(at)) >= EVEN_LEVEL:
+            return model, odd
+        whole = _followed(runs, direct, wanted.library(runs))
+    except (SysidTribError, np.linalg.LinAlgError):
+        return model, odd
+    sizes = [float(_residual(of).residual_rms.item()) for of in (odd, whole)]
+    return (wanted, whole) if sizes[1] < sizes[0] else (model, odd)
+
+
+def _odd_forces(model: LawModel) -> ForceLibrary:
+    """Return the named forces that averages over a cycle see."""
+    return model.named.select(force.symbol for force in model.named if force.parity != "even")
+
+
+def _with_laws(
+    followed: FollowedRuns, method: Method, library: ForceLibrary, largest: Mapping[str, float], *, tell: Tell
+) -> FollowedRuns:
+    """Return the identification with its laws, whose errors hold that of the model where one is missing."""
+    result, runs = followed.result, [*followed.runs.values()]
+    found = bands.laws_of(result, dict(largest))
+    of_model = [np.zeros_like(law.covariance) for law in found]
+    if not _is_white(followed):
+        parts = model_error.fitted_parts(runs, method, library, result)
+        of_parts = [bands.laws_of(part, dict(largest)) for part in parts.results]
+        if of_parts:
+            of_model = [
+                _movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(found)
+            ]
+        result = result.assign(described("identification", {"held_out_rms": parts.held_out_rms}))
+    values, places = bands.law_variables(found, of_model)
+    return followed.with_result(result.assign_coords(places).assign(values))
+
+
+def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
+    """Return the covariance of a law by its change between parts of the record, (place, place)."""
+    changes = [part.values - law.values for part in parts]
+    errors = [np.sqrt(np.diag(part.covariance)) for part in parts]
+    return model_error.covariance_by_parts(changes, errors, np.sqrt(np.diag(law.covariance)))
+
+
+def _tree(
+    runs: Sequence[xr.Dataset], followed: Mapping[str, FollowedRuns], model: LawModel, failed: str
+) -> xr.DataTree:
+    """Return the result with both methods' laws compared."""
+    names, results = list(followed), {name: of.result for name, of in followed.items()}
+    second = results[names[-1]]
+    records = with_motions(followed)
+    compared = residuals(followed, second)
+    over_motion = {"residual_over_motion": cross_check.residual_over_motion(records)}
+    compared = compared.assign(described("cross_check", over_motion))
+    compared = compared.assign(findings.failure_of_models(records))
+    if len(names) == 2:
+        compared = compared.merge(_difference(results[names[0]], second))
+    explained = cross_check.explained_by(compared)
+    at = cross_check.better_of(results[names[0]], second) if len(names) == 2 else 0
+    answer = names[at]
+    unexplained = compared.residual_over_motion.sel(model=answer).item()
+    compared.attrs = {
+        "laws": "yes",
+        "first": names[0],
+        "second": names[-1],
+        "answer": answer,
+        "explained": explained,
+        "verdict_on_record": verdict_on_record(explained, unexplained, followed[names[-1]], {}),
+        "even": ", ".join(model.even),
+        "reason": model.reason,
+        "averaging_failed": failed,
+    }
+    groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
+    of_envelopes = [envelope(run) for run in runs]
+    groups |= dict(zip(group_names("envelope", len(runs)), of_envelopes, strict=True))
+    groups |= results | {"comparison": compared} | cross_check.backbones_of(runs, results)
+    return xr.DataTree.from_dict(groups)
+
+
+def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Return the difference of both methods' laws over its error, at the places that both have.
+
+    Both methods saw the same noise: the sum of their variances is more than that of their difference.
+    """
+    values: dict[str, Any] = {}
+    for law, variable in (("friction", "speed"), ("restoring", "displacement")):
+        one, other = xr.align(first[[law, f"{law}_standard_error"]], second[[law, f"{law}_standard_error"]])
+        error = np.hypot(one[f"{law}_standard_error"], other[f"{law}_standard_error"])
+        values[f"{law}_difference"] = (one[law] - other[law]).assign_attrs(units="rad/s^2")
+        values[f"{law}_z"] = ((one[law] - other[law]) / error).assign_attrs(units="1")
+    return xr.Dataset(values)
+
+
+def decides_curve(tree: xr.DataTree) -> bool:
+    """Return True if a result of `laws` holds curves, not the laws of named forces alone."""
+    return not tree["comparison"].attrs["reason"]
+
+
