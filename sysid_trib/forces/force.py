@@ -240,6 +240,11 @@ class ForceLibrary:
         """The library of these forces alone, in the order given; UsageError for an unknown one."""
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
 
+    @property
+    def in_curves(self) -> NDArray[np.bool_]:
+        """Which forces are parts of a smooth curve, (force,)."""
+        return np.array([bool(force.curve) for force in self.forces])
+
     def curves_among(self, symbols: Sequence[str]) -> dict[str, NDArray[np.intp]]:
         """Return the places of each curve's forces in a list of symbols, by the curve's name."""
         names = [self[symbol].curve for symbol in symbols]

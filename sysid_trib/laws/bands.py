@@ -1,6 +1,6 @@
 """Friction against speed and restoring force against displacement of an identification, with bands."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +61,7 @@ def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
     return places, np.abs(places) <= largest * (1.0 + 1e-9)
 
 
-def laws_of(result: xr.Dataset, largest: dict[str, float]) -> list[Law]:
+def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
     """Return the laws of any identification whose forces depend on speed or displacement alone.
 
     Parameters
@@ -185,6 +185,3 @@ def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:
     power = np.sign(speed) * part.friction.values
     highest = np.where(speed > 0.0, part.friction_high.values, -part.friction_low.values)
     return speed[highest < 0.0], speed[(power < 0.0) & (highest >= 0.0)]
-
-
-LawTest = Callable[[xr.Dataset], float]

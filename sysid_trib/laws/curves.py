@@ -11,9 +11,12 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.records.smoothing import smooth, swing_frequency
 
 LIBRARY = "curves"
-# Parts of a curve, and the range of their places, in parts of the largest speed or displacement.
-PARTS = 12
-LOWEST, HIGHEST = 0.02, 1.5
+# Places of the parts of a curve, in parts of the largest speed or displacement: evenly in the logarithm up to
+# the middle, then evenly. None is at the end: beyond it the law is a straight line and the named forces. Friction may
+# change at low speed; what is narrow costs the simulation many steps.
+LOWEST = {"v": 0.03, "x": 0.1}
+MIDDLE, GEOMETRIC_PARTS = 0.5, 8
+UPPER_PLACES = (0.6, 0.7, 0.8, 0.9)
 # Curves that are odd, and those that make a law differ between directions or sides.
 ODD = ("friction", "restoring")
 EVEN = ("friction_even", "restoring_even")
@@ -40,7 +43,7 @@ def ranges(decays: Sequence[xr.Dataset], frequency: float | None = None) -> dict
 
 
 def with_curves(
-    named: ForceLibrary, curves: Iterable[str], largest: dict[str, float], lowest: float = LOWEST
+    named: ForceLibrary, curves: Iterable[str], largest: dict[str, float], lowest: float = 0.0
 ) -> ForceLibrary:
     """Add the parts of curves to a library of named forces.
 
@@ -53,7 +56,7 @@ def with_curves(
     largest : dict
         See `ranges`.
     lowest : float
-        Place of the first part, in parts of the largest speed or displacement.
+        Least place of a part, in parts of the largest speed or displacement.
     """
     offered = load_library(LIBRARY).select(curves)
     parts = [part for force in offered for part in _parts(force, largest, lowest)]
@@ -61,10 +64,11 @@ def with_curves(
 
 
 def _parts(force: Force, largest: dict[str, float], lowest: float) -> list[Force]:
-    """Copies of a force, each at a place of its own."""
+    """Return copies of a force, each at a place of its own."""
     ((name, shape),) = force.shape.items()
     by = "v" if "v" in force.formula.names else "x"
-    places = largest[by] * np.geomspace(lowest, HIGHEST, PARTS)
+    first = min(max(LOWEST[by], lowest), 0.5 * MIDDLE)
+    places = largest[by] * np.append(np.geomspace(first, MIDDLE, GEOMETRIC_PARTS), UPPER_PLACES)
     return [
         replace(
             force,

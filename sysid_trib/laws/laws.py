@@ -18,19 +18,25 @@ from sysid_trib.laws import bands, curves
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.methods.scope import Method
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation import cross_check, findings, model_error
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
-from sysid_trib.validation.verdict import RESIDUAL_LEVEL, verdict_on_record
+from sysid_trib.validation.verdict import APPROXIMATE_PART, RESIDUAL_LEVEL
 
 # Forces outside of the penalty where no system is named, and the one that is always there: a jump at rest.
 USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
-# Forces that differ between directions and sides, and the level of a test that finds them.
-EVEN_FORCES, EVEN_LEVEL = ("even_speed", "even_drag", "even_spring", "bilinear"), 1e-4
+# Forces that differ between directions and sides, and errors that cameras, encoders and potentiometers have.
+EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
+SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
+# Level of a test that finds them; they are kept where the residual shrinks to less than this part.
+EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.95
+NO_BETTER = (
+    "No motion of curves follows the record better than that of the named forces, whose laws these are."
+)
 # Fewer half periods, or amplitudes that change by less than this factor, decide no curve.
 FEWEST_HALF_PERIODS, SMALLEST_RANGE = 8, 1.15
 # A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
@@ -59,7 +65,7 @@ class LawModel:
     even: tuple[str, ...] = ()
     reason: str = ""
 
-    def library(self, runs: Sequence[xr.Dataset], lowest: float = curves.LOWEST) -> ForceLibrary:
+    def library(self, runs: Sequence[xr.Dataset], lowest: float = 0.0) -> ForceLibrary:
         """Return all forces, the parts of the curves over the range of the runs."""
         return curves.with_curves(self.named, (*self.odd, *self.even), curves.ranges(runs), lowest)
 
@@ -146,36 +152,98 @@ def _identified(
     decay: Decays, model: LawModel, random_force: RandomForceOption, *, tell: Tell
 ) -> xr.DataTree:
     runs = as_runs(decay)
-    envelopes = [envelope(run) for run in runs]
-    amplitudes = np.concatenate([np.abs(of_run.extremum.values) for of_run in envelopes])
+    amplitudes = np.concatenate([np.abs(envelope(run).extremum.values) for run in runs])
     if reason := _no_curve(amplitudes):
         model = replace(model, odd=(), even=(), reason=reason)
     tell("direct")
-    direct = Direct(random_force=random_force, constraints=model.constraints)
-    followed = _followed(runs, direct, model.library(runs))
-    if not reason and not _is_white(followed):
-        tell("differences between directions and sides")
-        model, followed = _with_even(runs, direct, model, followed)
+    direct = _fitted(runs, Direct(random_force=random_force, constraints=model.constraints), model)
+    if not reason and not direct.is_white:
+        tell("errors of the sensor, and even parts")
+        direct = _extended(direct)
     tell("averaging")
-    averaging = Averaging(random_force=random_force, constraints=model.constraints)
-    lowest = max(curves.LOWEST, BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max()))
-    # Averages tell nothing of even forces.
+    # Averages tell nothing of even forces, nor of what a law does far below the smallest amplitude.
     odd = replace(model, named=_odd_forces(model), even=())
-    libraries = {"direct": model.library(runs), "averaging": odd.library(runs, lowest)}
-    kept: dict[str, FollowedRuns] = {}
+    lowest = BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
+    method = Averaging(random_force=random_force, constraints=model.constraints)
+    fits: dict[str, LawFit] = {}
     failed = ""
     try:
-        kept["averaging"] = _followed(runs, averaging, libraries["averaging"])
+        fits["averaging"] = _fitted(runs, method, odd, lowest)
     except (SysidTribError, np.linalg.LinAlgError) as error:
         failed = str(error)
-    kept["direct"] = followed
+    fits["direct"] = direct
     tell("errors")
-    methods: dict[str, Method] = {"averaging": averaging, "direct": direct}
     largest = _largest(runs)
-    done = {
-        name: _with_laws(of, methods[name], libraries[name], largest, tell=tell) for name, of in kept.items()
-    }
-    return _tree(runs, done, model, failed)
+    return _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """One method's fit of a law model to runs.
+
+    Attributes
+    ----------
+    method : Method
+    model : LawModel
+    library : ForceLibrary
+        The forces of the model over the range of the runs.
+    followed : FollowedRuns
+        The identification, and its motion in each run.
+    """
+
+    method: Method
+    model: LawModel
+    library: ForceLibrary
+    followed: FollowedRuns
+
+    @property
+    def _residuals(self) -> xr.Dataset:
+        of = self.followed
+        return of.once("residual", lambda: residuals({"": of}, of.result))
+
+    @property
+    def is_white(self) -> bool:
+        """True if the residual is nothing but noise."""
+        return bool(self._residuals.residual_p_value.item() >= RESIDUAL_LEVEL)
+
+    @property
+    def residual_rms(self) -> float:
+        """RMS of record minus motion, rad; infinite without a motion."""
+        of = self.followed
+        if any(motion is None for motion in of.motions):
+            return float("inf")
+        pairs = zip(of.runs.values(), of.motions, strict=True)
+        missed = [run.angle.values - motion.offset - motion.x for run, motion in pairs if motion is not None]
+        size = root_mean_square([root_mean_square(residual) for residual in missed])
+        return size if np.isfinite(size) else float("inf")
+
+
+def _fit(runs: Sequence[xr.Dataset], method: Method, model: LawModel, lowest: float = 0.0) -> LawFit:
+    """Fit a law model with a method as it is."""
+    library = model.library(runs, lowest)
+    result = method.identify(one_or_all(list(runs)), library)
+    return LawFit(method, model, library, FollowedRuns(dict(enumerate(runs)), result))
+
+
+def _fitted(
+    runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
+) -> LawFit:
+    """Fit curves, or only the named forces where the motion of no curve follows the record better.
+
+    What a model lacks within the cycle may be taken for a curve that no motion bears. A random force makes
+    each half period an equation of its own, which is immune to that.
+    """
+    fit = _fit(runs, method, model, lowest)
+    if fit.is_white or not model.odd:
+        return fit
+    named = _fit(runs, method, replace(model, odd=(), even=(), reason=NO_BETTER), lowest)
+    if fit.residual_rms <= named.residual_rms or method.random_force != "off":
+        return min((fit, named), key=lambda of: of.residual_rms)
+    try:
+        other = _fit(runs, replace(method, random_force="estimated"), model, lowest)
+    except (SysidTribError, np.linalg.LinAlgError):
+        return named
+    return min((other, named), key=lambda of: of.residual_rms)
 
 
 def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
@@ -201,40 +269,48 @@ def _no_curve(amplitudes: Array) -> str:
     return ""
 
 
-def _followed(runs: Sequence[xr.Dataset], method: Method, library: ForceLibrary) -> FollowedRuns:
-    decay = runs[0] if len(runs) == 1 else list(runs)
-    return FollowedRuns(dict(enumerate(runs)), method.identify(decay, library))
+def _extended(fit: LawFit) -> LawFit:
+    """Return the fit with errors of the sensor, or with even parts of the laws, where the record asks for them.
+
+    An even error of the sensor looks like an even force: the one with the smaller residual is taken first.
+    """
+    whole, left = fit, [SENSOR_TERMS] * _is_angle(fit) + [EVEN_FORCES]
+    while left and not whole.is_white:
+        tried = [(names, other) for names in left if (other := _with_forces(whole, names)) is not None]
+        names, best = min(tried, key=lambda pair: pair[1].residual_rms, default=((), whole))
+        if not best.residual_rms < EXTENSION_GAIN * whole.residual_rms:
+            break
+        whole, left = best, [other for other in left if other != names]
+    return whole
 
 
-def _residual(followed: FollowedRuns) -> xr.Dataset:
-    return followed.once("residual", lambda: residuals({"": followed}, followed.result))
+def _is_angle(fit: LawFit) -> bool:
+    """Return True if an angle was measured, which cameras and encoders distort."""
+    return all(signal_scale.counts_angles(run) for run in fit.followed.runs.values())
 
 
-def _is_white(followed: FollowedRuns) -> bool:
-    """Return True if the residual of a model is nothing but noise."""
-    return bool(_residual(followed).residual_p_value.item() >= RESIDUAL_LEVEL)
-
-
-def _with_even(
-    runs: Sequence[xr.Dataset], direct: Direct, model: LawModel, odd: FollowedRuns
-) -> tuple[LawModel, FollowedRuns]:
-    """Return the model with even parts, and its fit, where the record asks for them; else what was given."""
-    even = load_library(EFFECTS).select(EVEN_FORCES)
-    named = replace(model.named, forces=(*model.named.forces, *even.forces))
-    wanted = replace(model, named=named, even=curves.EVEN)
+def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
+    """Return the fit with more forces, or with errors of each run's sensor; None where they are not needed."""
+    runs = list(fit.followed.runs.values())
+    added = load_library(EFFECTS).select(symbols)
+    named = replace(fit.model.named, forces=(*fit.model.named.forces, *added.forces))
+    model, method = replace(fit.model, named=named), fit.method
+    if symbols == EVEN_FORCES and model.odd:
+        model = replace(model, even=curves.EVEN)
+    elif symbols == SENSOR_TERMS and len(runs) > 1:
+        method = replace(method, own=symbols)
     try:
-        plain = _followed(runs, direct, replace(wanted, even=()).library(runs))
-        at = [plain.result.force.values.tolist().index(symbol) for symbol in EVEN_FORCES]
-        values = plain.result.coefficient.values[at]
-        covariance = plain.result.covariance.values[np.ix_(at, at)]
+        plain = _fit(runs, method, replace(model, even=()))
+        result = plain.followed.result
+        at = np.flatnonzero(np.isin([name.rsplit("_", 1)[0] for name in result.force.values], symbols))
+        at = np.union1d(at, np.flatnonzero(np.isin(result.force.values, symbols)))
+        values, covariance = result.coefficient.values[at], result.covariance.values[np.ix_(at, at)]
         square = float(values @ np.linalg.pinv(covariance, hermitian=True) @ values)
-        if scipy.stats.chi2.sf(square, len(at)) >= EVEN_LEVEL:
-            return model, odd
-        whole = _followed(runs, direct, wanted.library(runs))
+        if scipy.stats.chi2.sf(square, len(at)) >= EXTENSION_LEVEL:
+            return None
+        return _fit(runs, method, model) if model.even else plain
     except (SysidTribError, np.linalg.LinAlgError):
-        return model, odd
-    sizes = [float(_residual(of).residual_rms.item()) for of in (odd, whole)]
-    return (wanted, whole) if sizes[1] < sizes[0] else (model, odd)
+        return None
 
 
 def _odd_forces(model: LawModel) -> ForceLibrary:
@@ -242,20 +318,17 @@ def _odd_forces(model: LawModel) -> ForceLibrary:
     return model.named.select(force.symbol for force in model.named if force.parity != "even")
 
 
-def _with_laws(
-    followed: FollowedRuns, method: Method, library: ForceLibrary, largest: Mapping[str, float], *, tell: Tell
-) -> FollowedRuns:
+def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
     """Return the identification with its laws, whose errors hold that of the model where one is missing."""
-    result, runs = followed.result, [*followed.runs.values()]
-    found = bands.laws_of(result, dict(largest))
+    followed, result = fit.followed, fit.followed.result
+    found = bands.laws_of(result, largest)
     of_model = [np.zeros_like(law.covariance) for law in found]
-    if not _is_white(followed):
-        parts = model_error.fitted_parts(runs, method, library, result)
-        of_parts = [bands.laws_of(part, dict(largest)) for part in parts.results]
+    if not fit.is_white:
+        runs = list(followed.runs.values())
+        parts = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
+        of_parts = [bands.laws_of(part, largest) for part in parts.results]
         if of_parts:
-            of_model = [
-                _movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(found)
-            ]
+            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(found)]
         result = result.assign(described("identification", {"held_out_rms": parts.held_out_rms}))
     values, places = bands.law_variables(found, of_model)
     return followed.with_result(result.assign_coords(places).assign(values))
@@ -269,7 +342,10 @@ def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
 
 
 def _tree(
-    runs: Sequence[xr.Dataset], followed: Mapping[str, FollowedRuns], model: LawModel, failed: str
+    runs: Sequence[xr.Dataset],
+    followed: Mapping[str, FollowedRuns],
+    fits: Mapping[str, LawFit],
+    failed: str,
 ) -> xr.DataTree:
     """Return the result with both methods' laws compared."""
     names, results = list(followed), {name: of.result for name, of in followed.items()}
@@ -285,15 +361,17 @@ def _tree(
     at = cross_check.better_of(results[names[0]], second) if len(names) == 2 else 0
     answer = names[at]
     unexplained = compared.residual_over_motion.sel(model=answer).item()
+    approximate = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
     compared.attrs = {
         "laws": "yes",
         "first": names[0],
         "second": names[-1],
         "answer": answer,
         "explained": explained,
-        "verdict_on_record": verdict_on_record(explained, unexplained, followed[names[-1]], {}),
-        "even": ", ".join(model.even),
-        "reason": model.reason,
+        "verdict_on_record": "explained" if explained == "yes" else approximate,
+        "even": ", ".join(fits[names[-1]].model.even),
+        "sensor": ", ".join(s for s in SENSOR_TERMS if s in fits[names[-1]].model.named.symbols),
+        "reason": fits[answer].model.reason,
         "averaging_failed": failed,
     }
     groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
@@ -309,7 +387,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     Both methods saw the same noise: the sum of their variances is more than that of their difference.
     """
     values: dict[str, Any] = {}
-    for law, variable in (("friction", "speed"), ("restoring", "displacement")):
+    for law in ("friction", "restoring"):
         one, other = xr.align(first[[law, f"{law}_standard_error"]], second[[law, f"{law}_standard_error"]])
         error = np.hypot(one[f"{law}_standard_error"], other[f"{law}_standard_error"])
         values[f"{law}_difference"] = (one[law] - other[law]).assign_attrs(units="rad/s^2")
@@ -320,5 +398,3 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 def decides_curve(tree: xr.DataTree) -> bool:
     """Return True if a result of `laws` holds curves, not the laws of named forces alone."""
     return not tree["comparison"].attrs["reason"]
-
-

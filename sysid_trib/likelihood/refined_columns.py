@@ -21,6 +21,8 @@ SLIPPED = 0.3
 MOST_HALVINGS = 8
 # A step this small, in standard errors, does not count.
 SETTLED_STEP = 0.02
+# Of the parts of a curve, which are nearly the same on a record: their errors are far larger than the curve's.
+SETTLED_PART = 0.2
 # Part of the swing by which coefficients of a record without noise may still change.
 SETTLED_WITHOUT_NOISE = 1e-10
 
@@ -101,7 +103,8 @@ def step_in_errors(solution: Solution) -> Array:
     # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
     swing = root_mean_square([np.sqrt(np.mean(run.x**2)) for run in after])
     smallest = SETTLED_WITHOUT_NOISE * np.append(swing / solution.rows.rms_forces, after[0].frequency)
-    counts = SETTLED_STEP * np.sqrt(np.diag(solution.covariance)) + smallest
+    part = np.where(after[0].library.in_curves, SETTLED_PART, SETTLED_STEP)
+    counts = np.append(part, SETTLED_STEP) * np.sqrt(np.diag(solution.covariance)) + smallest
     return (common_values(after) - common_values(before)) / counts
 
 

@@ -14,11 +14,11 @@ import scipy
 from sysid_trib.arrays import Array, Index
 
 # Logarithms of the variance ratios that are tried first: from no curve at all to one without a penalty.
-COARSE = np.arange(-14.0, 30.0, 2.0)
+COARSE = np.arange(-15.0, 31.0, 3.0)
 # Ratios less likely than the best by this difference of the deviance do not count.
 NEGLIGIBLE = 14.0
 # Points along each ratio, of one or two curves and of more.
-FINE_POINTS, FEW_POINTS = 13, 5
+FINE_POINTS, FEW_POINTS = 9, 4
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,10 @@ def smooth_least_squares(columns: Array, target: Array, curves: Sequence[Index])
         precision += weight * point.penalty
     scale = 1.0 / unit
     return SmoothFit(
-        coefficients * scale, covariance * np.outer(scale, scale), float(np.sqrt(variance)), precision * unit**2
+        coefficients * scale,
+        covariance * np.outer(scale, scale),
+        float(np.sqrt(variance)),
+        precision * unit**2,
     )
 
 

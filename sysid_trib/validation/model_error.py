@@ -90,12 +90,17 @@ class FittedParts(NamedTuple):
     held_out_rms: float
 
 
-def fitted_parts(runs: RunList, method: Method, library: ForceLibrary, result: xr.Dataset) -> FittedParts:
-    """Identify each of `RECORD_PARTS` of the runs, and every other run, and predict the rest."""
+def fitted_parts(
+    runs: RunList, method: Method, library: ForceLibrary, result: xr.Dataset, *, later_only: bool = False
+) -> FittedParts:
+    """Identify each of `RECORD_PARTS` of the runs, and every other run, and predict the rest.
+
+    With `later_only` a part predicts what comes after it alone, where a decay is within the range of the part.
+    """
     limits = RECORD_PARTS.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
     pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
-    missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends)]
+    missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends, later_only)]
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
         if taken and others:
             part = _same_forces(refits.refit(method, taken, library)[0], result)
@@ -146,11 +151,16 @@ def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | No
 
 
 def _held_out(
-    part: xr.Dataset | None, run: xr.Dataset, library: ForceLibrary, limits: tuple[float, float]
+    part: xr.Dataset | None,
+    run: xr.Dataset,
+    library: ForceLibrary,
+    limits: tuple[float, float],
+    later_only: bool,
 ) -> Iterator[float]:
     """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
     kept, size = refits.between(run, limits), run.sizes["time"]
-    for held_out in (slice(0, kept.start), slice(kept.stop, size)):
+    earlier, later = slice(0, kept.start), slice(kept.stop, size)
+    for held_out in (later,) if later_only else (earlier, later):
         # Fewer samples tell nothing of a motion whose start and zero are fitted.
         if held_out.stop - held_out.start < 8:
             continue
