@@ -124,7 +124,7 @@ class _Problem:
             penalty[curve] = np.exp(-ratio)
         # Columns of unit norm: a ridge of rounding keeps those apart that are the same.
         normal = self.gram + np.diag(penalty + len(self.gram) * np.finfo(float).eps)
-        factor = np.linalg.cholesky(normal)
+        factor: Array = np.asarray(np.linalg.cholesky(normal), dtype=float)
         coefficients = scipy.linalg.cho_solve((factor, True), self.projected)
         count = sum(len(curve) for curve in self.curves)
         freedoms = max(1, self.rows - (len(penalty) - count))
