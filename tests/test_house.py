@@ -32,7 +32,7 @@ WORDS = set(
 COMMON_WORDS = set(
     _split("""
     about agreement alone basis_of beyond chance cost each exchanged found fractional generic
-    holding_out Guess Law left lost Moved no_better one Path Place price Problem Record Run scan
+    holding_out Guess left lost Moved no_better one Path Place price Problem Record Run scan
     scans share shared simpler stage stages_of strength unknown
 """)
 )

@@ -13,7 +13,7 @@ from sysid_trib.results.variables import Variables, described
 
 # Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
 VISITED_POINTS, SHOWN_BEYOND = 40, 0.25
-BAND_LEVEL = 0.95
+BAND_PROBABILITY = 0.95
 # Draws from which the width of a simultaneous band follows.
 DRAWS = 4000
 
@@ -143,7 +143,7 @@ def simultaneous_factor(covariance: Array) -> float:
     values, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(values))) @ root.T
-    return float(np.quantile(np.max(np.abs(draws), axis=1), BAND_LEVEL))
+    return float(np.quantile(np.max(np.abs(draws), axis=1), BAND_PROBABILITY))
 
 
 def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, dict[str, Array]]:

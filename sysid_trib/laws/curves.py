@@ -10,7 +10,7 @@ from sysid_trib.forces.force import Force, ForceLibrary, Shape
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.smoothing import smooth, swing_frequency
 
-CURVES = "curves"
+CURVE_LIBRARY = "curves"
 # Places of the parts of a curve, in parts of the largest speed or displacement: evenly in the logarithm up to
 # the middle, then evenly. None is at the end: beyond it the law is a straight line and the named forces.
 # Friction may change at low speed; what is narrow costs the simulation many steps.
@@ -58,7 +58,7 @@ def with_curves(
     lowest : float
         Least place of a part, in parts of the largest speed or displacement.
     """
-    offered = load_library(CURVES).select(curves)
+    offered = load_library(CURVE_LIBRARY).select(curves)
     parts = [part for force in offered for part in _parts(force, largest, lowest)]
     return replace(named, title="Laws as curves", forces=(*named.forces, *parts))
 

@@ -250,8 +250,8 @@ def _fitted(
 def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
     """Return the largest displacement (rad) and speed (rad/s) of the runs."""
     w = max(swing_frequency(run) for run in runs)
-    found = curves.ranges(runs, w)
-    return {"x": found["x"], "v": found["v"] * w}
+    ranges = curves.ranges(runs, w)
+    return {"x": ranges["x"], "v": ranges["v"] * w}
 
 
 def _no_curve(amplitudes: Array) -> str:
@@ -322,16 +322,16 @@ def _odd_forces(model: LawModel) -> ForceLibrary:
 def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
     """Return the identification with its laws, whose errors hold that of the model where one is missing."""
     followed, result = fit.followed, fit.followed.result
-    found = bands.laws_of(result, largest)
-    of_model = [np.zeros_like(law.covariance) for law in found]
+    whole_laws = bands.laws_of(result, largest)
+    of_model = [np.zeros_like(law.covariance) for law in whole_laws]
     if not fit.is_white:
         runs = list(followed.runs.values())
         parts = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
         of_parts = [bands.laws_of(part, largest) for part in parts.results]
         if of_parts:
-            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(found)]
+            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
         result = result.assign(described("identification", {"held_out_rms": parts.held_out_rms}))
-    values, places = bands.law_variables(found, of_model)
+    values, places = bands.law_variables(whole_laws, of_model)
     return followed.with_result(result.assign_coords(places).assign(values))
 
 
@@ -389,8 +389,10 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     """
     values: dict[str, Any] = {}
     for law in ("friction", "restoring"):
-        one, other = xr.align(first[[law, f"{law}_standard_error"]], second[[law, f"{law}_standard_error"]])
-        error = np.hypot(one[f"{law}_standard_error"], other[f"{law}_standard_error"])
-        values[f"{law}_difference"] = (one[law] - other[law]).assign_attrs(units="rad/s^2")
-        values[f"{law}_z"] = ((one[law] - other[law]) / error).assign_attrs(units="1")
+        averaged, other = xr.align(
+            first[[law, f"{law}_standard_error"]], second[[law, f"{law}_standard_error"]]
+        )
+        error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
+        values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")
+        values[f"{law}_z"] = ((averaged[law] - other[law]) / error).assign_attrs(units="1")
     return xr.Dataset(values)
