@@ -23,7 +23,7 @@ SHAPE_VALUES = 16
 SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5
 # Directions of a law's covariance below this part of the largest tell nothing but rounding.
 SMALLEST_VARIANCE = 1e-5
-VARIABLES = {"friction": ("speed", "v"), "restoring": ("displacement", "x")}
+LAW_VARIABLES = {"friction": ("speed", "v"), "restoring": ("displacement", "x")}
 
 
 @signal_scale.in_units_of_the_motion
@@ -60,11 +60,11 @@ def formulas(result: xr.Dataset, law: str = "friction", candidates: ForceLibrary
     Every sum is solved by `WhitenedLeastSquares`, an optimiser of pysindy, on the features of
     `ForceFeatures`, in the metric of the law's covariance.
     """
-    if law not in VARIABLES:
+    if law not in LAW_VARIABLES:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
     if law not in result:
         raise DecayError("This identification holds no laws; make one by laws.")
-    variable, of = VARIABLES[law]
+    variable, of = LAW_VARIABLES[law]
     part = result.isel({variable: np.flatnonzero(result[f"{variable}_visited"].values)})
     places = part[variable].values
     w = result.reference_frequency.item()
@@ -147,7 +147,7 @@ class _LawProblem:
     whitening: Array
 
     def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
-        """Return the sums of the fewest terms that stay within the band, one of them with a shape parameter."""
+        """Return the sums of the fewest terms within the band, one of them with a shape parameter at most."""
         for count in range(1, MOST_TERMS + 1):
             chosen = [
                 forces

@@ -9,6 +9,7 @@ import xarray as xr
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
+from sysid_trib.methods import Trajectory
 from sysid_trib.results import schema
 from sysid_trib.results.variables import described
 from sysid_trib.smooth_laws.fits import EXTENSION_GAIN, EXTENSION_LEVEL, LawFit, fit_of, p_value_of
@@ -42,8 +43,11 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
     runs = list(fit.followed.runs.values())
     added = load_library(EFFECTS).select(PRODUCTS)
     named = replace(fit.model.named, forces=(*fit.model.named.forces, *added.forces))
+    method = fit.method
+    if isinstance(method, Trajectory):
+        return None
     try:
-        whole = fit_of(runs, fit.method, replace(fit.model, named=named))
+        whole = fit_of(runs, method, replace(fit.model, named=named))
     except (SysidTribError, np.linalg.LinAlgError):
         return None
     result = whole.followed.result
