@@ -48,7 +48,7 @@ def look(tell: Tell, given: Asked) -> Callable[[], None]:
     except DecayError as error:
         # What was understood helps to see why.
         return partial(_refuse, [] if given.as_json else sentences, error)
-    asked = looked.pointed_options(tree, given.system is not None)
+    asked = looked.pointed_options(tree, given.system)
     command = command_after("identify", asked, given)
     says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
     return deliver(given, tell, says, tree, kind="look")

@@ -3,6 +3,7 @@
 import itertools
 import math
 import os
+import re
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,11 +21,18 @@ SYSTEMS_FILE = "systems.toml"
 # What a system's signal can be.
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
 SYMBOL_LISTS = ("forces", "impossible", "not_negative")
+COLUMN_NAMES = "columns"
+# Words of the name of a column.
+NAME_WORDS = re.compile(r"[^\W\d_]+")
 SYSTEM_KEYS: Checks = {
     "name": TEXT,
     "meaning": TEXT,
     "signal": (lambda v: v in QUANTITIES, f"one of {', '.join(QUANTITIES)}"),
     **dict.fromkeys(SYMBOL_LISTS, (lambda v: isinstance(v, list), "a list of symbols")),
+    COLUMN_NAMES: (
+        lambda v: isinstance(v, list) and all(isinstance(names, str) and names.split() for names in v),
+        "a list of names of columns, those of one file with blanks between",
+    ),
     "held": (
         lambda v: isinstance(v, dict) and all(map(is_number, v.values())),
         "a table that gives a number to each force",
@@ -192,6 +200,8 @@ class System:
         Symbols that are not offered.
     not_negative : tuple of str
         Symbols of forces whose coefficient physics does not let be negative.
+    columns : tuple of tuple of str
+        Names of columns by which a file is known as one of such a system, that of the signal first.
     """
 
     name: str
@@ -201,6 +211,13 @@ class System:
     held: Mapping[str, float] = field(default_factory=dict)
     impossible: tuple[str, ...] = ()
     not_negative: tuple[str, ...] = ()
+    columns: tuple[tuple[str, ...], ...] = ()
+
+    def known_columns(self, signal: str, columns: Iterable[str]) -> tuple[str, ...]:
+        """The names by which a file with these columns, one of them the signal, is one of such a system."""
+        (first,), others = _first_words([signal]), set(_first_words(columns))
+        known = (names for names in self.columns if names[0] == first and others.issuperset(names))
+        return next(known, ())
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -217,6 +234,11 @@ class System:
             return ",".join(self.symbols) or None
         named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
         return ",".join([*named, *(symbol for symbol in self.held if symbol not in named)])
+
+
+def _first_words(names: Iterable[str]) -> list[str]:
+    """First words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
+    return [next(iter(NAME_WORDS.findall(name.lower())), "") for name in names]
 
 
 # An oscillator of which nothing is known.
@@ -250,11 +272,16 @@ def load_system(name_or_path: str | None) -> System:
         if not os.path.isfile(path):
             raise UsageError(f"{path}: there is no such file.")
         return next(iter(_systems(path).values()))
-    known = _systems(library_folder() / SYSTEMS_FILE)
+    known = load_systems()
     if name_or_path not in known:
         offered = f"{', '.join(known)}.{did_you_mean(name_or_path, known)}"
         raise UsageError(f"There is no system '{name_or_path}'; give a TOML file or one of {offered}")
     return known[name_or_path]
+
+
+def load_systems() -> dict[str, System]:
+    """The systems that come with the package, by their names."""
+    return _systems(library_folder() / SYSTEMS_FILE)
 
 
 def _systems(path: Path) -> dict[str, System]:
@@ -277,4 +304,5 @@ def _checked(table: Any, source: str) -> System:
             nearest = did_you_mean(str(name), known)
             where = f"{source}: system '{table['name']}'"
             raise LibraryError(f"{where} names a force '{name}' of no library.{nearest}")
-    return System(**{**table, **lists})
+    columns = tuple(tuple(names.split()) for names in table.get(COLUMN_NAMES, []))
+    return System(**{**table, **lists, COLUMN_NAMES: columns})

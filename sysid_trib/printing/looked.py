@@ -14,6 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import load_system, with_shipped
 from sysid_trib.printing import Block, layout
 
 # What the table of a library refers to, and characters of its words: it has 100 columns.
@@ -101,6 +102,8 @@ def loses_power(force: Force) -> str:
 FEW_SAMPLES = 20.0
 # An amplitude that falls by less than this factor hardly tells one law of damping from another.
 LEAST_FALL = 2.0
+# Amplitudes that an identification wants for each of its forces.
+AMPLITUDES_A_FORCE = 3
 # A drift that counts, beside the last amplitude.
 DRIFTS = 0.1
 # Power of the amplitude in the rate of decay that speaks for a law: -1 of dry friction, 1 of quadratic drag.
@@ -147,26 +150,54 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     }
 
 
-def pointed_options(tree: xr.DataTree, system_given: bool) -> dict[str, str]:
-    """Options of `identify` that the backbones of all decays point to.
+def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
+    """Options of `identify` that the backbones point to, and that the half periods of all decays can decide.
 
     Parameters
     ----------
     tree : DataTree
         Of `look`.
-    system_given : bool
-        Whether the user has said what swings.
+    system : str or None
+        What moves, if the user has said it.
     """
     decays = _decays(tree)
-    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
-    pointed = {s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s}
     library = load_library()
+    viscous = [*library.damping_factors][:1]
     # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
-    forces = [s for s in library.symbols if s in pointed | library.damping_factors.keys()]
-    # Of another system the frequency is another one's, and so are its forces.
-    options = {"forces": ",".join(forces)} if pointed else {}
-    options |= {"system": systems.pop()} if len(systems) == 1 and all(systems) else {}
-    return {} if system_given else options
+    pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
+    if not pointed:
+        pointed = [force.symbol for decay in decays if (force := library.role(_law_of(decay))) is not None]
+    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
+    of_record = systems.pop() if len(systems) == 1 else ""
+    moving = load_system(system or of_record or None)
+    if system is not None:
+        # What moves is what the user says; its forces are those of the system, if the record decides them.
+        pointed = [*moving.forces]
+    elif of_record:
+        pointed = [symbol for symbol in pointed if symbol in moving.forces]
+    known = with_shipped(library, pointed)
+    # Envelope and frequency at each amplitude, for the forces and the frequency.
+    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
+    kept = [*dict.fromkeys([*viscous, *pointed])][:most]
+    forces = ",".join(symbol for symbol in known.symbols if symbol in kept)
+    if system is not None:
+        return {} if set(kept) >= set(moving.forces) else {"forces": forces}
+    return {"forces": forces} | ({"system": of_record} if of_record else {})
+
+
+def _law_of(decay: xr.Dataset) -> str:
+    """The formula of the friction that the rates of decay at both ends speak for; viscous if none does."""
+    power = _power_of_rate(decay)
+    return "sign(v)" if power < -CLEAR_POWER else "v*abs(v)" if power > CLEAR_POWER else "2*v"
+
+
+def _power_of_rate(decay: xr.Dataset) -> float:
+    """Power of the amplitude with which the rate of decay goes; nan if the amplitude hardly falls."""
+    first, last = decay.first_damping_ratio.item(), decay.last_damping_ratio.item()
+    fall = decay.first_amplitude.item() / decay.last_amplitude.item()
+    if not (fall >= LEAST_FALL and first > 0.0 and last > 0.0):
+        return float("nan")
+    return float(np.log(first / last) / np.log(fall))
 
 
 def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
@@ -192,8 +223,8 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         "forces that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
     }
     said = [limit for limit, applies in limits.items() if applies]
-    if fall >= LEAST_FALL and first > 0.0 and last > 0.0:
-        said.append(_law(float(np.log(first / last) / np.log(fall))))
+    if np.isfinite(power := _power_of_rate(decay)):
+        said.append(_law(power))
     pointed = decay.attrs["points_to"]
     return [
         f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
@@ -202,7 +233,25 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
         *([f"{'; '.join(said).capitalize()}."] if said else []),
         *([f"{pointed[0].upper()}{pointed[1:]}."] if pointed else []),
+        *_sentences_on_systems(decay),
     ]
+
+
+def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
+    """What each system leaves of the frequency, what the columns say, and a scale that is off."""
+    attrs = {name: str(value) for name, value in decay.attrs.items()}
+    said = []
+    if ranked := attrs["predicted_by"]:
+        said.append(f"Of the change of the frequency with amplitude, {ranked}.")
+    if columns := attrs["columns_point_to_system"]:
+        said.append(f"The columns {columns} are those of a {attrs['points_to_system']}.")
+    if scale := attrs["points_to_scale"]:
+        factor = f"{scale} ± {attrs['points_to_scale_error']}"
+        said.append(
+            f"The frequency fits if the angle is {factor} times that of the file: a scale error of the film "
+            f"or encoder is the plain reading (--scale {scale})."
+        )
+    return said
 
 
 def _law(power: float) -> str:

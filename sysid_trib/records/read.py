@@ -16,6 +16,9 @@ from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
 
+# Columns of a file that its record names.
+MOST_COLUMNS_NAMED = 30
+
 
 def read_record(
     path: str | os.PathLike[str],
@@ -157,6 +160,8 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
         "time_column": time_column.name if time_column else f"none, {1.0 / np.median(np.diff(time)):g} Hz",
         "time_unit_in_file": time_unit,
         "angle_column": column.name,
+        # More are names that a program made.
+        "columns_in_file": "; ".join(other.name for other in table.columns[:MOST_COLUMNS_NAMED]),
         "angle_unit_in_file": unit.text,
         "clock": "; ".join(seen),
         "reading": "; ".join(text for text in (*said, why) if text),
