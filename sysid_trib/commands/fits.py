@@ -56,8 +56,8 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
-    if driven and (measured or given.methods):
-        raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
+    if driven and (measured or given.methods_text):
+        raise UsageError("SI units and --methods-text are of free decays; leave them out of a driven record.")
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
     if given.warm_up is not None and not (given.warm_up >= 0.0 and (driven or given.test)):
@@ -91,9 +91,9 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
     if not driven:
         keep_next(tree, given)
     texts = _texts(given, tree)
-    if given.methods is not None:
-        texts[given.methods] = partial(exported.methods_text, tree)
-        texts[given.methods.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
+    if given.methods_text is not None:
+        texts[given.methods_text] = partial(exported.methods_text, tree)
+        texts[given.methods_text.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
     return deliver(given, tell, says, tree, texts)
 
