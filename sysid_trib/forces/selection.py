@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sysid_trib.errors import DecayError, LibraryError, UsageError, did_you_mean
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -277,6 +277,71 @@ def load_system(name_or_path: str | None) -> System:
         offered = f"{', '.join(known)}.{did_you_mean(name_or_path, known)}"
         raise UsageError(f"There is no system '{name_or_path}'; give a TOML file or one of {offered}")
     return known[name_or_path]
+
+
+class SystemModel(NamedTuple):
+    """The forces of a system, and what is known of their coefficients: `library, constraints = system(...)`.
+
+    Attributes
+    ----------
+    library : ForceLibrary
+        The forces that are identified or held.
+    constraints : mapping of str to float or (float, float)
+        Coefficients that are held, and bounds, as `identify` and `compare` take them.
+    """
+
+    library: ForceLibrary
+    constraints: dict[str, float | tuple[float | None, float | None]]
+
+    @property
+    def held(self) -> dict[str, float]:
+        """The coefficients that are held, as `discover` takes them: a search bounds none."""
+        return {symbol: value for symbol, value in self.constraints.items() if isinstance(value, float)}
+
+
+def system(
+    name_or_path: str | Path, forces: Iterable[str] | None = None, library: ForceLibrary | None = None
+) -> SystemModel:
+    """Give the forces of a system with what is known of them, as `--system` does.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format.
+    forces : iterable of str, optional
+        Symbols in the place of the forces that are usually identified; what the system holds is added.
+    library : ForceLibrary, optional
+        Where forces are sought first; by default `contact_forces`. Others come from the libraries of the
+        package.
+
+    Returns
+    -------
+    SystemModel
+
+    Raises
+    ------
+    UsageError
+        No such system, or a force that no library has.
+    LibraryError
+        A file that is not of this format.
+    """
+    moving = load_system(str(name_or_path))
+    offered = load_library() if library is None else library
+    symbols = [*(moving.forces if forces is None else forces), *moving.held] or [*offered.symbols]
+    model = with_shipped(offered, symbols).select(symbols)
+    held = {symbol: float(value) for symbol, value in moving.held.items()}
+    return SystemModel(model, {**moving.bounds(model.symbols), **held})
+
+
+def known_coefficients(library: ForceLibrary) -> dict[str, float]:
+    """Coefficients that a library of one's own states, by symbol: they are held.
+
+    Those of the package's libraries are free where their force is asked for by name: a record then says
+    whether they hold.
+    """
+    if library.source in {f"{name}.toml" for name in SHIPPED_LIBRARIES}:
+        return {}
+    return {force.symbol: force.coefficient for force in library if force.coefficient is not None}
 
 
 def load_systems() -> dict[str, System]:
