@@ -1,6 +1,7 @@
 """What `sysid-trib identify`, `discover`, `compare` and `difference` do: fits, and what they lack."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_d
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
@@ -28,6 +30,9 @@ from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.identify import identify as identified, usual_methods
 from sysid_trib.validation.samples import held_against
+
+# The end of a refusal by `identify`.
+OR_FEWER = "give a longer record or fewer."
 
 
 def names_in(text: str | None) -> list[str]:
@@ -66,14 +71,15 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         )
     own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
     usual = usual_methods(decays, wanted.library, wanted.reference_frequency, wanted.shapes, own, warm_up)
-    tree = identified(
-        decays,
-        wanted.library,
-        [with_random_force(method, wanted.random_force) for method in usual],
-        constraints=wanted.constraints,
-        contactless=wanted.contactless,
-        tell=tell,
-    )
+    with _fewer_forces_named(wanted.library):
+        tree = identified(
+            decays,
+            wanted.library,
+            [with_random_force(method, wanted.random_force) for method in usual],
+            constraints=wanted.constraints,
+            contactless=wanted.contactless,
+            tell=tell,
+        )
     predicted = []
     if given.test is not None:
         tell("prediction")
@@ -96,6 +102,19 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         texts[given.methods_text.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
     return deliver(given, tell, says, tree, texts)
+
+
+@contextmanager
+def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
+    """Name the force that a short record decides, where one is refused that cannot decide all of them."""
+    try:
+        yield
+    except DecayError as error:
+        viscous = next(iter(library.damping_factors), "")
+        if not str(error).endswith(OR_FEWER) or not viscous:
+            raise
+        choice = f"{str(error).removesuffix('.')}, such as --forces {viscous}."
+        raise DecayError(choice) from None
 
 
 def _measured(given: Asked) -> dict[str, tuple[float, float]]:

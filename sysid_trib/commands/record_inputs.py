@@ -9,10 +9,12 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, parse_number, parse_value_with_error, parse_window
+from sysid_trib.commands.app import Asked, command_after, parse_number, parse_value_with_error, parse_window
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
+from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
 from sysid_trib.records.free_decay import free_decays
+from sysid_trib.records.free_motion_checks import AS_IT_IS
 from sysid_trib.records.inputs import driven_part, named_inputs
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
@@ -211,7 +213,17 @@ def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list
         centre = parse_number(given.equilibrium, "--equilibrium") * (unit.factor if unit else 1.0)
         centre *= calibration_of(given)[0]
     how = {"keep_outliers": given.keep_outliers, "as_it_is": as_it_is}
-    return free_decays(record, window=limits, equilibrium=centre, **how)
+    try:
+        return free_decays(record, window=limits, equilibrium=centre, **how)
+    except DecayError as error:
+        if AS_IT_IS not in str(error):
+            raise
+        viscous = next(iter(load_library().damping_factors))
+        instead = f"name the forces that act, such as --forces {viscous}, to take it as it is"
+        if "forces" not in given.options:
+            # This command has no such option: another one takes the record.
+            instead = f"take it as it is by {command_after('identify', {'forces': viscous}, given)}"
+        raise DecayError(str(error).replace(AS_IT_IS, instead)) from None
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: Mapping[str, Any]) -> None:

@@ -47,6 +47,10 @@ def after_the_drive(swing: Swing) -> Swing:
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
+# What is left to do with a record that is no decay.
+AS_IT_IS = "name the forces that act (--forces) to take it as it is"
+
+
 def is_held(swing: Swing, decay: Swing) -> bool:
     """True if a drive holds the amplitude of a swing throughout, beside a decay of the same record."""
     peak, falling = swing.extrema, decay.extrema
@@ -67,7 +71,7 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         raise DecayError(
             f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
             f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
-            "record longer or widen the window, or name the forces that act (--forces) to take it as it is."
+            f"record longer or widen the window, or {AS_IT_IS}."
         )
     peak, scatter = swing.extrema, swing.scatter
     largest = int(np.argmax(peak))
@@ -80,7 +84,7 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
         wrong = f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed"
-        raise DecayError(f"{wrong}, or the forces that act (--forces), to take it as it is.")
+        raise DecayError(f"{wrong}, or {AS_IT_IS}.")
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
         wrong = f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period"
