@@ -15,6 +15,7 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import driven_part, named_inputs
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
@@ -218,12 +219,24 @@ def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list
     except DecayError as error:
         if AS_IT_IS not in str(error):
             raise
-        viscous = next(iter(load_library().damping_factors))
-        instead = f"name the forces that act, such as --forces {viscous}, to take it as it is"
-        if "forces" not in given.options:
-            # This command has no such option: another one takes the record.
-            instead = f"take it as it is by {command_after('identify', {'forces': viscous}, given)}"
-        raise DecayError(str(error).replace(AS_IT_IS, instead)) from None
+        message = str(error)
+    raise DecayError(message.replace(f", or {AS_IT_IS}", _as_it_is(given, record, limits, centre)))
+
+
+def _as_it_is(
+    given: Asked, record: xr.Dataset, limits: tuple[float | None, float | None], centre: float | str
+) -> str:
+    """How to take a record as it is that is no decay; empty if it is too short for that, too."""
+    try:
+        for decay in free_decays(record, window=limits, equilibrium=centre, as_it_is=True):
+            envelope(decay)
+    except DecayError:
+        return ""
+    viscous = next(iter(load_library().damping_factors))
+    if "forces" in given.options:
+        return f", or name the forces that act, such as --forces {viscous}, to take it as it is"
+    # This command has no such option: another one takes the record.
+    return f", or take it as it is by {command_after('identify', {'forces': viscous}, given)}"
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: Mapping[str, Any]) -> None:

@@ -103,15 +103,15 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
         error.
     """
     pointed = pointed_to(decay)
-    scale, error = pointed.scale or (1.0, 0.0)
+    scale = pointed.scale
     return {
         "points_to_forces": ",".join(pointed.forces),
         "points_to_system": pointed.system,
         "points_to": pointed.words,
         "predicted_by": _ranked(pointed.ranking),
         "columns_point_to_system": pointed.columns,
-        "points_to_scale": f"{scale:.3g}" if scale != 1.0 else "",
-        "points_to_scale_error": f"{error:.1g}" if scale != 1.0 else "",
+        "points_to_scale": f"{scale.factor:.3g}" if scale else "",
+        "points_to_scale_error": f"{scale.error:.1g}" if scale else "",
     }
 
 

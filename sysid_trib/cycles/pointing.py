@@ -38,7 +38,7 @@ HELD_REMAINS, HELD_REMAINS_MOST, HELD_OVER_FREE = 0.1, 0.25, 2.5
 # What a pendulum's third harmonic and a string that gives leave open of a shift of the frequency.
 OPEN_SHIFT = 0.1
 # A scale that counts: beyond its errors, and of which the pendulum then leaves so much less.
-SCALE_LIMITS, SCALE_ERRORS, SCALE_REMAINS = (0.8, 1.25), 4.0, 0.5
+SCALE_LIMITS, SCALE_ERRORS, SCALE_REMAINS = (0.87, 1.15), 4.0, 0.5
 # Phases of a quarter of a swing, for its period.
 PHASES = (np.arange(400) + 0.5) * (0.5 * np.pi / 400)
 
@@ -61,6 +61,8 @@ class ElasticModel:
         The same of the errors of the curve: less tells no models apart.
     within_band : bool
         Whether it stays within the band of the curve, but for what averages leave open.
+    scale : Scale or None
+        A factor on the signal with which forces that are held predict much better; None if none does.
     """
 
     free: tuple[Force, ...]
@@ -69,12 +71,22 @@ class ElasticModel:
     remains: float = np.nan
     errors: float = 0.0
     within_band: bool = False
+    scale: "Scale | None" = None
 
     @property
     def words(self) -> str:
         """The forces in words."""
         elastic = [_elastic_words(force) for force in self.free]
         return _listed([*(f"{force.name} alone" for force, _ in self.held), *elastic])
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A factor on the signal, its error, and what then remains of the parts that were predicted."""
+
+    factor: float
+    error: float
+    remains: float
 
 
 @dataclass(frozen=True)
@@ -94,9 +106,8 @@ class Pointed:
     ranking : tuple of ElasticModel
         Models of the frequency, the one that is pointed to first, then the best prediction; none if the
         frequency is constant.
-    scale : (float, float) or None
-        By which the signal is to be multiplied so that the system fits, and its error; None if it fits, or if
-        no scale helps.
+    scale : Scale or None
+        By which the signal is to be multiplied so that the system fits; None if it fits, or no scale helps.
     """
 
     forces: tuple[str, ...] = ()
@@ -104,7 +115,7 @@ class Pointed:
     words: str = ""
     columns: str = ""
     ranking: tuple[ElasticModel, ...] = ()
-    scale: tuple[float, float] | None = None
+    scale: Scale | None = None
 
 
 def pointed_to(decay: xr.Dataset) -> Pointed:
@@ -143,7 +154,7 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
         pointed = Pointed(system=system)
         held = _listed([force.name for force, _ in chosen.held])
         parts.append(f"amplitude and frequency as of a {system} under {held}")
-        scale = _scale(curves, chosen.held)
+        scale = chosen.scale
     elif chosen is not None:
         symbols += [force.symbol for force in chosen.free]
         parts.append(f"frequency as of {chosen.words}")
@@ -286,7 +297,10 @@ def _ranking(curves: xr.Dataset, *, angle: bool) -> tuple[ElasticModel, ...]:
             columns = [swing**2, *(2.0 * averages(force, a, {})[1] / a for force in model.free)]
             remains = _score(columns, frequency**2, error, _free) / least
             within = not model.free and _deviation([swing], frequency, half + OPEN_SHIFT * shift) <= 1.0
-            ranked.append(replace(model, remains=remains, errors=WITHIN_ERRORS / least, within_band=within))
+            scale = _scale(curves, model.held, least) if model.held and not model.free else None
+            errors = WITHIN_ERRORS / least
+            fitted = replace(model, remains=remains, errors=errors, within_band=within, scale=scale)
+            ranked.append(fitted)
     return tuple(sorted(ranked, key=lambda model: (model.remains, len(model.free))))
 
 
@@ -310,10 +324,9 @@ def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
     """The model of the frequency to offer: a system that holds its force, or the fewest free forces."""
     free = [model for model in ranking if not model.held]
     least = min((model.remains for model in free), default=np.inf)
-    allowed = max(HELD_REMAINS, min(HELD_REMAINS_MOST, HELD_OVER_FREE * least))
-    for model in ranking:
-        if model.held and (model.within_band or model.remains <= allowed):
-            return model
+    known = next((model for model in ranking if model.held and _fits(model, least)), None)
+    if known is not None:
+        return known
     # No force predicts worse than a constant.
     good = [
         model for model in free if model.remains <= min(1.0 / BETTER_BY, BETTER_BY * max(least, model.errors))
@@ -321,29 +334,58 @@ def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
     return min(good, key=lambda model: (len(model.free), model.remains), default=None)
 
 
-def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]]) -> tuple[float, float] | None:
-    """The factor on the signal with which forces that are held predict the frequency, and its error.
+def _fits(model: ElasticModel, least: float) -> bool:
+    """True if forces that are held explain the frequency, as they are or with a scale of the signal.
+
+    Parameters
+    ----------
+    model : ElasticModel
+    least : float
+        What remains of the best model with free coefficients.
+    """
+    if model.within_band or model.remains <= max(
+        HELD_REMAINS, min(HELD_REMAINS_MOST, HELD_OVER_FREE * least)
+    ):
+        return True
+    if model.scale is None or model.remains > HELD_REMAINS_MOST:
+        return False
+    return model.scale.remains <= HELD_OVER_FREE * max(least, model.errors)
+
+
+def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float) -> Scale | None:
+    """The factor on the signal with which forces that are held predict the frequency.
+
+    Parameters
+    ----------
+    curves : Dataset
+        Of `backbone`.
+    held : sequence of (Force, float)
+        The forces, and their coefficients.
+    least : float
+        Score of a constant frequency.
 
     Returns
     -------
-    (float, float) or None
+    Scale or None
         None if the forces predict as well without a factor, or badly with any.
     """
     a, frequency = curves.amplitude.values, curves.frequency.values
     error = _errors(a, curves.frequency_standard_error.values, _change(a, frequency))
 
-    def remains(scale: float) -> float:
-        swing = held_frequency(held, scale * a)
+    def score(factor: float) -> float:
+        swing = held_frequency(held, factor * a)
         return _score([swing], frequency, error, _free) if np.all(np.isfinite(swing)) else np.inf
 
-    fitted = minimize_scalar(remains, bounds=SCALE_LIMITS, method="bounded", options={"xatol": 1e-4})
-    scale, deviation = float(fitted.x), max(float(fitted.fun), WITHIN_ERRORS)
-    if deviation > SCALE_REMAINS * remains(1.0) or min(abs(scale - end) for end in SCALE_LIMITS) < 1e-3:
+    best = minimize_scalar(score, bounds=SCALE_LIMITS, method="bounded", options={"xatol": 1e-4})
+    factor, deviation = float(best.x), max(float(best.fun), WITHIN_ERRORS)
+    if deviation > SCALE_REMAINS * score(1.0) or min(abs(factor - end) for end in SCALE_LIMITS) < 1e-3:
         return None
-    # Of the frequency by the scale.
-    nearby = (held_frequency(held, end * scale * a) for end in (0.99, 1.01))
-    slope = np.subtract(*nearby) / (0.02 * scale) * np.max(frequency)
+    # Of the frequency by the factor.
+    nearby = (held_frequency(held, end * factor * a) for end in (0.99, 1.01))
+    slope = np.subtract(*nearby) / (0.02 * factor) * np.max(frequency)
     slope -= np.average(slope, weights=error**-2.0)
     # The points of a smooth curve count as its folds do.
-    uncertainty = deviation / np.sqrt(FOLDS * np.mean((slope / error) ** 2))
-    return (scale, float(uncertainty)) if abs(scale - 1.0) > SCALE_ERRORS * uncertainty else None
+    uncertainty = float(deviation / np.sqrt(FOLDS * np.mean((slope / error) ** 2)))
+    if abs(factor - 1.0) < SCALE_ERRORS * uncertainty:
+        return None
+    return Scale(factor, uncertainty, float(best.fun) / least)
