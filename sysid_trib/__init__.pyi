@@ -53,5 +53,4 @@ __all__ = [
     "report",
     "save",
     "simulate",
-    "system",
 ]

@@ -253,8 +253,8 @@ def deliver(
     following = str(tree.attrs.get("next", ""))
     others = str(tree.attrs.get("alternatives", "")).splitlines()
     if given.as_json:
-        further = {"next": following, "alternatives": others} if whole else {}
-        return partial(print_json, data_of() | further)
+        further = {"next": following, **({"alternatives": others} if others else {})}
+        return partial(print_json, data_of() | (further if whole else {}))
     options = vars(given)
     layer = (
         Layer.QUIET if options.get("quiet") else Layer.EXPLAIN if options.get("explain") else Layer.DEFAULT
