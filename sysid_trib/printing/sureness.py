@@ -18,8 +18,6 @@ NOISE_ALONE = (
     "The model does not explain the record: quote the standard errors, which allow for that. These intervals "
     "hold the noise alone."
 )
-# Part of a standard error.
-ROUNDING_OF_A_BOUND = 1e-6
 PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
@@ -57,14 +55,11 @@ def _profiles(data: xr.Dataset, lacking: bool) -> Block:
     rows, misled = [], []
     for name, row in layout.by_label(data, "parameter").items():
         estimate, error, low, high = (row[k].item() for k in ("estimate", "standard_error", "low", "high"))
-        # A fit at a bound of 0 ends within rounding of it.
-        ends = {"from": low, "to": high}
-        ends = {k: 0.0 if abs(v) < ROUNDING_OF_A_BOUND * error else v for k, v in ends.items()}
         rows.append(
             {
                 "parameter": name,
                 "by the motion": layout.value_with_error(estimate, error),
-                **{k: f"{v:.4g}" if np.isfinite(v) else "none" for k, v in ends.items()},
+                **{k: f"{v:.4g}" if np.isfinite(v) else "none" for k, v in (("from", low), ("to", high))},
                 "over the error": f"-{(estimate - low) / error:.2f} +{(high - estimate) / error:.2f}",
             }
         )
