@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run, write_table
+from scipy.special import ellipk
 
 import sysid_trib as st
-from sysid_trib.cycles.pointing import held_frequency, pointed_to
+from sysid_trib.cycles.pointing import free_swings, held_frequency, pointed_to
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.simulation.simulate import trajectory
 
@@ -122,9 +123,21 @@ def test_a_short_record_is_asked_for_what_it_decides(tmp_path):
 
 
 def test_the_frequency_of_a_pendulum_is_exact():
-    from scipy.special import ellipk
-
     a = np.array([1e-3, 0.3, 1.0, 2.0, 2.8])
     exact = 0.5 * np.pi / ellipk(np.sin(0.5 * a) ** 2)
-    assert held_frequency([(OFFERED["gravity"], 1.0)], a) == pytest.approx(exact, rel=2e-3)
+    gravity = [(OFFERED["gravity"], 1.0)]
+    frequency, harmonic = free_swings(gravity, a)
+    assert frequency == pytest.approx(exact, rel=2e-3)
+    assert harmonic[:2] == pytest.approx(a[:2], rel=3e-3)
+    # A half-sine is larger than a motion that is flat at its ends.
+    assert np.interp(harmonic, a, a)[3] > 1.02 * a[3]
+    assert held_frequency(gravity, harmonic[:4]) == pytest.approx(exact[:4], rel=2e-3)
     assert held_frequency([], a) == pytest.approx(np.ones(5), rel=2e-3)
+    assert np.isnan(held_frequency(gravity, np.array([1.0, 4.2]))[-1])
+
+
+@pytest.mark.parametrize("start", [2.2, 2.6])
+def test_a_large_swing_has_no_error_of_its_scale(start):
+    found = pointed(*record({"lambda": 7e-4, "zeta": 1e-3, "delta": 2e-3, "gravity": 1.0}, start, 80.0))
+    assert (found.system, found.scale) == ("pendulum", None)
+    assert found.ranking[0].remains < 0.03

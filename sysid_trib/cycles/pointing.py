@@ -41,6 +41,8 @@ OPEN_SHIFT = 0.1
 SCALE_LIMITS, SCALE_ERRORS, SCALE_REMAINS = (0.87, 1.15), 4.0, 0.5
 # Phases of a quarter of a swing, for its period.
 PHASES = (np.arange(400) + 0.5) * (0.5 * np.pi / 400)
+# Largest displacements for which swings are computed, over the largest amplitude.
+PEAKS, PEAK_COUNT = (0.004, 1.4), 300
 
 
 @dataclass(frozen=True)
@@ -257,24 +259,51 @@ def _elastic_models(systems: Iterable[System]) -> list[ElasticModel]:
     return [model for model in models.values() if model.free or model.held]
 
 
-def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
-    """Frequency of free swings with elastic forces over that of small ones, by amplitude; exact.
+def free_swings(held: Iterable[tuple[Force, float]], peak: Array) -> tuple[Array, Array]:
+    """Frequency of free swings with elastic forces over that of small ones, and their first harmonic; exact.
 
     Parameters
     ----------
     held : iterable of (Force, float)
         Odd conservative forces, and their coefficients.
-    a : (amplitude,) array of float
+    peak : (peak,) array of float
+        Largest displacements.
+
+    Returns
+    -------
+    frequency, harmonic : (peak,) array of float
+        nan where the motion does not return.
     """
-    x = a[:, None] * np.sin(PHASES)
-    # Of dx/dtau = sqrt(2 (V(a) - V(x))) the potential is summed from the amplitude down.
-    force = x + sum(value * force.value(x, np.zeros_like(x)) for force, value in held)
-    slope = force * a[:, None] * np.cos(PHASES)
+    x = peak[:, None] * np.sin(PHASES)
+    speed = peak[:, None] * np.cos(PHASES)
     step = PHASES[1] - PHASES[0]
+    # Of dx/dtau = sqrt(2 (V(peak) - V(x))) the potential is summed from the peak down.
+    slope = (x + sum(value * force.value(x, np.zeros_like(x)) for force, value in held)) * speed
     below = np.cumsum(slope[:, ::-1], axis=1)[:, ::-1] * step - 0.5 * slope * step
     with np.errstate(all="ignore"):
-        quarter = np.sum(a[:, None] * np.cos(PHASES) / np.sqrt(2.0 * below), axis=1) * step
-    return np.asarray(0.5 * np.pi / quarter)
+        time = speed / np.sqrt(2.0 * below) * step
+    frequency = 0.5 * np.pi / np.sum(time, axis=1)
+    turn = frequency[:, None] * time
+    phase = np.cumsum(turn, axis=1) - 0.5 * turn
+    return frequency, np.sum(x * np.sin(phase) * turn, axis=1) * 4.0 / np.pi
+
+
+def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
+    """Frequency of free swings over that of small ones, by the amplitude of the half-sine that fits them.
+
+    Parameters
+    ----------
+    held : iterable of (Force, float)
+        As `free_swings` takes them.
+    a : (amplitude,) array of float
+        Rising, as in a backbone.
+    """
+    peaks = np.linspace(*PEAKS, PEAK_COUNT) * a[-1]
+    frequency, harmonic = free_swings(held, peaks)
+    moves = np.isfinite(frequency)
+    if not moves.any():
+        return np.full_like(a, np.nan)
+    return np.interp(a, harmonic[moves], frequency[moves], left=1.0, right=np.nan)
 
 
 def _ranking(curves: xr.Dataset, *, angle: bool) -> tuple[ElasticModel, ...]:
