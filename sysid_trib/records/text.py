@@ -276,7 +276,11 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
                 # A lone number above the header is no row.
                 single = len(fields) == 1 and any(sign in below for sign in ",;\t")
-                if (numbers if whole else any(map(is_number, fields))) and goes_on and not single:
+                # Facts that stand above a head are no rows.
+                partly = any(map(is_number, fields)) and (
+                    not below or any(map(is_number, _fields(below, delimiter)))
+                )
+                if (numbers if whole else partly) and goes_on and not single:
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
 
