@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import scipy
 import xarray as xr
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import lsq_linear, nnls
 from scipy.special import ellipk
 
@@ -24,7 +25,9 @@ FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "d
 ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
 
 
-def pointed_to(curves: xr.Dataset, forces: Mapping[str, Force], *, angle: bool) -> tuple[list[str], bool]:
+def pointed_to(
+    curves: xr.Dataset, forces: Mapping[str, Force], *, angle: bool, scatter: Array | float = 0.0
+) -> tuple[list[str], bool]:
     """The forces that a backbone points to, by their formulas, and whether it is that of a pendulum.
 
     Parameters
@@ -35,6 +38,8 @@ def pointed_to(curves: xr.Dataset, forces: Mapping[str, Force], *, angle: bool) 
         Those of `FRICTION` and `ELASTIC` by their formulas.
     angle : bool
         Whether the signal is an angle in rad: else nothing is a pendulum.
+    scatter : (amplitude,) array of float, optional
+        Of a single extremum, over the amplitude.
 
     Notes
     -----
@@ -46,10 +51,14 @@ def pointed_to(curves: xr.Dataset, forces: Mapping[str, Force], *, angle: bool) 
     damping = {formula: -averages(forces[formula], a, {})[0] / a for formula in FRICTION}
     shifts = {formula: averages(forces[formula], a, {})[1] / a for formula in ELASTIC}
     frequency, half = curves.frequency.values, half_width(curves, "frequency")
+    # Noise, or the line of another motion, moves the mean frequency of many periods, and that of their
+    # decrements, by the square of its part of the amplitude: no average takes that away.
+    part = np.square(scatter)
+    half = half + part * frequency
     shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
     ratio = curves.damping_ratio.values
     # Decrements go with the square of the period: averages of first order leave that open.
-    width = half_width(curves, "damping_ratio") + 2.0 * shift / frequency * np.abs(ratio)
+    width = half_width(curves, "damping_ratio") + 2.0 * (shift / frequency + part) * np.abs(ratio)
     # A curve that is nowhere known better than so says nothing.
     known = np.min(width / np.abs(ratio)) < 0.5
     friction = _fewest(damping, ratio, width, []) if known else []
@@ -133,16 +142,14 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     curve = half_sines.envelope(decay)
     time, angle = decay.time.values, decay.angle.values
     unit = signal.unit_of_signal(decay)
-    frequency = float(np.median(curve.frequency))
+    frequency = _median_frequency(curve)
     period = 2.0 * np.pi / frequency
     amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
     # What was resampled or integrated since has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
-    # Instants at either end from which the rate of decay there is taken.
-    count = min(8, max(2, len(instants) // 2))
-    ends = slice(count), slice(len(instants) - count, None)
-    first, last = (_damping(instants[part], amplitude[part], frequency) for part in ends)
+    first = _damping(instants, amplitude, frequency)
+    last = -_damping(-instants[::-1], amplitude[::-1], frequency)
     step = sensor.sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well. Many samples are
     # taken by a motion from one step to the next at most.
@@ -184,7 +191,8 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
     roles = {formula: library.role(formula) for formula in (*FRICTION, *ELASTIC)}
     forces = {formula: force for formula, force in roles.items() if force is not None}
     try:
-        formulas, pendulum = pointed_to(backbone(decay), forces, angle=counts_angles(decay))
+        curves, angle = backbone(decay), counts_angles(decay)
+        formulas, pendulum = pointed_to(curves, forces, angle=angle, scatter=_scatter(decay, curves))
     except DecayError:
         formulas, pendulum = [], False
     friction, elastic = ([words[f] for f in formulas if f in words] for words in (FRICTION, ELASTIC))
@@ -198,6 +206,23 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
         "points_to_system": PENDULUM if pendulum else "",
         "points_to": "; ".join(parts),
     }
+
+
+# Extrema of which the median of the scatter is taken; of many, what each is off the mean of so many.
+NEIGHBOURS, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
+
+
+def _scatter(decay: xr.Dataset, curves: xr.Dataset) -> Array:
+    """Scatter of a single extremum over its size, at the amplitudes of a backbone."""
+    measured = half_sines.envelope(decay)
+    size = measured.extremum.values
+    order = np.argsort(size)
+    relative = measured.extremum_standard_error.values / size
+    if size.size >= FEWEST_FOR_LOCAL:
+        off = np.log(size) - uniform_filter1d(np.log(size), LOCAL)
+        relative = np.maximum(relative, np.sqrt(uniform_filter1d(off**2, LOCAL)))
+    relative = median_filter(relative[order], NEIGHBOURS)
+    return np.asarray(np.interp(curves.amplitude.values, size[order], relative))
 
 
 def _without_drift(amplitude: Array) -> Array:
@@ -224,12 +249,36 @@ def _drift(curve: xr.Dataset) -> float:
     return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
 
 
+# Instants at an end of a decay that give its rate there, and the part of it by which it may be wrong.
+INSTANTS, KNOWN_RATE = 8, 0.1
+# Parts of a long decay in which its frequency is taken; periods one by one are too noisy.
+FREQUENCY_PARTS = 100
+
+
+def _median_frequency(curve: xr.Dataset) -> float:
+    """Median of the frequency (rad/s) of some periods each."""
+    time = curve.extremum_time.values
+    halves = max(2, len(time) // FREQUENCY_PARTS)
+    return float(np.median(halves * np.pi / (time[halves:] - time[:-halves])))
+
+
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
-    """Logarithmic rate of the amplitude over w."""
+    """Logarithmic rate of the amplitude at the first times, over w: by so many that it is known."""
     good = amplitude > 0.0
-    if np.count_nonzero(good) < 2:
+    time, level = time[good], np.log(amplitude[good])
+    if time.size < 2:
         return float("nan")
-    return -float(np.polyfit(time[good], np.log(amplitude[good]), 1)[0]) / frequency
+    most = max(2, time.size // 2)
+    count = min(INSTANTS, most)
+    while True:
+        at = time[:count] - time[:count].mean()
+        squares = float(np.sum(at**2))
+        slope = float(np.sum(at * level[:count])) / squares
+        rest = level[:count] - level[:count].mean() - slope * at
+        error = np.sqrt(float(np.sum(rest**2)) / max(count - 2, 1) / squares)
+        if error <= KNOWN_RATE * abs(slope) or count == most:
+            return -slope / frequency
+        count = min(2 * count, most)
 
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:

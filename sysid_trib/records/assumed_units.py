@@ -294,6 +294,8 @@ def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
         second = column.cells
         if column is signal or not (signal.is_plain and column.is_plain) or second.size != values.size:
             continue
+        if column.is_empty:
+            continue
         radius = np.hypot(values.astype(float), second.astype(float))
         middle = float(np.nanmean(radius))
         # The radius of a circle scatters by less than this, and either coordinate by more.
