@@ -52,16 +52,14 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     curve = half_sines.envelope(decay)
     time, angle = decay.time.values, decay.angle.values
     unit = signal.unit_of_signal(decay)
-    frequency = float(np.median(curve.frequency))
+    frequency = _median_frequency(curve)
     period = 2.0 * np.pi / frequency
     amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
     # What was resampled or integrated since has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
-    # Instants at either end from which the rate of decay there is taken.
-    count = min(8, max(2, len(instants) // 2))
-    ends = slice(count), slice(len(instants) - count, None)
-    first, last = (_damping(instants[part], amplitude[part], frequency) for part in ends)
+    first = _damping(instants, amplitude, frequency)
+    last = -_damping(-instants[::-1], amplitude[::-1], frequency)
     step = sensor.sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well. Many samples are
     # taken by a motion from one step to the next at most.
@@ -150,12 +148,36 @@ def _drift(curve: xr.Dataset) -> float:
     return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
 
 
+# Instants at an end of a decay that give its rate there, and the part of it by which it may be wrong.
+INSTANTS, KNOWN_RATE = 8, 0.1
+# Parts of a long decay in which its frequency is taken; periods one by one are too noisy.
+FREQUENCY_PARTS = 100
+
+
+def _median_frequency(curve: xr.Dataset) -> float:
+    """Median of the frequency (rad/s) of some periods each."""
+    time = curve.extremum_time.values
+    halves = max(2, len(time) // FREQUENCY_PARTS)
+    return float(np.median(halves * np.pi / (time[halves:] - time[:-halves])))
+
+
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
-    """Logarithmic rate of the amplitude over w."""
+    """Logarithmic rate of the amplitude at the first times, over w: by so many that it is known."""
     good = amplitude > 0.0
-    if np.count_nonzero(good) < 2:
+    time, level = time[good], np.log(amplitude[good])
+    if time.size < 2:
         return float("nan")
-    return -float(np.polyfit(time[good], np.log(amplitude[good]), 1)[0]) / frequency
+    most = max(2, time.size // 2)
+    count = min(INSTANTS, most)
+    while True:
+        at = time[:count] - time[:count].mean()
+        squares = float(np.sum(at**2))
+        slope = float(np.sum(at * level[:count])) / squares
+        rest = level[:count] - level[:count].mean() - slope * at
+        error = np.sqrt(float(np.sum(rest**2)) / max(count - 2, 1) / squares)
+        if error <= KNOWN_RATE * abs(slope) or count == most:
+            return -slope / frequency
+        count = min(2 * count, most)
 
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:

@@ -10,6 +10,7 @@ from itertools import combinations
 
 import numpy as np
 import xarray as xr
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import lsq_linear, minimize_scalar, nnls
 
 from sysid_trib.arrays import Array
@@ -19,6 +20,7 @@ from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import System, load_systems, with_shipped
+from sysid_trib.records import half_sines
 from sysid_trib.results.signal_scale import counts_angles
 
 # By formula, as libraries may name them otherwise; in words.
@@ -145,11 +147,14 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
     except DecayError:
         return _by_columns(decay)
     library = load_library(USUAL_LIBRARY)
-    friction = _friction(curves, library)
+    # Noise, or the line of another motion, moves the mean frequency of many periods, and that of their
+    # decrements, by the square of its part of the amplitude: no average takes that away.
+    part = np.square(_scatter(decay, curves))
+    friction = _friction(curves, library, part)
     words = [FRICTION[formula] for formula in friction]
     parts = [f"damping as of {_listed(words)}"] if words else []
     symbols = [force.symbol for formula in friction if (force := library.role(formula)) is not None]
-    ranking = _ranking(curves, angle=counts_angles(decay))
+    ranking = _ranking(curves, part, angle=counts_angles(decay))
     chosen, scale, pointed = _chosen(ranking), None, _by_columns(decay)
     if chosen is not None and chosen.held:
         system = chosen.systems[0]
@@ -213,19 +218,40 @@ def _fewest(scores: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
     return min(good, key=lambda names: (len(names), scores[names]))
 
 
-def _friction(curves: xr.Dataset, library: ForceLibrary) -> list[str]:
-    """Formulas of the friction that the damping ratio points to, none if it is known too little."""
+# Extrema of which the median of the scatter is taken; of many, what each is off the mean of so many.
+NEIGHBOURING_EXTREMA, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
+
+
+def _scatter(decay: xr.Dataset, curves: xr.Dataset) -> Array:
+    """Scatter of a single extremum over its size, at the amplitudes of a backbone."""
+    measured = half_sines.envelope(decay)
+    size = measured.extremum.values
+    order = np.argsort(size)
+    relative = measured.extremum_standard_error.values / size
+    if size.size >= FEWEST_FOR_LOCAL:
+        off = np.log(size) - uniform_filter1d(np.log(size), LOCAL)
+        relative = np.maximum(relative, np.sqrt(uniform_filter1d(off**2, LOCAL)))
+    relative = median_filter(relative[order], NEIGHBOURING_EXTREMA)
+    return np.asarray(np.interp(curves.amplitude.values, size[order], relative))
+
+
+def _friction(curves: xr.Dataset, library: ForceLibrary, part: Array) -> list[str]:
+    """Formulas of the friction that the damping ratio points to, none if it is known too little.
+
+    `part` : of both curves, by which the square of the noise may move them.
+    """
     a, ratio = curves.amplitude.values, curves.damping_ratio.values
     frequency = curves.frequency.values
     # Decrements go with the square of the period: averages of first order leave that open.
     shift = np.abs(frequency - np.average(frequency, weights=half_width(curves, "frequency") ** -2.0))
-    width = half_width(curves, "damping_ratio") + 2.0 * shift / frequency * np.abs(ratio)
+    width = half_width(curves, "damping_ratio") + 2.0 * (shift / frequency + part) * np.abs(ratio)
     # A curve that is nowhere known better than so says nothing.
     if not np.min(width / np.abs(ratio)) < 0.5:
         return []
     roles = {formula: library.role(formula) for formula in FRICTION}
     columns = {f: -averages(force, a, {})[0] / a for f, force in roles.items() if force is not None}
-    error = _errors(a, curves.damping_ratio_standard_error.values, ratio)
+    known = np.hypot(curves.damping_ratio_standard_error.values, 2.0 * part * ratio)
+    error = _errors(a, known, ratio)
     others = [formula for formula in columns if formula != VISCOUS_FORMULA]
     scores = {
         names: _score([columns[VISCOUS_FORMULA], *(columns[name] for name in names)], ratio, error, _positive)
@@ -306,16 +332,20 @@ def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
     return np.interp(a, harmonic[moves], frequency[moves], left=1.0, right=np.nan)
 
 
-def _ranking(curves: xr.Dataset, *, angle: bool) -> tuple[ElasticModel, ...]:
-    """Models of the frequency, the best prediction first; none if a constant stays within the band."""
+def _ranking(curves: xr.Dataset, part: Array, *, angle: bool) -> tuple[ElasticModel, ...]:
+    """Models of the frequency, the best prediction first; none if a constant stays within the band.
+
+    `part` : of the frequency, by which the square of the noise may move it.
+    """
     a, frequency = curves.amplitude.values, curves.frequency.values
-    half = half_width(curves, "frequency")
+    half = half_width(curves, "frequency") + part * frequency
+    known = np.hypot(curves.frequency_standard_error.values, part * frequency)
     constant = np.ones_like(a)
     if _deviation([constant], frequency, half) <= 1.0:
         return ()
     shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
     # The square of the frequency is linear in the coefficients (harmonic balance).
-    error = 2.0 * frequency * _errors(a, curves.frequency_standard_error.values, _change(a, frequency))
+    error = 2.0 * frequency * _errors(a, known, _change(a, frequency))
     least = _score([constant], frequency**2, error, _free)
     ranked = []
     for model in _elastic_models(load_systems().values()):

@@ -47,10 +47,13 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     given = None if how.time is None else table.find(how.time)
     if how.angle is not None:
         signal = table.find(how.angle)
+        _refuse_levels([signal])
         return [(given or own_time(table, signal), signal, "")]
     times = [given] if given else table.times
-    signals = [c for c in table.columns if c not in times and not c.is_empty and c.is_numeric]
+    numeric = [c for c in table.columns if c not in times and not c.is_empty and c.is_numeric]
+    signals = [c for c in numeric if not c.is_level]
     if not signals:
+        _refuse_levels(numeric)
         raise RecordError(f"{table.source}: there is no column for the angle beside the time.")
     if not (how.sampling_rate or table.rate or times):
         # Without a clock it cannot be seen which column swings.
@@ -66,6 +69,17 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
     return [(time, signal, why) for time, signal in pairs if signal in swings]
+
+
+def _refuse_levels(columns: list[Column]) -> None:
+    """Refuse columns of levels in dB: what swings is not in them."""
+    level = next((column for column in columns if column.is_level), None)
+    if level is not None:
+        raise RecordError(
+            f"{level.source}: column {level.name} is a level in dB, the logarithm of an amplitude: it shows "
+            "how fast a motion fades, but holds no oscillation; record the signal itself, such as the sound "
+            "pressure or the acceleration."
+        )
 
 
 def own_time(table: FileTable, signal: Column) -> Column | None:
@@ -97,10 +111,26 @@ def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[
     """
     runs = [(time, [c for c in signals if _time_of(table, c, times) is time]) for time in times]
     # What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
-    bare = re.compile(r"#?\d+|(?<=[ _])[a-d]$")
+    bare = re.compile(r"#?\d+|(?<=[ _])[a-d](?=$| )")
     patterns = {tuple(bare.sub("", c.base) for c in (time, *group)) for time, group in runs}
     fit = all(c.cells.size == time.cells.size for time, group in runs for c in group)
-    return runs if len(runs) > 1 and len(patterns) == 1 and fit and runs[0][1] else []
+    if len(runs) < 2 or len(patterns) > 1 or not fit or not runs[0][1] or _are_bodies(runs):
+        return []
+    return runs
+
+
+# What runs are called in a line above their columns.
+_RUN = re.compile(
+    r"\b(?:run|trial|test|try|rep|repeat|take|messung|versuch|lauf|essai|prova|ensayo|pomiar)\b"
+)
+
+
+def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
+    """True if columns are those of several bodies in one run: groups of their own names over equal times."""
+    first, *others = (time for time, _ in runs)
+    grouped = all(" " in time.base and not _RUN.search(time.base) for time, _ in runs)
+    named_before = grouped and all(lab.is_time(time.base.rpartition(" ")[2], "") for time, _ in runs)
+    return named_before and all(np.array_equal(first.cells, time.cells) for time in others)
 
 
 def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> Chosen:

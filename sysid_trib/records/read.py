@@ -137,7 +137,7 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
     time, rows, breaks, seen = clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [why_this, *said, absent]
+    said = [why_this, *table.said, *said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]

@@ -58,6 +58,8 @@ def row_times(
     given, source = how.sampling_rate, table.source
     # A column of another length, or that does not move, cannot contradict a sampling rate.
     idle = time is None or time.cells.size != values.size or not time.is_plain or np.ptp(time.cells) == 0
+    # Nor can one that counts the rows.
+    idle = idle or (time is not None and not time.is_time and bool(np.all(np.diff(time.cells) == 1)))
     numbered, gaps = _numbered(table, (time, signal), values.size)
     if time is None or (given is not None and idle):
         rate = given or table.rate
