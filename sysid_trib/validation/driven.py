@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from sysid_trib.errors import DecayError, SimulationError, Tell, UsageError, silent
+from sysid_trib.errors import DecayError, SimulationError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
@@ -23,6 +24,7 @@ from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fi
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
+from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
@@ -49,8 +51,9 @@ def identified_driven(
         The forces offered.
     direct, trajectory : Direct and Trajectory
         With `random_force="auto"` Direct is fitted without a random force and, where its motion leaves more
-        than noise, with one, which stands for what the model lacks; the one whose motion follows the record
-        better is taken.
+        than noise, with one. If that explains the record (its innovations are white, and it depends on
+        nothing), both methods have it. Else it stands for what the model lacks, and Direct is the fit whose
+        motion follows the record better.
     tell : Tell
 
     Returns
@@ -59,8 +62,8 @@ def identified_driven(
         Groups `record` (`record_1`, ... of several) with `simulated_angle(model, time)`; `direct` and
         `trajectory`; `comparison`: over `quantity` difference, standard error and z of both, over `model`
         `residual_rms`, `residual_over_noise`, `residual_over_motion`, `residual_p_value` that the residual
-        is white; attrs `answer`, the method that leaves less, and `verdict_on_record`. A method whose motion
-        does not follow the record is left out.
+        is white; attrs `answer`, the method that leaves less, or `direct` where a random force explains the
+        record, and `verdict_on_record`. A method whose motion does not follow the record is left out.
 
     Raises
     ------
@@ -76,13 +79,19 @@ def identified_driven(
     tell("direct")
     together = dict(enumerate(runs))
     best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
-    # A residual of so many times the noise is more than noise.
-    if direct.random_force == "auto" and _sizes(best)["residual_over_noise"] > 1.5:
-        stochastic = replace(direct, random_force="estimated").identify(decay, library)
-        best = min(best, FollowedRuns(together, stochastic), key=lambda of: _sizes(of)["residual_rms"])
-    slipped, models = _sizes(best)["residual_over_motion"] >= SLIPPED_PART, {"direct": best}
+    random_explains, stochastic = False, None
+    if direct.random_force == "auto" and _sizes(best)["residual_p_value"] < WHITE_LEVEL:
+        tell("random force")
+        result = replace(direct, random_force="estimated").identify(decay, library)
+        stochastic = FollowedRuns(together, result)
+        random_explains = _random_force_explains(stochastic)
+        pair = [stochastic] if random_explains else [best, stochastic]
+        best = min(pair, key=lambda of: _sizes(of)["residual_rms"])
+    slipped, models = not _follows(best), {"direct": best}
     tell("trajectory")
-    begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force="off")
+    # The errors of a fit of the free motion do not know a random force, which the motion remembers for long.
+    noise: RandomForceOption = "estimated" if random_explains else "off"
+    begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force=noise)
     if not slipped and not trajectory.start:
         # With the coefficients of all runs.
         result = best.result
@@ -94,13 +103,31 @@ def identified_driven(
     except DecayError:
         if slipped:
             raise
-    kept = {name: of for name, of in models.items() if _sizes(of)["residual_over_motion"] < SLIPPED_PART}
+    kept = {name: of for name, of in models.items() if _follows(of)}
+    if stochastic is not None and not random_explains and _follows(stochastic):
+        for name, of in kept.items():
+            if of is not stochastic:
+                wider = with_error_by_another_fit(of.result, stochastic.result)
+                kept[name] = of.with_result(wider)
     if not kept:
         raise DecayError(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
             "of it (--window)."
         )
-    return _tree(kept)
+    return _tree(kept, "direct" in kept and random_explains)
+
+
+def _follows(followed: FollowedRuns) -> bool:
+    """True if the motion of a model has not slipped out of phase with the records."""
+    return _sizes(followed)["residual_over_motion"] < SLIPPED_PART
+
+
+def _random_force_explains(stochastic: FollowedRuns) -> bool:
+    """True if the innovations of a fit with a random force are noise, and that force depends on nothing."""
+    try:
+        return verdict.has_white_residual(stochastic) and verdict.is_random(stochastic)
+    except (SysidTribError, np.linalg.LinAlgError):
+        return False
 
 
 def clock_of(record: xr.Dataset) -> float:
@@ -135,20 +162,25 @@ def _sizes_of(followed: FollowedRuns) -> list[float]:
     return [rms, over_noise, rms / record, min(1.0, len(runs) * min(map(white_p_value, residuals)))]
 
 
-def _tree(models: dict[str, FollowedRuns]) -> xr.DataTree:
+def _tree(models: dict[str, FollowedRuns], random_explains: bool) -> xr.DataTree:
     names, results = list(models), [followed.result for followed in models.values()]
     sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
     compared = xr.Dataset(described("driven", sizes), {"model": names})
     if len(names) == 2:
         compared = compared.merge(_difference(*results))
-    best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
-    verdict = "approximate" if best.residual_over_motion <= APPROXIMATE_PART else "not explained"
+    if random_explains:
+        # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
+        best, said = compared.sel(model="direct"), "explained with a random force"
+    else:
+        best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
+        said = "approximate" if best.residual_over_motion <= APPROXIMATE_PART else "not explained"
+        said = "explained" if best.residual_p_value >= WHITE_LEVEL else said
     compared.attrs = {
         "first": names[0],
         "second": names[-1],
         "answer": best.model.item(),
         "driven": "yes",
-        "verdict_on_record": "explained" if best.residual_p_value >= WHITE_LEVEL else verdict,
+        "verdict_on_record": said,
     }
     records = with_motions(models)
     compared = compared.assign(findings.failure_of_models(records))

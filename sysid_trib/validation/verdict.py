@@ -254,6 +254,11 @@ def with_noise(method: Method, option: RandomForceOption) -> Method:
     return with_random_force(method, option) if _is_open(method) else method
 
 
+def has_white_residual(followed: FollowedRuns) -> bool:
+    """True if the residual of a model, with a random force its innovations, is white noise."""
+    return _residual(followed)[0] >= RESIDUAL_LEVEL
+
+
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
     whole = followed.once("residual", lambda: residuals({"": followed}, followed.result))
