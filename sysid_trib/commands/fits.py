@@ -8,9 +8,9 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
-from sysid_trib.commands.asked import asked_model, asked_search
+from sysid_trib.commands.asked import asked_model, asked_search, driving_of
 from sysid_trib.commands.next_step import keep_next
-from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
+from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError

@@ -13,6 +13,7 @@ from scipy.interpolate import PPoly, make_interp_spline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
+from sysid_trib.forces.library import load_library
 from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_signal
 
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
@@ -20,6 +21,8 @@ INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # What follows the signal's unit in that of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
+# The library whose forces hold inputs.
+SHIPPED = "inputs"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
 # Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
@@ -215,7 +218,14 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
         if name != INPUT and name not in library.inputs:
             held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
             wrong = f"No force holds the input {name} ({held})"
-            raise UsageError(f"{wrong}; offer one that does (libraries/inputs.toml), or leave the input out.")
+            shipped = load_library(SHIPPED)
+            taking = [force.symbol for force in shipped if force.inputs == (name,)]
+            if taking:
+                offer = f"offer one that does (--forces {','.join([taking[0], *library.symbols])})"
+            else:
+                known = ", ".join(shipped.inputs)
+                offer = f"call it {known} (--input u=COLUMN), or offer a force of your own that holds it"
+            raise UsageError(f"{wrong}; {offer}, or leave the input out.")
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
