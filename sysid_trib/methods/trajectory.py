@@ -160,7 +160,12 @@ class Trajectory(Constrained):
         parameters = Parameters(
             offered, self.reference_frequency, self.fit_shapes, self.shapes, len(runs), constraints
         )
-        return FitProblem(parameters.completed(), records, runs, library)
+        parameters = parameters.completed()
+        if is_free_to_move(offered, parameters.constraints.fixed):
+            # No rate shows where a body is that may be anywhere.
+            held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
+            parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
+        return FitProblem(parameters, records, runs, library)
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
         """The fit of the free motion, in the noise of each run."""
@@ -206,7 +211,9 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
     if no_start or method.start is not None or free:
-        per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
+        # Of the runs themselves: a record may be of another quantity than the angle.
+        pairs = ((run.time.values.astype(float), run.angle.values.astype(float)) for run in problem.runs)
+        per_run = np.array([(*first_guess(time, angle, w), 0.0) for time, angle in pairs])
     else:
         assert quick is not None
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)

@@ -50,6 +50,9 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     why = f"whose motion leaves less than that of {others[0]}" if others else ""
     if others and compared.attrs["verdict_on_record"] == "explained with a random force":
         why = "which needs no free motion that follows the record"
+    own = results[answer].attrs.get("compared_in", "")
+    if own and not others:
+        why = f"which compares the {own} itself"
     why = why or "since no motion by the other method follows the record"
     # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
@@ -58,7 +61,9 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     for name in layout.FREQUENCY_ROWS:
         z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
     sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
-    what = {"force": f"left ({unit})", "formula": "RMS of record minus motion"}
+    over = ("", " over w", " over w^2")[int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))]
+    compared_with = f"RMS of {own}{over} minus motion" if own else "RMS of record minus motion"
+    what = {"force": f"left ({unit})", "formula": compared_with}
     table = layout.coefficient_table(results, z, [what | sizes])
     return [
         Block([first, f"The answer is {answer}'s, {why}.", *_negative_damping(results[answer])], ALWAYS),

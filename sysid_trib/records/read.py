@@ -163,7 +163,8 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
     }
     if breaks:
         attrs["breaks"] = list(breaks)
-    return with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    return inputs.with_own_quantity(record) if how.inputs else record
 
 
 def _as_record(

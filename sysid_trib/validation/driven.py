@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -20,7 +21,13 @@ from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run
-from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fit_start
+from sysid_trib.simulation.initial_conditions import (
+    MEASURED,
+    first_guess,
+    first_zero,
+    fit_start,
+    measured_motion,
+)
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
@@ -71,7 +78,12 @@ def identified_driven(
         Neither follows the record.
     """
     runs = as_runs(decay, driven=True)
-    if direct.reference_frequency is None and is_free_to_move(library, Constraints(direct.constraints).fixed):
+    free = is_free_to_move(library, Constraints(direct.constraints).fixed)
+    _refuse_constant_push(runs, library, free)
+    if not free:
+        runs = [_without_bias(run) for run in runs]
+        decay = one_or_all(runs)
+    if direct.reference_frequency is None and free:
         # Nothing swings: the frequency is but a clock.
         clock = max(clock_of(run) for run in runs)
         direct = replace(direct, reference_frequency=clock)
@@ -80,7 +92,9 @@ def identified_driven(
     together = dict(enumerate(runs))
     best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
     random_explains, stochastic = False, None
-    if direct.random_force == "auto" and _sizes(best)["residual_p_value"] < WHITE_LEVEL:
+    # What is integrated is no record in which a random force could be told from noise.
+    own_quantity = any(MEASURED in run for run in runs)
+    if direct.random_force == "auto" and not own_quantity and _sizes(best)["residual_p_value"] < WHITE_LEVEL:
         tell("random force")
         result = replace(direct, random_force="estimated").identify(decay, library)
         stochastic = FollowedRuns(together, result)
@@ -104,6 +118,9 @@ def identified_driven(
         if slipped:
             raise
     kept = {name: of for name, of in models.items() if _follows(of)}
+    if own_quantity and "trajectory" in kept:
+        # Direct is of the integral, whose noise is not white.
+        kept = {"trajectory": kept["trajectory"]}
     if stochastic is not None and not random_explains and _follows(stochastic):
         for name, of in kept.items():
             if of is not stochastic:
@@ -115,6 +132,36 @@ def identified_driven(
             "of it (--window)."
         )
     return _tree(kept, "direct" in kept and random_explains)
+
+
+def _without_bias(run: xr.Dataset) -> xr.Dataset:
+    """Return a run without the line that the bias of a rate makes in its integral: the body swings."""
+    if MEASURED not in run or run.attrs["measured"] != "rate":
+        return run
+    time = run.time.values.astype(float)
+    line = np.polynomial.Polynomial.fit(time, run.angle.values, 1)(time)
+    return run.assign(angle=run.angle.copy(data=run.angle.values - line))
+
+
+def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, free: bool) -> None:
+    """Refuse a force of an input alone that is constant in each run: it is the sensor's zero.
+
+    Raises
+    ------
+    DecayError
+        There is one. Of a body without a restoring force it accelerates, and is allowed.
+    """
+    known = [inputs.inputs_of(run) for run in runs]
+    for force in library if not free else ():
+        alone = force.inputs and not {"x", "v", "t"} & force.formula.names
+        values = [of_run[name].values for of_run in known for name in force.inputs if name in of_run]
+        if alone and values and all(inputs.is_constant(of) for of in values):
+            name, size = force.inputs[0], values[0][0]
+            raise DecayError(
+                f"The input {name} is {size:g} throughout and drives nothing: force '{force.symbol}' cannot "
+                "be told from the sensor's zero. Name another column, or give forces that hold the input "
+                "with the motion, such as u*x."
+            )
 
 
 def _follows(followed: FollowedRuns) -> bool:
@@ -151,15 +198,41 @@ def _sizes(followed: FollowedRuns) -> dict[str, float]:
 
 def _sizes_of(followed: FollowedRuns) -> list[float]:
     runs, result = [*followed.runs.values()], followed.result
-    pairs = zip(runs, followed.motions, strict=True)
-    residuals = [run.angle.values - motion.x - motion.offset for run, motion in pairs if motion is not None]
+    found = [_residual(followed, at) for at in followed.runs]
+    residuals = [residual for residual in found if residual is not None]
     if len(residuals) < len(runs):
         return [np.inf] * len(SIZES)
     of_runs = [root_mean_square(residual) for residual in residuals]
     rms = root_mean_square(of_runs)
     over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(of_runs)])
-    record = root_mean_square([float(run.angle.std()) for run in runs])
+    record = root_mean_square([_size_of(run, result) for run in runs])
     return [rms, over_noise, rms / record, min(1.0, len(runs) * min(map(white_p_value, residuals)))]
+
+
+def _residual(followed: FollowedRuns, at: int) -> Array | None:
+    """Return what the motion leaves of a run, over w for each integration; None where it has no motion."""
+    run, result = followed.runs[at], followed.result
+    if MEASURED not in run:
+        motion = followed.motions[at]
+        return None if motion is None else run.angle.values - motion.x - motion.offset
+    model = replace(model_of(result, at), inputs=inputs.inputs_of(run))
+    start = float(np.ravel(result.start_angle)[at]), float(np.ravel(result.start_rate)[at])
+    try:
+        _, residual = measured_motion(model, run, start)
+    except SimulationError:
+        return None
+    return np.asarray(residual / _per_integration(run, result))
+
+
+def _per_integration(run: xr.Dataset, result: xr.Dataset) -> float:
+    """Return the reference frequency to the power of the integrations of what was measured."""
+    return float(result.reference_frequency.item() ** int(run.attrs.get("integrations", 0)))
+
+
+def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
+    """Return the standard deviation of what was measured, over w for each integration."""
+    own = MEASURED in run
+    return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 
 
 def _tree(models: dict[str, FollowedRuns], random_explains: bool) -> xr.DataTree:
@@ -248,6 +321,8 @@ def predict(
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
     start = first_guess(time, angle, model.reference_frequency)
+    if MEASURED in record:
+        return _predicted_measured(result, record, model, start, warm_up)
     try:
         motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
         x = motion.x if fitted.all() else trajectory(model, time, motion.angle, motion.rate).angle
@@ -259,3 +334,22 @@ def predict(
     values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
     values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
     return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0)
+
+
+def _predicted_measured(
+    result: xr.Dataset, record: xr.Dataset, model: Model, start: tuple[float, float], warm_up: float | None
+) -> xr.Dataset:
+    """Predict a run of which a rate or an acceleration was measured: residuals are of that, over w."""
+    time = record.measured_time.values
+    first = 0 if warm_up is None else int(np.searchsorted(time, time[0] + warm_up))
+    try:
+        motion, residual = measured_motion(model, record, start, fitted=slice(None, first or None))
+    except SimulationError as error:
+        raise DecayError(f"The model has no motion on this record: {error}") from None
+    residual = residual / _per_integration(record, result)
+    rms = root_mean_square(residual[first:])
+    of_motion = float(np.std(record[MEASURED].values[first:])) / _per_integration(record, result)
+    values = {"predicted_angle": np.interp(record.time.values, time, motion.angle)}
+    values |= {"residual": np.interp(record.time.values, time, residual)}
+    scalars = {"residual_rms": rms, "residual_over_motion": rms / of_motion}
+    return record.assign(described("predicted", values | scalars)).assign_attrs(warm_up=warm_up or 0.0)
