@@ -268,6 +268,11 @@ def load_system(name_or_path: str | None) -> System:
     return known[name_or_path]
 
 
+def shipped_systems() -> list[System]:
+    """Return the systems that come with the package."""
+    return [*_systems(library_folder() / SYSTEMS_FILE).values()]
+
+
 def _systems(path: Path) -> dict[str, System]:
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8")).get("system", [])

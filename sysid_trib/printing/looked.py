@@ -15,6 +15,8 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.printing import Block, layout
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.validation.drive import FittingModel
 
 # What the table of a library refers to, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -167,6 +169,78 @@ def pointed_options(tree: xr.DataTree, system_given: bool) -> dict[str, str]:
     options = {"forces": ",".join(forces)} if pointed else {}
     options |= {"system": systems.pop()} if len(systems) == 1 and all(systems) else {}
     return {} if system_given else options
+
+
+# A model that leaves more than this part of the motion does not follow it.
+NOT_FOLLOWED = 0.3
+
+
+def driven_look_blocks(
+    tree: xr.DataTree, sources: Sequence[str], models: Sequence[FittingModel], next_command: str
+) -> Iterator[Block]:
+    """What the command `look` prints of driven records.
+
+    Parameters
+    ----------
+    tree : DataTree
+        The records, with their inputs.
+    sources : sequence of str
+        What each record is.
+    models : sequence of FittingModel
+        The best one first.
+    next_command : str
+        To copy.
+    """
+    yield Block(list(dict.fromkeys(sources)))
+    for node in tree.children.values():
+        run = node.to_dataset()
+        yield Block([str(run.attrs.get("free_decay", "")), *_input_sentences(run)])
+    yield Block([_fit_sentence(models)])
+    yield Block([f"Next: {next_command}"])
+
+
+def driven_look_json(tree: xr.DataTree, models: Sequence[FittingModel], next_command: str) -> dict[str, Any]:
+    """The facts about driven records as plain data."""
+    return {
+        "records": [layout.mapped(record, "record") for record in tree.children.values()],
+        "decays": [],
+        "driven": True,
+        "models": [
+            {"system": model.system, "forces": list(model.forces), "residual_over_motion": model.residual}
+            for model in models
+        ],
+        "next": next_command,
+    }
+
+
+def fitting_options(models: Sequence[FittingModel], system: str | None) -> dict[str, str | None]:
+    """Options of `identify` for the model that fits driven records best; none if a system is given."""
+    if system is not None or not models[0].residual < NOT_FOLLOWED:
+        return {}
+    best = models[0]
+    return {"system": best.system} if best.system else {"forces": ",".join(best.forces)}
+
+
+def _input_sentences(run: xr.Dataset) -> Iterator[str]:
+    """The range of each input, and that of the signal."""
+    for name, known in inputs_of(run).items():
+        unit = run[name].attrs.get("units", "")
+        low, high = float(known.values.min()), float(known.values.max())
+        yield f"Driven: input {name} goes from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
+    own = "measured" if "measured" in run else "angle"
+    low, high = float(run[own].min()), float(run[own].max())
+    unit = run[own].attrs.get("units", "")
+    yield f"The signal goes from {low:.4g} to {high:.4g} {unit}; it is no free decay."
+
+
+def _fit_sentence(models: Sequence[FittingModel]) -> str:
+    """How much of the motion each kind of model leaves."""
+    said = []
+    for model in models:
+        kind = f"--system {model.system}" if model.system else f"an oscillator with {','.join(model.forces)}"
+        followed = f"leaves {100.0 * model.residual:.2g} %" if model.residual < 1.0 else "does not follow"
+        said.append(f"{kind} {followed}")
+    return f"A first fit, of the motion: {'; '.join(said)}."
 
 
 def _decays(tree: xr.DataTree) -> list[xr.Dataset]:

@@ -177,6 +177,11 @@ def _random_force_explains(stochastic: FollowedRuns) -> bool:
         return False
 
 
+def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> float:
+    """Return what the motion of a model leaves of runs over the RMS of these; infinite without a motion."""
+    return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
+
+
 def clock_of(record: xr.Dataset) -> float:
     """A frequency (rad/s) below which the rate of a motion has nearly all of its power, to two digits."""
     time = record.time.values.astype(float)
