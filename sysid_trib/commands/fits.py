@@ -88,8 +88,7 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         # What has a covariance of forces is an identification.
         converted = in_si_units(result, **measured).drop_dims("other_force")
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
-    if not driven:
-        keep_next(tree, given)
+    keep_next(tree, given)
     texts = _texts(given, tree)
     if given.methods is not None:
         texts[given.methods] = partial(exported.methods_text, tree)
@@ -148,8 +147,7 @@ def discover(tell: Tell, given: Asked) -> Callable[[], None]:
     tree = searched(seen, start, offered, holdout=held, tell=tell, **options)
     if said:
         tree.attrs["held_out"] = said
-    if not driving:
-        keep_next(tree, given)
+    keep_next(tree, given)
     stretches = tree.attrs["stretches"]
     sentences = [*sources, stretches] if stretches else _record_sentences(tree, sources)
     says = partial(discovery.discovery_blocks, tree, sentences), partial(discovery.discovery_json, tree)

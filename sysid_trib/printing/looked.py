@@ -238,8 +238,10 @@ def _fit_sentence(models: Sequence[FittingModel]) -> str:
     said = []
     for model in models:
         kind = f"--system {model.system}" if model.system else f"an oscillator with {','.join(model.forces)}"
-        followed = f"leaves {100.0 * model.residual:.2g} %" if model.residual < 1.0 else "does not follow"
-        said.append(f"{kind} {followed}")
+        if model.residual < 1.0:
+            said.append(f"{kind} leaves {100.0 * model.residual:.2g} %")
+    if not said:
+        return "A first fit of an oscillator, and of each system, does not follow the motion."
     return f"A first fit, of the motion: {'; '.join(said)}."
 
 
@@ -261,7 +263,9 @@ def _sentences(decay: xr.Dataset) -> list[str]:
             value["samples_per_period"] < FEW_SAMPLES
         ),
         f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping from "
-        "another: record longer": fall < LEAST_FALL,
+        "another: record longer": 1.0 < fall < LEAST_FALL,
+        "the amplitude does not fall: the motion is driven, or the record is too short to show its damping. If "
+        "it is driven, name what drives it, --input COLUMN or FILE:COLUMN": fall <= 1.0,
         f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or by "
         "forces that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
     }
@@ -274,7 +278,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}"
         f"{rates if np.isfinite(first + last) else ''}.",
         f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
-        *([f"{'; '.join(said).capitalize()}."] if said else []),
+        *([f"{said[0][0].upper()}{'; '.join(said)[1:]}."] if said else []),
         *([f"{pointed[0].upper()}{pointed[1:]}."] if pointed else []),
     ]
 

@@ -108,7 +108,7 @@ def _tried(
 @in_units_of_the_motion
 def _residual(decay: xr.Dataset, library: ForceLibrary, *, held: dict[str, float]) -> float:
     frequency = clock_of(decay) if selection.is_free_to_move(library, held) else None
-    method = Direct(reference_frequency=frequency, random_force="off", constraints=held)
+    method = Direct(reference_frequency=frequency, random_force="off", refine=False, constraints=held)
     return residual_over_motion([decay], method.identify(decay, library))
 
 
