@@ -264,8 +264,8 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         ),
         f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping from "
         "another: record longer": 1.0 < fall < LEAST_FALL,
-        "the amplitude does not fall: the motion is driven, or the record is too short to show its damping. If "
-        "it is driven, name what drives it, --input COLUMN or FILE:COLUMN": fall <= 1.0,
+        "the amplitude does not fall: the motion is driven, or the record is too short to show its damping. "
+        "If it is driven, name what drives it, --input COLUMN or FILE:COLUMN": fall <= 1.0,
         f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or by "
         "forces that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
     }

@@ -316,6 +316,8 @@ def predict(
     (record,) = as_runs(record, driven=True)
     library = library_of(result).in_run(run + 1)
     model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
+    if first_zero(model) is not None:
+        record = _without_bias(record)
     time = record.time.values.astype(float)
     counted = time >= time[0] + (warm_up or 0.0)
     if warm_up is not None and not FEWEST_FITTED <= np.count_nonzero(~counted) < len(time):
