@@ -9,9 +9,9 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
-from sysid_trib.commands.asked import asked_model, asked_search
+from sysid_trib.commands.asked import asked_model, asked_search, driving_of
 from sysid_trib.commands.next_step import keep_next
-from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
+from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
@@ -94,8 +94,7 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         # What has a covariance of forces is an identification.
         converted = in_si_units(result, **measured).drop_dims("other_force")
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
-    if not driven:
-        keep_next(tree, given)
+    keep_next(tree, given)
     texts = _texts(given, tree)
     if given.methods_text is not None:
         texts[given.methods_text] = partial(exported.methods_text, tree)
@@ -167,8 +166,7 @@ def discover(tell: Tell, given: Asked) -> Callable[[], None]:
     tree = searched(seen, start, offered, holdout=held, tell=tell, **options)
     if said:
         tree.attrs["held_out"] = said
-    if not driving:
-        keep_next(tree, given)
+    keep_next(tree, given)
     stretches = tree.attrs["stretches"]
     sentences = [*sources, stretches] if stretches else _record_sentences(tree, sources)
     says = partial(discovery.discovery_blocks, tree, sentences), partial(discovery.discovery_json, tree)

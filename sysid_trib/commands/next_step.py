@@ -1,14 +1,16 @@
 """What to do after a result: the next command, and why."""
 
+import shlex
 from collections.abc import Mapping
 
 import xarray as xr
 
 from sysid_trib.commands.app import Asked, command_after
 from sysid_trib.cycles.look import PENDULUM, pointers
+from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import EFFECTS, load_systems
+from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects, files
 from sysid_trib.results.files import identifications_of, kind_of
@@ -184,6 +186,43 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
+# Where a result goes that is to be kept.
+KEPT = "result.nc"
+
+
+def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
+    """The step after a driven identification, or the whole command; None where it is that of any other.
+
+    A model that explains the record is kept, and shown once it is. A body without a restoring force is
+    searched for no further force.
+    """
+    if not (_moves_freely(tree) or findings.verdict_of(tree).startswith("explained")):
+        return None
+    if (output := vars(given).get("output")) is not None:
+        page = output.with_suffix(".html")
+        words = ["sysid-trib", "report", str(output), "-o", str(page)]
+        return f"{readable(shlex.join(words))} # figures and tables on one page"
+    taken = {name: _as_text(vars(given)[name]) for name in ("test", "warm_up") if vars(given).get(name)}
+    return "identify", "keeps the result, for report and response", {**taken, "output": KEPT}
+
+
+def _moves_freely(tree: xr.DataTree) -> bool:
+    """True if the body of a driven record has no restoring force; a search weighs forces by that."""
+    result = findings.main_result(tree)
+    if result is None or not files.is_of_driven(tree):
+        return False
+    held = {
+        symbol: result.coefficient.sel(force=symbol).item()
+        for symbol in result.force.values.tolist()
+        if result.standard_error.sel(force=symbol).item() == 0.0
+    }
+    return is_free_to_move(library_of(result), held)
+
+
+def _as_text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def keep_next(tree: xr.DataTree, given: Asked) -> None:
     """Keep the command that follows from a result as its attribute `next`, and others as `alternatives`.
 
@@ -195,6 +234,13 @@ def keep_next(tree: xr.DataTree, given: Asked) -> None:
         What the command was given; the next command takes over the options that it knows.
     """
     step = next_step(tree)
+    if kind_of(tree) == "driven" and (after := _after_driven(tree, given)) is not None:
+        if isinstance(after, str):
+            tree.attrs["next"] = after
+            return
+        step = after
+    elif step and step[0] == "discover" and _moves_freely(tree):
+        step = "identify", "keeps the result, for report and response", {"output": KEPT}
     if step and step[0] == "discover" and given.system is None and _swings_unexplained(tree):
         step = (*NEXT_COMMANDS["not explained, swings as a pendulum"], {"system": PENDULUM})
     if step:

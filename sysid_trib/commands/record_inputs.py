@@ -10,13 +10,14 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.commands.app import Asked, command_after, parse_number, parse_value_with_error, parse_window
+from sysid_trib.commands.asked import driving_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.records.inputs import driven_part, named_inputs
+from sysid_trib.records.inputs import driven_part
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.smoothing import swing_frequency
@@ -166,11 +167,6 @@ def decays_within(
 def calibration_of(given: Asked) -> tuple[float, float]:
     """By which the signal of the records is multiplied, and its standard error."""
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
-
-
-def driving_of(given: Asked) -> dict[str, str | int]:
-    """Columns of inputs by their names."""
-    return named_inputs(given.input_ and given.input_.split(","))
 
 
 def _read(given: Asked, record: Path | None) -> RunsOfFile:

@@ -137,9 +137,20 @@ def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceL
     if not viscous:
         wrong = f"Library '{library.title}' has no viscous friction to start from"
         raise UsageError(f"{wrong}; name the start's forces (--forces {','.join(library.symbols[:2])}).")
+    return replace(library, forces=(*first_of_inputs(inputs), viscous[0]))
+
+
+def first_of_inputs(inputs: Collection[str]) -> list[Force]:
+    """Return the first force of each input in the library of inputs: `gain` of `u`."""
     driving = {force.inputs: force for force in reversed([*load_library(INPUTS)]) if force.inputs}
-    first = (force for held, force in driving.items() if set(held) <= set(inputs))
-    return replace(library, forces=(*first, viscous[0]))
+    return [force for held, force in driving.items() if set(held) <= set(inputs)]
+
+
+def with_inputs_acting(library: ForceLibrary, inputs: Collection[str]) -> ForceLibrary:
+    """Return the library with the first force of each input that none of its forces holds."""
+    idle = [name for name in inputs if name not in library.inputs]
+    further = [force for force in first_of_inputs(idle) if force.symbol not in library.symbols]
+    return replace(library, forces=(*further, *library)) if further else library
 
 
 def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
@@ -347,6 +358,11 @@ def known_coefficients(library: ForceLibrary) -> dict[str, float]:
 def load_systems() -> dict[str, System]:
     """The systems that come with the package, by their names."""
     return _systems(library_folder() / SYSTEMS_FILE)
+
+
+def shipped_systems() -> list[System]:
+    """Return the systems that come with the package."""
+    return [*load_systems().values()]
 
 
 def _systems(path: Path) -> dict[str, System]:

@@ -16,6 +16,8 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system, with_shipped
 from sysid_trib.printing import Block, layout
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.validation.drive import FittingModel
 
 # What the table of a library refers to, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -200,6 +202,80 @@ def _power_of_rate(decay: xr.Dataset) -> float:
     return float(np.log(first / last) / np.log(fall))
 
 
+# A model that leaves more than this part of the motion does not follow it.
+NOT_FOLLOWED = 0.3
+
+
+def driven_look_blocks(
+    tree: xr.DataTree, sources: Sequence[str], models: Sequence[FittingModel], next_command: str
+) -> Iterator[Block]:
+    """What the command `look` prints of driven records.
+
+    Parameters
+    ----------
+    tree : DataTree
+        The records, with their inputs.
+    sources : sequence of str
+        What each record is.
+    models : sequence of FittingModel
+        The best one first.
+    next_command : str
+        To copy.
+    """
+    yield Block(list(dict.fromkeys(sources)))
+    for node in tree.children.values():
+        run = node.to_dataset()
+        yield Block([str(run.attrs.get("free_decay", "")), *_input_sentences(run)])
+    yield Block([_fit_sentence(models)])
+    yield Block([f"Next: {next_command}"])
+
+
+def driven_look_json(tree: xr.DataTree, models: Sequence[FittingModel], next_command: str) -> dict[str, Any]:
+    """The facts about driven records as plain data."""
+    return {
+        "records": [layout.mapped(record, "record") for record in tree.children.values()],
+        "decays": [],
+        "driven": True,
+        "models": [
+            {"system": model.system, "forces": list(model.forces), "residual_over_motion": model.residual}
+            for model in models
+        ],
+        "next": next_command,
+    }
+
+
+def fitting_options(models: Sequence[FittingModel], system: str | None) -> dict[str, str | None]:
+    """Options of `identify` for the model that fits driven records best; none if a system is given."""
+    if system is not None or not models[0].residual < NOT_FOLLOWED:
+        return {}
+    best = models[0]
+    return {"system": best.system} if best.system else {"forces": ",".join(best.forces)}
+
+
+def _input_sentences(run: xr.Dataset) -> Iterator[str]:
+    """The range of each input, and that of the signal."""
+    for name, known in inputs_of(run).items():
+        unit = run[name].attrs.get("units", "")
+        low, high = float(known.values.min()), float(known.values.max())
+        yield f"Driven: input {name} goes from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
+    own = "measured" if "measured" in run else "angle"
+    low, high = float(run[own].min()), float(run[own].max())
+    unit = run[own].attrs.get("units", "")
+    yield f"The signal goes from {low:.4g} to {high:.4g} {unit}; it is no free decay."
+
+
+def _fit_sentence(models: Sequence[FittingModel]) -> str:
+    """How much of the motion each kind of model leaves."""
+    said = []
+    for model in models:
+        kind = f"--system {model.system}" if model.system else f"an oscillator with {','.join(model.forces)}"
+        if model.residual < 1.0:
+            said.append(f"{kind} leaves {100.0 * model.residual:.2g} %")
+    if not said:
+        return "A first fit of an oscillator, and of each system, does not follow the motion."
+    return f"A first fit, of the motion: {'; '.join(said)}."
+
+
 def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
     return [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
 
@@ -218,7 +294,9 @@ def _sentences(decay: xr.Dataset) -> list[str]:
             value["samples_per_period"] < FEW_SAMPLES
         ),
         f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping from "
-        "another: record longer": fall < LEAST_FALL,
+        "another: record longer": 1.0 < fall < LEAST_FALL,
+        "the amplitude does not fall: the motion is driven, or the record is too short to show its damping. "
+        "If it is driven, name what drives it, --input COLUMN or FILE:COLUMN": fall <= 1.0,
         f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or by "
         "forces that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
     }
@@ -231,7 +309,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
         f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}"
         f"{rates if np.isfinite(first + last) else ''}.",
         f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
-        *([f"{'; '.join(said).capitalize()}."] if said else []),
+        *([f"{said[0][0].upper()}{'; '.join(said)[1:]}."] if said else []),
         *([f"{pointed[0].upper()}{pointed[1:]}."] if pointed else []),
         *_sentences_on_systems(decay),
     ]

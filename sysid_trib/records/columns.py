@@ -10,7 +10,7 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import cleaning, clock, equilibrium, free_decay, units as lab
+from sysid_trib.records import cleaning, clock, drives, equilibrium, free_decay, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
@@ -52,6 +52,10 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     times = [given] if given else table.times
     numeric = [c for c in table.columns if c not in times and not c.is_empty and c.is_numeric]
     signals = [c for c in numeric if not c.is_level]
+    acting: list[Column] = []
+    driven = bool(driving)
+    if not driven:
+        signals, acting = _without_drives(signals, times, table)
     if not signals:
         _refuse_levels(numeric)
         raise RecordError(f"{table.source}: there is no column for the angle beside the time.")
@@ -60,7 +64,12 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
         raise RecordError(table.no_clock)
     runs = _runs(table, signals, times)
     if not runs:
-        return [_chosen(table, signals, times, how)]
+        try:
+            return [_chosen(table, signals, times, how)]
+        except (RecordError, UsageError):
+            if not (driven or acting):
+                raise
+        return [_chosen_of_driven(table, signals, times, acting)]
     first = runs[0][1]
     at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
@@ -144,6 +153,46 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     return own[chosen], chosen, why
 
 
+def _without_drives(
+    signals: list[Column], times: list[Column], table: FileTable
+) -> tuple[list[Column], list[Column]]:
+    """The columns without those that drive, and these; all, where what drives alone swings as a decay."""
+    acting = [c for c in signals if drives.is_named_as_drive(c)]
+    others = [c for c in signals if c not in acting]
+    if not acting or not any(drives.moves(c) for c in others):
+        return signals, []
+
+    def decays(columns: list[Column]) -> bool:
+        made = (_swing_of(c, _time_of(table, c, times)) for c in columns[:40])
+        return any(swing is not None and swing[0] is not None for swing in made)
+
+    return (signals, []) if decays(acting) and not decays(others) else (others, acting)
+
+
+def _chosen_of_driven(
+    table: FileTable, signals: list[Column], times: list[Column], acting: list[Column]
+) -> Chosen:
+    """The signal of a driven record: by its quantity, since no decay shows it; asked for if unclear."""
+    pool = [c for c in signals if drives.moves(c) and not drives.is_named_as_drive(c)] or signals
+    for quantity in ("angle", "displacement", "rate", "acceleration"):
+        known = [c for c in pool if c.quantity == quantity]
+        # A name says it where a unit is any number's: of a position in V no torque or temperature is one.
+        named = [c for c in known if c.quantity == lab.names_quantity(c.base)] or known
+        if len(named) == 1:
+            return _time_of(table, named[0], times), named[0], f"the one {quantity} of {len(signals)} columns"
+        if len(named) > 1:
+            pool = named
+            break
+    if len(pool) == 1:
+        return _time_of(table, pool[0], times), pool[0], f"of {len(signals)} columns"
+    drive = f'; column {acting[0].name} drives it: add --input "{acting[0].name}"' if acting else ""
+    listed = _listed(pool, dict.fromkeys(pool, (None, "")))
+    raise UsageError(
+        f"{table.source}: {listed} could each be the signal; name one, "
+        f'such as --angle "{pool[0].name}" (angle= in Python){drive}.'
+    )
+
+
 def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | None, str] | None:
     """How a column swings, or why it does not; None if it holds a text, or next to no numbers."""
     try:
@@ -197,7 +246,10 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         pool = named or pool
         reasons = "; ".join(f"{c.name}: {swings[c][1]}" for c in pool[:LISTED] if swings[c][1])
         beat = "two modes beat" in reasons and "driven" not in reasons
-        driven = "is it driven? A free decay is needed: switch the drive off, and record what follows."
+        driven = (
+            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); else switch the drive "
+            "off, and record what follows."
+        )
         raise RecordError(
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
             f"{'record one mode alone.' if beat else driven}"

@@ -88,7 +88,7 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
         wrong = f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period"
-        raise DecayError(f"{wrong}; is it driven? A free decay is needed.")
+        raise DecayError(f"{wrong}; is it driven? Name what drives it (--input), or give a free decay.")
     swing = _without_rises(peak[first:], replace(swing, run=slice(run.start + first, run.stop)), source)
     _refuse_beats(swing, source)
     return swing

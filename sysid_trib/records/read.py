@@ -11,7 +11,16 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records import assumed_units, cleaning, equilibrium, inputs, reading, tables, units as lab
+from sysid_trib.records import (
+    assumed_units,
+    cleaning,
+    drives,
+    equilibrium,
+    inputs,
+    reading,
+    tables,
+    units as lab,
+)
 from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
@@ -168,7 +177,10 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
     }
     if breaks:
         attrs["breaks"] = list(breaks)
-    return with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    if not how.inputs and (acting := drives.drives_among(table.columns, column)):
+        attrs["drives"] = [drive.name for drive in acting]
+    record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    return inputs.with_own_quantity(record) if how.inputs else record
 
 
 def _as_record(

@@ -123,7 +123,7 @@ def compare(
     """
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    library = verdict.checked_library("compare", library, [method for _, method in pairs])
+    library = verdict.checked_library("compare", library, [method for _, method in pairs], decay)
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)

@@ -66,7 +66,7 @@ def identify(
         `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
         reference frequency, but have a start, a sensor's zero and a noise of their own.
     library : ForceLibrary, optional
-        The forces offered; by default those of `contact_forces`.
+        The forces offered; by default those of `contact_forces`, and the first force of each input (`gain`).
     method : method, or two methods, optional
         One, such as `methods.Direct()`; or two that are held against each other, by default those of the
         command `identify` (`usual_methods`). Whether there is a random force is decided where a method's
@@ -98,7 +98,7 @@ def identify(
     """
     single = method is not None and not isinstance(method, Sequence)
     asked: Sequence[Any] = [method] if single else method or []  # type: ignore[assignment]
-    library = verdict.checked_library("identify", library, asked)
+    library = verdict.checked_library("identify", library, asked, decay)
     chosen = [
         constrained(kind, with_stated(constraints, library, kind))
         for kind in asked or usual_methods(decay, library)
