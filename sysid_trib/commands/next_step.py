@@ -57,6 +57,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     "nothing missing": ("plan", "which further run makes the errors smaller"),
     "nothing missing of a driven record": ("identify", "two methods, held against each other"),
     "unknown effect": ("backbone", "frequency and damping against amplitude, without a model"),
+    "unknown effect of a driven record": ("", ""),
 }
 
 
@@ -78,7 +79,8 @@ def _after_identification(tree: xr.DataTree) -> State:
         return _undetermined(findings.second_of(tree))
     if not verdict.startswith("explained"):
         library = _largest_library(tree)
-        named = _effects_named(library)
+        # A driven record has no backbone.
+        named = _effects_named(library) and not files.is_of_driven(tree)
         state = "approximate with named effects" if named else verdict
         return state, {} if named else _search_options(library)
     if fewer := findings.fewer_forces(tree):
@@ -121,8 +123,9 @@ def _effects_named(library: ForceLibrary) -> bool:
 def _after_discovery(tree: xr.DataTree) -> State:
     if tree.attrs.get("out_of_time"):
         return "out of time", {"time_limit": None}
-    after = tree["after"].to_dataset()
-    if tree.attrs["verdict"] == "unknown effect":
+    after, driven = tree["after"].to_dataset(), files.is_of_driven(tree)
+    unknown = tree.attrs["verdict"] == "unknown effect"
+    if unknown and not driven:
         return "unknown effect", {}
     if not effects.determines(after):
         return _undetermined(after)
@@ -131,7 +134,9 @@ def _after_discovery(tree: xr.DataTree) -> State:
     options = {"forces": forces} | ({"set": shapes} if shapes else {})
     if tree["steps"].attrs["count"]:
         return "named", options
-    return "nothing missing of a driven record" if files.is_of_driven(tree) else "nothing missing", options
+    if unknown:
+        return "unknown effect of a driven record", {}
+    return "nothing missing of a driven record" if driven else "nothing missing", options
 
 
 def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
