@@ -124,8 +124,8 @@ def _after_discovery(tree: xr.DataTree) -> State:
     if tree.attrs.get("out_of_time"):
         return "out of time", {"time_limit": None}
     after, driven = tree["after"].to_dataset(), files.is_of_driven(tree)
-    unknown = tree.attrs["verdict"] == "unknown effect"
-    if unknown and not driven:
+    unexplained = tree.attrs["verdict"] == "unknown effect"
+    if unexplained and not driven:
         return "unknown effect", {}
     if not effects.determines(after):
         return _undetermined(after)
@@ -134,7 +134,7 @@ def _after_discovery(tree: xr.DataTree) -> State:
     options = {"forces": forces} | ({"set": shapes} if shapes else {})
     if tree["steps"].attrs["count"]:
         return "named", options
-    if unknown:
+    if unexplained:
         return "unknown effect of a driven record", {}
     return "nothing missing of a driven record" if driven else "nothing missing", options
 
