@@ -1,6 +1,7 @@
 """Constraints: fixed, bounded and tied parameters, read, held by every method, and refused in a sentence."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import xarray as xr
 from command_line import run
 from helpers import FIVE, SIX, W, library_of_formulas, names, paper_run, values
 
-from sysid_trib import Model, compare, free_decay, identify, load_library, simulate
+from sysid_trib import Model, compare, free_decay, identify, load_library, simulate, system
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.constraints import Constraints
@@ -204,3 +205,58 @@ def test_what_is_fixed_too_high_leaves_nothing_to_fit_and_is_said(record):
     held = {"zeta": 0.05, "lambda": (0, None), "delta": (0, None)}
     with pytest.raises(DecayError, match="With what is fixed, delta, lambda would pass the bounds"):
         Averaging(constraints=held).identify(record, FORCES.select(["lambda", "zeta", "delta"]))
+
+
+OWN = """
+title = "own"
+[[force]]
+symbol = "zeta"
+name = "viscous friction"
+formula = "2*v"
+[[force]]
+symbol = "gravity"
+formula = "sin(x) - x"
+coefficient = 0.9
+"""
+
+
+@pytest.fixture(scope="module")
+def swing():
+    offered = (*FORCES.select(["zeta"]), *EFFECTS.select(["gravity"]))
+    model = Model(ForceLibrary("swing", offered), {"zeta": 5e-3, "gravity": 1.0}, W)
+    angle = simulate(model, np.arange(0.0, 10.0, 0.02), 1.0, 0.0)
+    angle["angle"] += 1e-3 * np.random.default_rng(0).standard_normal(angle.sizes["time"])
+    return free_decay(angle)
+
+
+@pytest.mark.parametrize("method", [Direct(random_force="off"), Trajectory(random_force="off")])
+def test_a_coefficient_that_one_s_own_library_states_is_held(swing, method, tmp_path):
+    """As `--system` holds it; a constraint says something else, and those of the package are free."""
+    (tmp_path / "own.toml").write_text(OWN)
+    own = load_library(tmp_path / "own.toml")
+
+    def gravity(library, how, **options):
+        found = identify(swing, library, how, **options).sel(force="gravity")
+        return found.coefficient.item(), found.standard_error.item()
+
+    assert gravity(own, method) == (0.9, 0.0)
+    assert gravity(own.select(["gravity", "zeta"]), method) == (0.9, 0.0)
+    value, error = gravity(own, method, constraints={"gravity": (None, None)})
+    assert abs(value - 1.0) < 4.0 * error
+    assert gravity(own, replace(method, constraints={"gravity": 0.95})) == (0.95, 0.0)
+    assert compare(swing, own, [method])["comparison"].coefficient.sel(force="gravity").item() == 0.9
+
+
+def test_a_system_gives_its_forces_and_their_constraints_in_one_call(swing):
+    library, constraints = system("pendulum")
+    assert library.symbols == ("lambda", "zeta", "delta", "gravity")
+    assert constraints["gravity"] == 1.0
+    assert constraints["zeta"] == (0.0, np.inf)
+    pendulum = system("pendulum", ["zeta"])
+    assert pendulum.library.symbols == ("zeta", "gravity")
+    assert pendulum.held == {"gravity": 1.0}
+    method = Direct(random_force="off")
+    found = identify(swing, pendulum.library, method, constraints=pendulum.constraints)
+    assert found.coefficient.sel(force="gravity").item() == 1.0
+    with pytest.raises(UsageError, match="no system 'pendlum'"):
+        system("pendlum")

@@ -18,7 +18,13 @@ from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import further_forces, is_free_to_move, offered_forces, viscous_model
+from sysid_trib.forces.selection import (
+    further_forces,
+    is_free_to_move,
+    known_coefficients,
+    offered_forces,
+    viscous_model,
+)
 from sysid_trib.likelihood import start_model
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.trials import DEFAULTS, Settings
@@ -61,7 +67,7 @@ def discover(
         w, held; else it is fitted.
     constraints : mapping of str to float
         Coefficients of forces of the model that are always there, as a pendulum's `{"gravity": 1.0}`. A
-        search bounds and ties none.
+        search bounds and ties none. Those that a library of one's own states are held too.
     max_effects : int, optional
         Effects added at most, in the place of the settings'.
     holdout : xr.Dataset or sequence of xr.Dataset
@@ -116,6 +122,7 @@ def discover(
     inputs = inputs_of(as_runs(decay, driven=True)[0])
     model_forces = viscous_model(load_library(), inputs) if model_forces is None else model_forces
     candidates = further_forces(load_library(), model_forces, inputs) if candidates is None else candidates
+    constraints = known_coefficients(model_forces) | constraints
     if is_free_to_move(model_forces, Constraints(constraints).fixed):
         raise UsageError(
             "A candidate is weighed by the restoring force, which this body has none of; identify it with "

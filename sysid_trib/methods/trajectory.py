@@ -17,7 +17,7 @@ from sysid_trib.likelihood.random_force import RandomForceOption, check_random_f
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.motion_fit.least_squares import Fit, fitted, grown, stopped_by_bounds
+from sysid_trib.motion_fit.least_squares import Fit, fitted, grown, missed, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
@@ -28,6 +28,9 @@ from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
 from sysid_trib.simulation.model import FREQUENCY, Model
+
+# A motion that leaves more than this part of a record does not follow it.
+NOT_FOLLOWED = 0.7
 
 
 @dataclass(frozen=True)
@@ -160,13 +163,22 @@ class Trajectory(Constrained):
         parameters = Parameters(
             offered, self.reference_frequency, self.fit_shapes, self.shapes, len(runs), constraints
         )
-        return FitProblem(parameters.completed(), records, runs, library)
+        parameters = parameters.completed()
+        if is_free_to_move(offered, parameters.constraints.fixed):
+            # No rate shows where a body is that may be anywhere.
+            held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
+            parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
+        return FitProblem(parameters, records, runs, library)
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
         """The fit of the free motion, in the noise of each run."""
         fit = fitted(problem, grown(problem, first))
-        # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
-        for _ in range(3 if self.noise == "coloured" or len(problem.records) > 1 else 0):
+        # Rounds in which noise and fit of several runs, or of coloured noise, follow each other. Where the
+        # motion does not follow the record there is no noise, and each round would take all evaluations.
+        rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
+        if rounds and missed(problem, fit.values) > NOT_FOLLOWED:
+            rounds = 0
+        for _ in range(rounds):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
         return fit
@@ -206,7 +218,9 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
     if no_start or method.start is not None or free:
-        per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
+        # Of the runs themselves: a record may be of another quantity than the angle.
+        pairs = ((run.time.values.astype(float), run.angle.values.astype(float)) for run in problem.runs)
+        per_run = np.array([(*first_guess(time, angle, w), 0.0) for time, angle in pairs])
     else:
         assert quick is not None
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)

@@ -121,20 +121,20 @@ def grown(problem: FitProblem, values: Array) -> Array:
     A window may hold too little to tell forces apart: from a motion that is near the record the whole is
     tried first.
     """
-    away = _missed(problem, values)
+    away = missed(problem, values)
     if away < FOLLOWED:
         return values
     # One this near has not slipped out of phase.
     if away < 0.5:
         tried = fitted(problem, values).values
-        if _missed(problem, tried) < FOLLOWED:
+        if missed(problem, tried) < FOLLOWED:
             return tried
     for part in WINDOWS:
         values = fitted(problem.first(part), values, ridge=WINDOW_RIDGE).values
     return values
 
 
-def _missed(problem: FitProblem, values: Array) -> float:
+def missed(problem: FitProblem, values: Array) -> float:
     """RMS of the residual over that of the record, the largest of all runs."""
     pairs = zip(problem.residuals(values), problem.records, strict=True)
     return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)

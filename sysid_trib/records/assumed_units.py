@@ -30,6 +30,7 @@ def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tup
     if given and lab.TIME_UNITS.get(stated, lab.TIME_UNITS[given]) != lab.TIME_UNITS[given]:
         raise _contradicted(time, stated, "time-units", given)
     unit = given or stated or {"millis": "ms", "micros": "us"}.get(time.base)
+    unit = unit or lab.noted_time_unit(table.notes) or None or None
     if unit and unit not in lab.TIME_UNITS:
         wrong = f"{time.source}: the unit {unit!r} of column {time.name} is unknown"
         raise RecordError(f"{wrong}; give --time-units (time_units= in Python): {lab.OFFERED_TIME_UNITS}.")
@@ -120,7 +121,9 @@ def unit_of(
     RecordError
         An amplitude that no oscillation has in this unit.
     """
-    stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes))
+    signals = [c for c in table.columns if c not in table.times]
+    place = signals.index(column) if column in signals else None
+    stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes, place, len(signals)))
     given = lab.signal_unit(how.units or "")
     if given and how.signal and given.quantity in lab.POSITIONS:
         # "deg" of a rate is deg/s.
@@ -135,7 +138,14 @@ def unit_of(
     unit, why = given or stated, ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
+        # What is not named, or by its axis alone, may be an accelerometer.
+        nameless = how.quantity is None and lab.names_quantity(column.base) in ("", "displacement")
+        felt = _gravity_on_axes(table, column, signals, values) if nameless else ""
+        if not felt and meant in (None, ""):
+            _ask_at_gravity(column, values)
+        meant = "acceleration" if felt else meant
         unit, why = _assumed_unit(table, column, time, values, meant)
+        why = felt or why
     if how.quantity not in (None, unit.quantity):
         if unit.quantity in lab.POSITIONS and (times := lab.INTEGRATIONS[how.quantity]):
             unit = replace(unit, text=f"{unit.text}{'/s' if times == 1 else '/s^2'}", quantity=how.quantity)
@@ -206,6 +216,42 @@ def _assumed_unit(
     return unit, f"unit not stated: {why}"
 
 
+# An axis that points down shows gravity but for so much of it, in a sensor that is not calibrated; the three
+# axes of one show it together but for less.
+OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
+
+
+def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
+    """Why a column is an axis of an accelerometer in m/s^2: three of them rest at gravity; or nothing."""
+    axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
+    # More columns are gravity in some way by chance.
+    if len(axes) != 3 or column not in axes:
+        return ""
+    rests = [float(np.nanmedian(values if axis is column else axis.values)) for axis in axes]
+    together = float(np.sqrt(np.sum(np.square(rests))))
+    if abs(together / lab.STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
+        return ""
+    names = ", ".join(axis.name for axis in axes)
+    return f"unit not stated: taken as m/s^2, since {names} rest at {together:.3g} together, as gravity"
+
+
+def _ask_at_gravity(column: Column, values: Array) -> None:
+    """Ask what a column holds that swings about 9.8 and is not named.
+
+    Raises
+    ------
+    UsageError
+        An accelerometer would, and an angle hardly.
+    """
+    rest = float(np.median(values))
+    if abs(abs(rest) / lab.STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
+        raise UsageError(
+            f"{column.source}: nothing says what column {column.name} holds; it swings about {rest:.3g}, as "
+            "an accelerometer in m/s^2 under gravity does: say so, --units m/s^2, or what else it is, "
+            "--units deg (units= in Python)."
+        )
+
+
 def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
     """Unit of what swings so far to either side as an angle, and why."""
     if half > np.pi:
@@ -247,6 +293,8 @@ def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
     for column in table.columns:
         second = column.cells
         if column is signal or not (signal.is_plain and column.is_plain) or second.size != values.size:
+            continue
+        if column.is_empty:
             continue
         radius = np.hypot(values.astype(float), second.astype(float))
         middle = float(np.nanmean(radius))

@@ -157,6 +157,11 @@ class Column:
         return self.cells.dtype.kind in "Mm" or (bool(dated) and all(dated))
 
     @property
+    def is_level(self) -> bool:
+        """True if it holds levels in dB, by its unit or its name."""
+        return lab.is_level(self.stated) or (not self.stated and lab.is_level(self.base))
+
+    @property
     def is_plain(self) -> bool:
         """True if the file has it as numbers."""
         return self.cells.dtype.kind in "fiu"
@@ -173,7 +178,9 @@ class Column:
         if lab.is_time(self.base, unit) or self.is_dated:
             return True
         like = re.match(r"(?:time|t|zeit)\b", self.base) is not None
-        return self.rises and (unit in lab.TIME_UNITS and self.base.endswith(" time") if unit else like)
+        # `plate t`, of a group of columns
+        of_group = self.base.endswith((" time", " t", " zeit"))
+        return self.rises and (unit in lab.TIME_UNITS and of_group if unit else like or of_group)
 
     @property
     def counts_rows(self) -> bool:

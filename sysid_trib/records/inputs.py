@@ -8,11 +8,12 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly, make_interp_spline
+from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
+from sysid_trib.forces.library import load_library
 from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_signal
 
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
@@ -20,6 +21,8 @@ INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # What follows the signal's unit in that of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
+# The library whose forces hold inputs.
+SHIPPED = "inputs"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
 # Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
@@ -215,7 +218,14 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
         if name != INPUT and name not in library.inputs:
             held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
             wrong = f"No force holds the input {name} ({held})"
-            raise UsageError(f"{wrong}; offer one that does (libraries/inputs.toml), or leave the input out.")
+            shipped = load_library(SHIPPED)
+            taking = [force.symbol for force in shipped if force.inputs == (name,)]
+            if taking:
+                offer = f"offer one that does (--forces {','.join([taking[0], *library.symbols])})"
+            else:
+                known = ", ".join(shipped.inputs)
+                offer = f"call it {known} (--input u=COLUMN), or offer a force of your own that holds it"
+            raise UsageError(f"{wrong}; {offer}, or leave the input out.")
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
@@ -235,6 +245,50 @@ def refuse_inputs(record: xr.Dataset) -> None:
         )
 
 
+# An input that varies by less than this part of its size is constant.
+ROUNDING = 1e-12
+
+
+def is_constant(values: Array) -> bool:
+    """Return whether an input does not change but for rounding."""
+    return bool(np.ptp(values) <= ROUNDING * np.max(np.abs(values), initial=0.0))
+
+
+# A mean of this part of the standard deviation of a rate, or less, is a bias of the sensor.
+BIAS_PART = 0.1
+
+
+def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
+    """Return a driven record whose rate or acceleration was measured with that as what is compared.
+
+    Parameters
+    ----------
+    record : Dataset
+        As it is read; with `angle(time)`, and `rate(time)` or `acceleration(time)` (attribute `measured`).
+
+    Returns
+    -------
+    Dataset
+        `measured(measured_time)`, what was measured. Of a rate `angle(time)` is its plain integral, in which
+        a driven motion that is slow is kept; of another quantity it is that of the record.
+    """
+    name = record.attrs.get("measured")
+    if not record.attrs.get("integrations"):
+        return record
+    measured, time = record[name], record.time.values.astype(float)
+    attrs = dict(measured.attrs) | {"long_name": f"{name} as measured"}
+    at = {"measured_time": ("measured_time", time, {"units": "s", "long_name": "time"})}
+    record = record.assign(measured=xr.DataArray(measured.values, at, "measured_time", attrs=attrs))
+    if name == "rate":
+        values = measured.values.astype(float)
+        mean = float(np.mean(values))
+        values = values - mean if abs(mean) <= BIAS_PART * float(np.std(values)) else values
+        integral = CubicSpline(time, values).antiderivative()(time)
+        record = record.assign(angle=record.angle.copy(data=integral - np.mean(integral)))
+    said = f"the {name} itself is compared with the motion; its integral is where the fit begins"
+    return record.assign_attrs(integration=said)
+
+
 def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -> xr.Dataset:
     """A driven record within a window, with a sentence on it (attrs `free_decay`).
 
@@ -249,19 +303,19 @@ def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -
     ------
     DecayError
         The window holds too few samples.
-    UsageError
-        What was measured is a rate or an acceleration, which is fitted of free decays alone.
     """
-    if record.attrs.get("integrations"):
-        wrong = "A driven record is an angle or a displacement; this one is integrated"
-        raise UsageError(f"{wrong}. Name a column of these (--angle), or leave the input out.")
     low, high = window
     part = record.sel(time=slice(low, high))
     if part.sizes["time"] < FEWEST_SAMPLES:
         raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
     names = list(inputs_of(record))
+    if "measured" in part:
+        part = part.sel(measured_time=slice(low, high))
     time, between = part.time.values, {str(part[name].attrs["between"]) for name in names}
-    units = [f"{name} ({part[name].attrs.get('units', 'unit not stated')})" for name in names]
+    units = []
+    for name in names:
+        values, unit = part[name].values, str(part[name].attrs.get("units", "unit not stated"))
+        units.append(f"{name} ({unit}{f', constant at {values[0]:g}' if is_constant(values) else ''})")
     step = float(np.median(np.diff(time)))
     said = (
         f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "

@@ -11,10 +11,22 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records import assumed_units, cleaning, equilibrium, inputs, reading, tables, units as lab
+from sysid_trib.records import (
+    assumed_units,
+    cleaning,
+    drives,
+    equilibrium,
+    inputs,
+    reading,
+    tables,
+    units as lab,
+)
 from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
+
+# Columns of a file that its record names.
+MOST_COLUMNS_NAMED = 30
 
 
 def read_record(
@@ -134,7 +146,7 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
     time, rows, breaks, seen = clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [why_this, *said, absent]
+    said = [why_this, *table.said, *said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]
@@ -157,13 +169,18 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
         "time_column": time_column.name if time_column else f"none, {1.0 / np.median(np.diff(time)):g} Hz",
         "time_unit_in_file": time_unit,
         "angle_column": column.name,
+        # More are names that a program made.
+        "columns_in_file": "; ".join(other.name for other in table.columns[:MOST_COLUMNS_NAMED]),
         "angle_unit_in_file": unit.text,
         "clock": "; ".join(seen),
         "reading": "; ".join(text for text in (*said, why) if text),
     }
     if breaks:
         attrs["breaks"] = list(breaks)
-    return with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    if not how.inputs and (acting := drives.drives_among(table.columns, column)):
+        attrs["drives"] = [drive.name for drive in acting]
+    record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    return inputs.with_own_quantity(record) if how.inputs else record
 
 
 def _as_record(

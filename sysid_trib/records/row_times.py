@@ -58,6 +58,8 @@ def row_times(
     given, source = how.sampling_rate, table.source
     # A column of another length, or that does not move, cannot contradict a sampling rate.
     idle = time is None or time.cells.size != values.size or not time.is_plain or np.ptp(time.cells) == 0
+    # Nor can one that counts the rows.
+    idle = idle or (time is not None and not time.is_time and bool(np.all(np.diff(time.cells) == 1)))
     numbered, gaps = _numbered(table, (time, signal), values.size)
     if time is None or (given is not None and idle):
         rate = given or table.rate
@@ -198,7 +200,7 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading)
     UsageError
         There is no such column or file.
     RecordError
-        The input is constant, or not a number at each time.
+        The input is not a number at each time.
     """
     if not how.inputs:
         return record
@@ -212,10 +214,6 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading)
         if not np.all(np.isfinite(values)):
             wrong = f"{table.source}: the input {name} is not a number at each time"
             raise RecordError(f"{wrong}; fill it, or cut (--window).")
-        # An input that varies by less than this part of its size is constant.
-        if np.ptp(values) <= 1e-12 * np.max(np.abs(values), initial=0.0):
-            wrong = f"{table.source}: the input {name} is {values[0]:g} throughout"
-            raise RecordError(f"{wrong}; name another column, or none.")
         attrs: dict[str, Any] = {"role": ROLE, "between": how.between, "long_name": f"input {name}"}
         if unit is not None:
             is_angle = unit.position == "rad"

@@ -8,6 +8,7 @@ import pandas as pd
 import scipy.sparse as sp
 import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.linalg import solveh_banded
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
@@ -204,6 +205,7 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
 
 
 DRIFT_DEGREE = 3
+SMALLEST_PIVOT = 1e-13
 
 
 def integrated(time: Array, signal: Array, period: float) -> Array:
@@ -240,11 +242,19 @@ def _drift(time: Array, signal: Array, period: float) -> Array:
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
-    design = sp.hstack([slow, *(sp.diags_array(wave(phase)) @ slow for wave in (np.cos, np.sin))]).tocsr()
-    # Normal equations: a few hundred unknowns of many thousand samples.
-    normal = (design.T @ design).toarray()
-    solution = np.linalg.lstsq(normal, design.T @ signal, rcond=1e-12)[0]
-    return np.asarray(slow @ solution[: slow.shape[1]])
+    waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
+    # The columns of one spline next to each other: the normal equations are banded, and their solution takes
+    # a time that goes with the number of periods.
+    columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
+    splines = slow.shape[1]
+    design = columns[:, np.arange(len(waves) * splines).reshape(len(waves), splines).T.ravel()].tocsr()
+    normal = design.T @ design
+    width = len(waves) * (DRIFT_DEGREE + 1)
+    band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(width)])
+    # Where samples are few a wave may be a sum of others: what is this small does not count.
+    band[0] += SMALLEST_PIVOT * band[0].max()
+    solution = solveh_banded(band, design.T @ signal, lower=True)
+    return np.asarray(slow @ solution[:: len(waves)])
 
 
 def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:

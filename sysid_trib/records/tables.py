@@ -20,6 +20,7 @@ from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
 from sysid_trib.records import formats, text, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.probe import check_binary
+from sysid_trib.records.row_order import in_order
 
 STANDARD_INPUT = "-"
 # Bytes; more is no record but a bomb.
@@ -42,17 +43,21 @@ class FileTable:
         What else it says: comment lines, texts and scalars as `name = value`.
     checksum : str
         SHA-256 of its content.
+    said : tuple of str
+        What was done to its rows.
     """
 
     source: str
     columns: tuple[Column, ...]
     notes: tuple[str, ...]
     checksum: str
+    said: tuple[str, ...] = ()
 
     @cached_property
     def rate(self) -> float | None:
         """Sampling rate (Hz) that its notes state, or that its rows have over a duration they state."""
-        return lab.noted_rate(self.notes, max(column.cells.size for column in self.columns))
+        rows = max(column.cells.size for column in self.columns)
+        return lab.noted_rate(self.notes, rows) or lab.bare_rate(self.notes, rows)
 
     @cached_property
     def times(self) -> list[Column]:
@@ -143,7 +148,9 @@ def read_table(path: Path) -> FileTable:
         columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
         if not any(column.cells.size for column in columns):
             raise RecordError(f"{file.name}: there are no numbers in it.")
-        return FileTable(source, columns, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest())
+        columns, said = in_order(columns)
+        checksum = hashlib.sha256(file.read_bytes()).hexdigest()
+        return FileTable(source, columns, tuple(notes), checksum, tuple(said))
 
 
 def _contents(path: Path) -> formats.Contents:

@@ -10,7 +10,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.records.smoothing import first_of_spline
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model
-from sysid_trib.simulation.motions import STEPS_A_PERIOD
+from sysid_trib.simulation.motions import STEPS_A_PERIOD, SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
 
 MEASURED, MEASURED_TIME = "measured", "measured_time"
@@ -170,3 +170,56 @@ def fit_start(
     return FittedMotion(
         begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
     )
+
+
+def measured_motion(
+    model: Model,
+    run: xr.Dataset,
+    start: tuple[float, float],
+    *,
+    fitted: slice | None = None,
+) -> tuple[SimulatedMotion, Array]:
+    """Fit the start of a motion, and the sensor's bias, to what was measured of a run.
+
+    Parameters
+    ----------
+    model : Model
+        With its inputs.
+    run : Dataset
+        See `measured_part`.
+    start : (float, float), rad and rad/s
+        First guess of angle and rate at the first sample.
+    fitted : slice, optional
+        Samples that the start is fitted to; all where left out.
+
+    Returns
+    -------
+    motion : SimulatedMotion
+    residual : (sample,) array of float
+        What was measured minus motion and bias, in the unit of the sensor.
+
+    Raises
+    ------
+    SimulationError
+        The motion cannot be computed.
+    """
+    (quantity, distance), time, values = measured_part(run)
+    part = slice(None) if fitted is None else fitted
+    # Of a body that may be anywhere, and moves at any speed, nothing tells a bias.
+    biased = first_zero(model) is not None
+    begin, last = np.array(start, dtype=float), np.inf
+    scale = np.array([1.0, model.reference_frequency, model.reference_frequency])[: 2 + biased]
+    for _ in range(MAX_ROUNDS):
+        motion = trajectory(model, time, *begin, by=BY_START)
+        columns = motion.shown_derivatives(quantity, distance)
+        columns = np.column_stack([columns, np.ones(len(time))]) if biased else columns
+        residual = values - motion.shown(quantity, distance)
+        step, *_ = np.linalg.lstsq(columns[part] * scale, residual[part], rcond=SINGULAR)
+        step = step * scale
+        size = float(np.max(np.abs(columns[part] @ step))) / max(float(np.std(values)), 1e-300)
+        if biased:
+            residual = residual - step[2]
+        if size < SETTLED_START or not size < NOT_SHORTER * last:
+            break
+        begin, last = begin + step[:2], size
+    return motion, residual

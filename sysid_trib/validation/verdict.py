@@ -10,6 +10,7 @@ import xarray as xr
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import method_of
@@ -150,15 +151,23 @@ def p_value_of_dependence(tested: xr.Dataset) -> float:
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
 
 
-def checked_library(function: str, library: ForceLibrary | None, methods: Iterable[Any]) -> ForceLibrary:
-    """The library that is offered, by default that of the contact forces; what is no method is refused.
+def checked_library(
+    function: str, library: ForceLibrary | None, methods: Iterable[Any], decay: Decays
+) -> ForceLibrary:
+    """The library that is offered; what is no method is refused.
+
+    By default it is that of the contact forces, with the first force of each input of the records.
 
     Raises
     ------
     UsageError
         Something else in the place of a library or method, or a class in that of an object.
     """
-    library = load_library() if library is None else library
+    if library is None:
+        runs = [decay] if isinstance(decay, xr.Dataset) else [*decay]
+        of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
+        names = [name for known in of_runs for name in known if name != inputs.INPUT]
+        library = with_inputs_acting(load_library(), names)
     if not isinstance(library, ForceLibrary):
         raise UsageError(f"{function} wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
     for method in methods:
@@ -252,6 +261,11 @@ def _is_open(method: Method) -> bool:
 def with_noise(method: Method, option: RandomForceOption) -> Method:
     """A method that leaves its noise open, with this one; any other as it is."""
     return with_random_force(method, option) if _is_open(method) else method
+
+
+def has_white_residual(followed: FollowedRuns) -> bool:
+    """True if the residual of a model, with a random force its innovations, is white noise."""
+    return _residual(followed)[0] >= RESIDUAL_LEVEL
 
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
