@@ -38,7 +38,9 @@ def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     sorted_by = " with equal steps" if _is_even(np.sort(time.cells.astype(float))) else ""
     said.append(f"rows are not in order of time: sorted by column {time.name}{sorted_by}")
     size = time.cells.size
-    return tuple(_with_rows(c, rows) if c.cells.size == size else c for c in columns), said
+    # Numbers of the rows, put there after the sorting, are those of the new order as well.
+    kept = [c.cells.size != size or (c.rises and c.is_plain and _numbers_rows(c)) for c in columns]
+    return tuple(c if stays else _with_rows(c, rows) for c, stays in zip(columns, kept, strict=True)), said
 
 
 def _with_rows(column: Column, rows: slice | Index) -> Column:
