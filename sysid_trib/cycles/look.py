@@ -212,7 +212,7 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
 
 
 # Extrema of which the median of the scatter is taken; of many, what each is off the mean of so many.
-NEIGHBOURS, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
+MEDIAN_OF, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
 
 
 def _scatter(decay: xr.Dataset, curves: xr.Dataset) -> Array:
@@ -224,7 +224,7 @@ def _scatter(decay: xr.Dataset, curves: xr.Dataset) -> Array:
     if size.size >= FEWEST_FOR_LOCAL:
         off = np.log(size) - uniform_filter1d(np.log(size), LOCAL)
         relative = np.maximum(relative, np.sqrt(uniform_filter1d(off**2, LOCAL)))
-    relative = median_filter(relative[order], NEIGHBOURS)
+    relative = median_filter(relative[order], MEDIAN_OF)
     return np.asarray(np.interp(curves.amplitude.values, size[order], relative))
 
 

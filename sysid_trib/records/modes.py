@@ -8,11 +8,11 @@ from sysid_trib.arrays import Array
 
 # Bins of the spectrum on a logarithmic axis: their width, how many on either side a line is the largest of,
 # and those whose median it stands out of so many times.
-BIN, NEAR, AROUND, OUT = 0.01, 5, 30, 5.0
+BIN, NEIGHBOURING_BINS, BINS_OF_FLOOR, ABOVE_FLOOR = 0.01, 5, 30, 5.0
 # Samples and lines below which nothing is said.
-FEWEST_SAMPLES, FIRST_LINE = 200, 8
+FEWEST_FOR_MODES, FIRST_LINE = 200, 8
 # A mode has this part of the strongest one's size, or this part if it may be a harmonic of it.
-LEAST, LEAST_OF_MULTIPLE = 0.03, 0.5
+LEAST_MODE, LEAST_MULTIPLE = 0.03, 0.5
 # How near to a whole multiple a frequency is one, and how much a line must fall from the first third of the
 # record to the last one: what does not is hum or a drive.
 NEAR_MULTIPLE, FALL = 0.015, 0.8
@@ -33,7 +33,7 @@ def modes(time: Array, signal: Array) -> list[float]:
     """
     finite = np.isfinite(signal)
     time, signal = time[finite], signal[finite]
-    if signal.size < FEWEST_SAMPLES:
+    if signal.size < FEWEST_FOR_MODES:
         return []
     signal = signal - np.median(signal)
     start = min(int(np.argmax(np.abs(signal))), signal.size // 2)
@@ -49,26 +49,30 @@ def modes(time: Array, signal: Array) -> list[float]:
     first = np.flatnonzero(np.diff(bins, prepend=-1))
     largest = np.maximum.reduceat(spectrum, first)
     energy = np.sqrt(np.add.reduceat(spectrum**2, first))
-    lines = largest >= maximum_filter1d(largest, 2 * NEAR + 1)
-    lines &= largest > OUT * median_filter(largest, 2 * AROUND + 1, mode="nearest")
+    lines = largest >= maximum_filter1d(largest, 2 * NEIGHBOURING_BINS + 1)
+    lines &= largest > ABOVE_FLOOR * median_filter(largest, 2 * BINS_OF_FLOOR + 1, mode="nearest")
     lines &= largest > 8.0 * np.median(spectrum)
-    found = []
+    decaying_lines = []
     for at in np.flatnonzero(lines):
         stop = first[at + 1] if at + 1 < first.size else spectrum.size
         line = first[at] + int(np.argmax(spectrum[first[at] : stop]))
-        strength = float(np.sqrt(np.sum(energy[max(0, at - NEAR) : at + NEAR + 1] ** 2)))
+        amplitude = float(
+            np.sqrt(np.sum(energy[max(0, at - NEIGHBOURING_BINS) : at + NEIGHBOURING_BINS + 1] ** 2))
+        )
         # Its centre, between two lines.
         near = slice(max(0, line - CENTRED), line + CENTRED + 1)
         centre = np.average(index[near], weights=spectrum[near] ** 2)
-        found.append((strength, float(centre / (size * interval))))
-    found = [(strength, frequency) for strength, frequency in found if _falls(time, signal, frequency)]
-    if not found:
+        decaying_lines.append((amplitude, float(centre / (size * interval))))
+    decaying_lines = [
+        (amplitude, frequency) for amplitude, frequency in decaying_lines if _falls(time, signal, frequency)
+    ]
+    if not decaying_lines:
         return []
-    most, strongest = max(found)
+    most, strongest = max(decaying_lines)
     kept = [
         frequency
-        for strength, frequency in found
-        if strength >= (LEAST_OF_MULTIPLE if _is_multiple(frequency / strongest) else LEAST) * most
+        for amplitude, frequency in decaying_lines
+        if amplitude >= (LEAST_MULTIPLE if _is_multiple(frequency / strongest) else LEAST_MODE) * most
     ]
     return kept if len(kept) <= MOST_MODES else []
 

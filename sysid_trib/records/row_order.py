@@ -15,7 +15,7 @@ EVEN_PART, EVEN_WITHIN = 0.9, 0.3
 # Part of the stamps that may be there twice.
 MOST_DOUBLED = 0.01
 # Columns that are looked at.
-MOST_COLUMNS = 40
+COLUMNS_LOOKED_AT = 40
 
 
 def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
@@ -82,7 +82,7 @@ def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
     """
     plain = [
         column
-        for column in columns[:MOST_COLUMNS]
+        for column in columns[:COLUMNS_LOOKED_AT]
         if column.is_plain and column.cells.size >= FEWEST_ROWS and np.isfinite(column.cells).all()
     ]
     # Numbers of rows, which are in order after any sorting, are no clock.
@@ -94,13 +94,13 @@ def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
     even = [column for column in shuffled if _is_even(np.sort(column.cells.astype(float)))]
     named = [column for column in shuffled if column.is_time]
     is_sorted = any(_is_monotone(column.cells) for column in plain if column not in shuffled)
-    for found in (
+    for candidates in (
         [column for column in even if column.is_time],
         [column for column in even if not column.is_time and not named and not _numbers_rows(column)],
         named if is_sorted and not even else [],
     ):
-        if found:
-            return found[0]
+        if candidates:
+            return candidates[0]
     return None
 
 

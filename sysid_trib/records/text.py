@@ -417,7 +417,7 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
     repeated = [bool(name) and names.count(name) > 1 for name in names]
     if not any(repeated) or delimiter is None:
         return names
-    groups = [_spread(line, delimiter, len(names)) for line in above]
+    groups = [_filled_forward(line, delimiter, len(names)) for line in above]
     for count in (1, 2):
         for chosen in combinations([group for group in groups if group], count):
             words = [
@@ -432,15 +432,15 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
     return names
 
 
-def _spread(line: str, delimiter: str, width: int) -> list[str]:
+def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
     """Cells of a line, each empty one as the one before it; nothing if they are too many."""
     cells = [cell.strip().strip("\"'").strip() for cell in line.strip("\r\n").split(delimiter)]
     if len(cells) > width:
         cells = cells[:width] if not any(cells[width:]) else []
-    spread: list[str] = []
+    repeated_cells: list[str] = []
     for cell in cells:
-        spread.append(cell or (spread[-1] if spread else ""))
-    return spread + [spread[-1]] * (width - len(spread)) if spread else []
+        repeated_cells.append(cell or (repeated_cells[-1] if repeated_cells else ""))
+    return repeated_cells + [repeated_cells[-1]] * (width - len(repeated_cells)) if repeated_cells else []
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:
