@@ -6,7 +6,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.pointing import ElasticModel, pointed_to
-from sysid_trib.records import equilibrium, half_periods, half_sines, sensor, signal, smoothing
+from sysid_trib.records import equilibrium, half_periods, half_sines, modes, sensor, signal, smoothing
 from sysid_trib.results.variables import Variables, group_names, variable
 
 PENDULUM = "pendulum"
@@ -34,7 +34,8 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
         `drift` (of the middle; 0
         within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`, and
         `spectrum(frequency_line)`. Units are those of the record. attrs `points_to_forces`,
-        `points_to_system`, `points_to`: what the backbone points to, empty if nothing.
+        `points_to_system`, `points_to`: what the backbone points to, empty if nothing; `modes`, where several
+        swing at once.
 
     Raises
     ------
@@ -81,7 +82,9 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     }
     kept = curve[["instant_time", "frequency"]].assign(amplitude=curve.amplitude.copy(data=amplitude))
     facts = kept.assign({**scalars, **_spectrum(time, angle, unit)})
-    return facts.assign_attrs({**decay.attrs, **pointers(decay)})
+    several = modes.modes(measured.time.values, measured.to_numpy())
+    said = modes.listed(several) if len(several) > 1 else ""
+    return facts.assign_attrs({**decay.attrs, **pointers(decay), "modes": said})
 
 
 def pointers(decay: xr.Dataset) -> dict[str, str]:

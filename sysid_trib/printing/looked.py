@@ -303,8 +303,13 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     said = [limit for limit, applies in limits.items() if applies]
     if np.isfinite(power := _power_of_rate(decay)):
         said.append(_law(power))
-    pointed = decay.attrs["points_to"]
+    pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
+    modal = (
+        f"Several modes: {several}. What is said is of the one of {1.0 / value['period']:.3g} Hz, to which "
+        "the others are noise: filter the signal to a band about it."
+    )
     return [
+        *([modal] if several else []),
         f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
         f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}"
         f"{rates if np.isfinite(first + last) else ''}.",

@@ -10,7 +10,7 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import cleaning, clock, drives, equilibrium, free_decay, units as lab
+from sysid_trib.records import cleaning, clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
@@ -245,7 +245,10 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     if not any(swings[c][0] for c in pool):
         pool = named or pool
         reasons = "; ".join(f"{c.name}: {swings[c][1]}" for c in pool[:LISTED] if swings[c][1])
-        beat = "two modes beat" in reasons and "driven" not in reasons
+        beat = (
+            re.search("two modes beat|several modes|rises again", reasons) is not None
+            and "driven" not in reasons
+        )
         driven = (
             "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); else switch the drive "
             "off, and record what follows."
@@ -254,8 +257,11 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
             f"{'record one mode alone.' if beat else driven}"
         )
+    swing, _ = swings[largest]
+    several = modes.modes(swing.time, swing.signal) if swing else []
+    modal = f" (several modes swing in {largest.name}: {modes.listed(several)})" if len(several) > 1 else ""
     raise UsageError(
-        f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
+        f"{source}: {_listed(pool, swings)} could each be the signal{modal}; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
 

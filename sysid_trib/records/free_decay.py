@@ -9,7 +9,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods
+from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_pieces
@@ -197,8 +197,25 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         ends = slice(decay.free.stop, None), slice(decay.free.start)
         waiting = [*((decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
-        raise refusals[0]
+        raise _naming_modes(refusals[0], longest, source)
     return sorted(decays, key=lambda decay: decay.time[decay.free.start])
+
+
+# Refusals that several modes may be the cause of.
+_OF_MODES = re.compile(r"rises again|half period|does not decay|grows")
+
+
+def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
+    """A refusal with the frequencies of the modes that swing at once, where there are several."""
+    said = str(refusal).removeprefix(f"{source}: ")
+    several = modes.modes(*piece[:2]) if _OF_MODES.search(said) else []
+    if len(several) < 2:
+        return refusal
+    reason = re.split(r";|, at least", said)[0].rstrip(".")
+    return DecayError(
+        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); record one alone, or "
+        "filter the signal to a band about one."
+    )
 
 
 def _may_hold_another(time: Array, signal: Array, decays: list[Swing]) -> bool:

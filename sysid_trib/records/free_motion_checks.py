@@ -195,7 +195,7 @@ def wrong_swings(swing: Swing) -> Index:
             kept = np.flatnonzero(good[side::2])
             if kept.size < FEWEST_EXTREMA:
                 return none
-            off[side::2][kept] = _off_course(level[side::2][kept])
+            off[side::2][kept] = _deviation_from_decay(level[side::2][kept])
         far = np.where(np.abs(off) > WRONG_PART + scatter, np.abs(off), 0.0)
         if not far.any():
             break
@@ -205,7 +205,7 @@ def wrong_swings(swing: Swing) -> Index:
     return np.flatnonzero(~good) + run.start
 
 
-def _off_course(level: Array) -> Array:
+def _deviation_from_decay(level: Array) -> Array:
     """By how much logarithms are off those on both sides, where these are a decay; else 0."""
     off = np.zeros(level.size)
     before, after = level[1:-3], level[3:-1]

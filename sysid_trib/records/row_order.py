@@ -15,7 +15,7 @@ EVEN_PART, EVEN_WITHIN = 0.9, 0.3
 # Part of the stamps that may be there twice.
 MOST_DOUBLED = 0.01
 # Columns that are looked at.
-MOST_COLUMNS = 40
+COLUMNS_LOOKED_AT = 40
 
 
 def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
@@ -38,7 +38,9 @@ def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     sorted_by = " with equal steps" if _is_even(np.sort(time.cells.astype(float))) else ""
     said.append(f"rows are not in order of time: sorted by column {time.name}{sorted_by}")
     size = time.cells.size
-    return tuple(_with_rows(c, rows) if c.cells.size == size else c for c in columns), said
+    # Numbers of the rows, put there after the sorting, are those of the new order as well.
+    kept = [c.cells.size != size or (c.rises and c.is_plain and _numbers_rows(c)) for c in columns]
+    return tuple(c if stays else _with_rows(c, rows) for c, stays in zip(columns, kept, strict=True)), said
 
 
 def _with_rows(column: Column, rows: slice | Index) -> Column:
@@ -80,7 +82,7 @@ def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
     """
     plain = [
         column
-        for column in columns[:MOST_COLUMNS]
+        for column in columns[:COLUMNS_LOOKED_AT]
         if column.is_plain and column.cells.size >= FEWEST_ROWS and np.isfinite(column.cells).all()
     ]
     # Numbers of rows, which are in order after any sorting, are no clock.
@@ -92,13 +94,13 @@ def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
     even = [column for column in shuffled if _is_even(np.sort(column.cells.astype(float)))]
     named = [column for column in shuffled if column.is_time]
     is_sorted = any(_is_monotone(column.cells) for column in plain if column not in shuffled)
-    for found in (
+    for candidates in (
         [column for column in even if column.is_time],
         [column for column in even if not column.is_time and not named and not _numbers_rows(column)],
         named if is_sorted and not even else [],
     ):
-        if found:
-            return found[0]
+        if candidates:
+            return candidates[0]
     return None
 
 

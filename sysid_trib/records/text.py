@@ -274,6 +274,8 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 # Cells may be empty, but for the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
+                # `data:` stands below a fact.
+                goes_on = goes_on and not below.rstrip().endswith(":")
                 # A lone number above the header is no row.
                 single = len(fields) == 1 and any(sign in below for sign in ",;\t")
                 # Facts that stand above a head are no rows.
@@ -365,11 +367,11 @@ def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | Non
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     if _are_names(above, last) and (bracketed or _are_units_of(last, above)):
         return 1, last
-    if _are_names(last, above) and _are_units_of(above, last, known=True):
-        return 0, above
     # What is measured, or how, may stand below the units.
     if len(rows) > 2 and _are_names(rows[2], above) and _are_units_of(above, rows[2]):
         return 2, above
+    if _are_names(last, above) and _are_units_of(above, last, known=True):
+        return 0, above
     return (None, None) if _are_units(last) else (0, None)
 
 
@@ -385,7 +387,12 @@ def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool
         for item, name in zip(row, names, strict=True)
         if item != name
     )
-    return (of_time and not any(map(is_number, row))) or _are_units([i.strip("[]()") for i in row], known)
+    items = [item.strip("[]() ") for item in row]
+    filled = [item for item in items if item]
+    # `mm` below each of several names; `raw` and `counts` may be names themselves.
+    known_all = bool(filled) and all(is_known_unit(item) for item in filled)
+    known_all = known_all and not all(names_quantity(item.lower()) for item in filled)
+    return (of_time and not any(map(is_number, row))) or known_all or _are_units(items, known)
 
 
 # Letters of the longest unit that is not known.
@@ -410,7 +417,7 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
     repeated = [bool(name) and names.count(name) > 1 for name in names]
     if not any(repeated) or delimiter is None:
         return names
-    groups = [_spread(line, delimiter, len(names)) for line in above]
+    groups = [_filled_forward(line, delimiter, len(names)) for line in above]
     for count in (1, 2):
         for chosen in combinations([group for group in groups if group], count):
             words = [
@@ -425,15 +432,15 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
     return names
 
 
-def _spread(line: str, delimiter: str, width: int) -> list[str]:
+def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
     """Cells of a line, each empty one as the one before it; nothing if they are too many."""
     cells = [cell.strip().strip("\"'").strip() for cell in line.strip("\r\n").split(delimiter)]
     if len(cells) > width:
         cells = cells[:width] if not any(cells[width:]) else []
-    spread: list[str] = []
+    repeated_cells: list[str] = []
     for cell in cells:
-        spread.append(cell or (spread[-1] if spread else ""))
-    return spread + [spread[-1]] * (width - len(spread)) if spread else []
+        repeated_cells.append(cell or (repeated_cells[-1] if repeated_cells else ""))
+    return repeated_cells + [repeated_cells[-1]] * (width - len(repeated_cells)) if repeated_cells else []
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:

@@ -225,8 +225,8 @@ def noted_rate(notes: Sequence[str], rows: int) -> float | None:
     So many rows have one over a duration that it states, too.
     """
     # `dt:` may stand alone above its number.
-    alone = [f"{key} {value}" for key, value in pairwise(notes) if not re.search(r"\d", key)]
-    for note in (_without_accents(note) for note in [*notes, *alone]):
+    two_lines = [f"{key} {value}" for key, value in pairwise(notes) if not re.search(r"\d", key)]
+    for note in (_without_accents(note) for note in [*notes, *two_lines]):
         for pattern in _RATES:
             if value := _value(match := re.search(pattern, note, re.IGNORECASE)):
                 return value * (1e3 if _unit_of(match, "hz").startswith("k") else 1.0)
@@ -251,9 +251,9 @@ def bare_rate(notes: Sequence[str], rows: int) -> float | None:
             re.fullmatch(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?", w, re.I) for w in words
         ):
             continue
-        for one, other in combinations(map(float, words), 2):
-            if min(one, other) > 1.0 and round(one * other) in (rows, rows - 1):
-                return max(one, other)
+        for factor, other in combinations(map(float, words), 2):
+            if min(factor, other) > 1.0 and round(factor * other) in (rows, rows - 1):
+                return max(factor, other)
     return None
 
 
