@@ -30,7 +30,7 @@ from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
 from sysid_trib.simulation.model import FREQUENCY, Model
 
 # A motion that leaves more than this part of a record does not follow it.
-NOT_FOLLOWED = 0.7
+LARGEST_UNFOLLOWED = 0.7
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ class Trajectory(Constrained):
         # Rounds in which noise and fit of several runs, or of coloured noise, follow each other. Where the
         # motion does not follow the record there is no noise, and each round would take all evaluations.
         rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
-        if rounds and missed(problem, fit.values) > NOT_FOLLOWED:
+        if rounds and missed(problem, fit.values) > LARGEST_UNFOLLOWED:
             rounds = 0
         for _ in range(rounds):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")

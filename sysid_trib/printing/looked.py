@@ -203,7 +203,7 @@ def _power_of_rate(decay: xr.Dataset) -> float:
 
 
 # A model that leaves more than this part of the motion does not follow it.
-NOT_FOLLOWED = 0.3
+FOLLOWING_PART = 0.3
 
 
 def driven_look_blocks(
@@ -246,7 +246,7 @@ def driven_look_json(tree: xr.DataTree, models: Sequence[FittingModel], next_com
 
 def fitting_options(models: Sequence[FittingModel], system: str | None) -> dict[str, str | None]:
     """Options of `identify` for the model that fits driven records best; none if a system is given."""
-    if system is not None or not models[0].residual < NOT_FOLLOWED:
+    if system is not None or not models[0].residual < FOLLOWING_PART:
         return {}
     best = models[0]
     return {"system": best.system} if best.system else {"forces": ",".join(best.forces)}

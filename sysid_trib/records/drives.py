@@ -47,7 +47,7 @@ def moves(column: Column) -> bool:
 
 def drives_among(columns: Iterable[Column], signal: Column) -> list[Column]:
     """Return the columns that may drive a signal, of its length: forces before wanted motions."""
-    found = [
+    driving = [
         column
         for column in columns
         if column is not signal
@@ -56,7 +56,7 @@ def drives_among(columns: Iterable[Column], signal: Column) -> list[Column]:
         and is_named_as_drive(column)
         and moves(column)
     ]
-    return sorted(found, key=is_wanted)
+    return sorted(driving, key=is_wanted)
 
 
 def is_held(values: np.ndarray) -> bool:

@@ -246,12 +246,12 @@ def refuse_inputs(record: xr.Dataset) -> None:
 
 
 # An input that varies by less than this part of its size is constant.
-ROUNDING = 1e-12
+CONSTANT_WITHIN = 1e-12
 
 
 def is_constant(values: Array) -> bool:
     """Return whether an input does not change but for rounding."""
-    return bool(np.ptp(values) <= ROUNDING * np.max(np.abs(values), initial=0.0))
+    return bool(np.ptp(values) <= CONSTANT_WITHIN * np.max(np.abs(values), initial=0.0))
 
 
 # A mean of this part of the standard deviation of a rate, or less, is a bias of the sensor.

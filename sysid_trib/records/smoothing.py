@@ -218,20 +218,20 @@ def first_frequency(runs: Sequence[xr.Dataset]) -> float:
     DecayError
         A free run has no whole half period, or none of the driven ones has.
     """
-    found, refusals = list[float](), list[DecayError]()
+    frequencies, refusals = list[float](), list[DecayError]()
     for run in runs:
         try:
-            found.append(swing_frequency(run))
+            frequencies.append(swing_frequency(run))
         except DecayError:
             if not inputs.inputs_of(run):
                 raise
             try:
-                found.append(swing_frequency(run, equilibrium=None))
+                frequencies.append(swing_frequency(run, equilibrium=None))
             except DecayError as refusal:
                 refusals.append(refusal)
-    if not found:
+    if not frequencies:
         raise refusals[0]
-    return float(np.median(found))
+    return float(np.median(frequencies))
 
 
 def nominal_frequency(frequency: float) -> float:

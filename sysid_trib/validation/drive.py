@@ -27,7 +27,7 @@ OSCILLATORS = (
 # A model of more forces is taken if it leaves less than this part of what the best of fewer leaves.
 LESS = 0.8
 # Samples that are looked at: so many a period of the fastest motion, and so many in all.
-PER_PERIOD, MOST_SAMPLES = 40, 3000
+PER_PERIOD, MOST_OF_RECORD = 40, 3000
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _short(run: xr.Dataset) -> xr.Dataset:
     held = any(drives.is_held(known[name].values) for name in known)
     # What is left out of an input that jumps would be seen as another drive.
     every = 1 if held else every
-    part = run.isel(time=slice(None, MOST_SAMPLES * every, every))
+    part = run.isel(time=slice(None, MOST_OF_RECORD * every, every))
     if "measured" in part:
         part = part.sel(measured_time=part.time.values)
     return part

@@ -103,7 +103,7 @@ def identified_driven(
         best = min(pair, key=lambda of: _sizes(of)["residual_rms"])
     slipped, models = not _follows(best), {"direct": best}
     tell("trajectory")
-    # The errors of a fit of the free motion do not know a random force, which the motion remembers for long.
+    # The errors of a fit of the free motion do not know a random force, whose effect lasts long.
     noise: RandomForceOption = "estimated" if random_explains else "off"
     begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force=noise)
     if not slipped and not trajectory.start:
@@ -153,9 +153,9 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
     """
     known = [inputs.inputs_of(run) for run in runs]
     for force in library if not free else ():
-        alone = force.inputs and not {"x", "v", "t"} & force.formula.names
+        input_only = force.inputs and not {"x", "v", "t"} & force.formula.names
         values = [of_run[name].values for of_run in known for name in force.inputs if name in of_run]
-        if alone and values and all(inputs.is_constant(of) for of in values):
+        if input_only and values and all(inputs.is_constant(of) for of in values):
             name, size = force.inputs[0], values[0][0]
             raise DecayError(
                 f"The input {name} is {size:g} throughout and drives nothing: force '{force.symbol}' cannot "
@@ -203,13 +203,13 @@ def _sizes(followed: FollowedRuns) -> dict[str, float]:
 
 def _sizes_of(followed: FollowedRuns) -> list[float]:
     runs, result = [*followed.runs.values()], followed.result
-    found = [_residual(followed, at) for at in followed.runs]
-    residuals = [residual for residual in found if residual is not None]
+    of_runs = [_residual(followed, at) for at in followed.runs]
+    residuals = [residual for residual in of_runs if residual is not None]
     if len(residuals) < len(runs):
         return [np.inf] * len(SIZES)
-    of_runs = [root_mean_square(residual) for residual in residuals]
-    rms = root_mean_square(of_runs)
-    over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(of_runs)])
+    sizes = [root_mean_square(residual) for residual in residuals]
+    rms = root_mean_square(sizes)
+    over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(sizes)])
     record = root_mean_square([_size_of(run, result) for run in runs])
     return [rms, over_noise, rms / record, min(1.0, len(runs) * min(map(white_p_value, residuals)))]
 
