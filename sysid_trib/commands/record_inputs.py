@@ -181,8 +181,9 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
         return record, [_multiplied(example, factor)], source
     try:
-        usual, inputs = load_system(given.system).signal, driving_of(given)
-        runs = read_records(record, Reading(**how, usual=usual, inputs=inputs, between=given.between))
+        system = load_system(given.system)
+        how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
+        runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None

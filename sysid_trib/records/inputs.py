@@ -13,6 +13,7 @@ from scipy.interpolate import PPoly, make_interp_spline
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
+from sysid_trib.records import half_periods
 from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_signal
 
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
@@ -48,7 +49,7 @@ class KnownInput:
 
     elapsed: Array
     values: Array
-    between: str = "linear"
+    between: str = "smooth"
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.values)):
@@ -166,12 +167,35 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
         )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
-    if time[0] > start or time[-1] < float(record.time.values[-1]):
+    # Two clocks of large numbers have one instant but for their rounding.
+    rounding = 1e-3 * float(np.median(np.diff(record.time.values.astype(float))))
+    if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
         raise DecayError(
             f"The input {name} reaches from {reach}; cut the record (--window), or give all of the input."
         )
-    return KnownInput(time - start, given.values.astype(float), str(given.attrs.get("between", "linear")))
+    values = given.values.astype(float)
+    return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))
+
+
+# Levels of a signal that is switched, such as a square wave: more are the steps of a converter.
+MOST_LEVELS = 8
+
+
+def usual_between(values: Array) -> str:
+    """What an input is between its samples where nothing says it: smooth, or held where it moves in steps.
+
+    A held input stands still between most samples, and its changes are leaps: of more than a step of the
+    sensor, or from one level to another of a few. A smooth signal in a coarse step, or a pulse, is smooth.
+    """
+    moves = np.diff(values)
+    changes = np.flatnonzero(moves)
+    if len(changes) < 2 or 2 * len(changes) > len(moves):
+        return "smooth"
+    alone = np.diff(changes, prepend=-2) > 1
+    leaps = np.median(np.abs(moves[changes])) > 3.0 * half_periods.quantisation_step(values)
+    levels = np.unique(values).size
+    return "held" if np.mean(alone) > 0.8 and (leaps or levels <= MOST_LEVELS) else "smooth"
 
 
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
@@ -260,7 +284,7 @@ def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -
     if part.sizes["time"] < FEWEST_SAMPLES:
         raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
     names = list(inputs_of(record))
-    time, between = part.time.values, {str(part[name].attrs["between"]) for name in names}
+    time, between = part.time.values, {given.between for given in inputs_of(part).values()}
     units = [f"{name} ({part[name].attrs.get('units', 'unit not stated')})" for name in names]
     step = float(np.median(np.diff(time)))
     said = (
