@@ -246,7 +246,24 @@ def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
         checked_signal(run)
         if not driven:
             inputs.refuse_inputs(run)
+    if driven:
+        _refuse_mixed_inputs(runs)
     return runs
+
+
+def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
+    """Refuse runs whose inputs of one name are in different units."""
+    units: dict[str, set[str]] = {}
+    for run in runs:
+        for name, variable in run.variables.items():
+            if variable.attrs.get("role") == inputs.ROLE and (unit := variable.attrs.get("units")):
+                units.setdefault(str(name), set()).add(str(unit))
+    for name, found in units.items():
+        if len(found) > 1:
+            raise UsageError(
+                f"The input {name} is in different units ({', '.join(sorted(found))}); runs of one experiment "
+                "have it in one: convert it."
+            )
 
 
 def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
