@@ -12,8 +12,9 @@ import xarray as xr
 from sysid_trib.commands.app import Asked, parse_number, parse_value_with_error, parse_window
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.selection import load_system
+from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
-from sysid_trib.records.inputs import driven_part, named_inputs
+from sysid_trib.records.inputs import named_inputs
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.smoothing import swing_frequency
@@ -205,7 +206,10 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
 def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
-        return [driven_part(record, limits)]
+        if record.attrs.get("integrations"):
+            wrong = "A driven record is an angle or a displacement; this one is integrated"
+            raise UsageError(f"{wrong}. Name a column of these (--angle), or leave the input out.")
+        return driven_parts(record, limits, keep_outliers=given.keep_outliers)
     centre: float | str = given.equilibrium
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))

@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
 from sysid_trib.records import half_periods
-from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_signal
+from sysid_trib.records.signal import checked_signal, unit_of_signal
 
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
@@ -257,38 +257,3 @@ def refuse_inputs(record: xr.Dataset) -> None:
             "with, and simulate, predict, innovations and prediction_bands take; leave it out where it is "
             f"zero, drop_vars('{names[0]}')."
         )
-
-
-def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -> xr.Dataset:
-    """A driven record within a window, with a sentence on it (attrs `free_decay`).
-
-    Parameters
-    ----------
-    record : Dataset
-        `angle(time)` with inputs.
-    window : (float or None, float or None), s
-        First and last time; open where None.
-
-    Raises
-    ------
-    DecayError
-        The window holds too few samples.
-    UsageError
-        What was measured is a rate or an acceleration, which is fitted of free decays alone.
-    """
-    if record.attrs.get("integrations"):
-        wrong = "A driven record is an angle or a displacement; this one is integrated"
-        raise UsageError(f"{wrong}. Name a column of these (--angle), or leave the input out.")
-    low, high = window
-    part = record.sel(time=slice(low, high))
-    if part.sizes["time"] < FEWEST_SAMPLES:
-        raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
-    names = list(inputs_of(record))
-    time, between = part.time.values, {given.between for given in inputs_of(part).values()}
-    units = [f"{name} ({part[name].attrs.get('units', 'unit not stated')})" for name in names]
-    step = float(np.median(np.diff(time)))
-    said = (
-        f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "
-        f"inputs {', '.join(units)}, {' and '.join(sorted(between))} between samples."
-    )
-    return part.assign_attrs(free_decay=said)

@@ -241,8 +241,8 @@ def _units_of_results(datasets: Sequence[xr.Dataset]) -> list[str]:
 def _refuse_mixed_units(units: Sequence[str]) -> None:
     if len(found := sorted({*units})) > 1:
         raise UsageError(
-            f"The records and results are in different units ({', '.join(found)}); what belongs together is in "
-            "one unit: convert it."
+            f"The records and results are in different units ({', '.join(found)}); what belongs together is "
+            "in one unit: convert it."
         )
 
 

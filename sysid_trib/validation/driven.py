@@ -17,7 +17,8 @@ from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
-from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.records.signal import checked_signal, unit_of_signal
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import INPUT_UNITS, library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -209,7 +210,9 @@ def predict(
     -----
     Signal and inputs are converted to the units in which the model was identified; the prediction is in them.
     """
-    (whole,) = as_runs(record, driven=True)
+    (given,) = [record] if isinstance(record, xr.Dataset) else record
+    checked_signal(given)
+    (whole,) = driven_parts(given, across_gaps=True)
     return _predict(result, _in_units_of(result, whole), warm_up=warm_up, run=run)
 
 
