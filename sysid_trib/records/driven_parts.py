@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, half_periods
-from sysid_trib.records.inputs import ROLE, inputs_of
+from sysid_trib.records.inputs import ROLE, KnownInput, inputs_of
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
 # A part of a record that is used has so many samples, and lasts so many periods.
@@ -21,8 +21,10 @@ MOST_GAPS = 0.1
 DEGREE = 7
 # An input whose spread is not so many times its noise has no smooth course that a sample could leave.
 SMOOTH_COURSE = 15.0
-# An outlier of an input leaps by so many times what any other sample is off the cubic through its neighbours.
+# An outlier leaps by so many times what any other sample is off the cubic through its neighbours.
 LEAP = 3.0
+# Samples at either end that have too few others beyond them to be filled: a bad one there is cut off.
+AT_END = 4
 # Outliers and gaps that a sentence lists.
 LISTED = 3
 
@@ -91,17 +93,17 @@ def driven_parts(
             "for two periods; record it without them."
         )
     if len(pieces) > 1:
-        used = "all" if len(kept) == len(pieces) else f"{len(kept)} of which are"
+        used = "all" if len(kept) == len(pieces) else f"{len(kept)} of them"
         said.append(
             f"parted by {'a gap' if gaps.size == 1 else 'gaps'} ({_listed_gaps(time, gaps)}) into "
             f"{len(pieces)} parts, {used} used as runs"
         )
-    return [_described(filled, [*said, *also]) for filled, also in map(_filled, kept)]
+    return [_described(filled, [*said, *also]) for filled, also in (_filled(p, period) for p in kept)]
 
 
 def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
     """A record whose outliers are filled from the samples near them, and sentences on these."""
-    said = []
+    record, said = _without_bad_ends(record)
     inputs = inputs_of(record)
     measured = [str(name) for name in ("angle", record.attrs.get("measured")) if name in record]
     for name in (*measured, *inputs):
@@ -109,16 +111,12 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         values = record[name]
         own = values[values.dims[0]].values.astype(float)
         numbers = values.values.astype(float)
-        if known is not None and (known.between not in ("smooth", "cubic") or not _has_course(own, numbers)):
+        if known is not None and not _is_smooth(own, numbers, known):
             continue
-        bad = _outliers(own, numbers)
+        bad = _standing_out(own, numbers, _outliers(own, numbers))
         if not bad.size:
             continue
-        good = np.delete(np.arange(own.size), bad)
-        mended = numbers.copy()
-        mended[bad] = _between(own[good], numbers[good], own[bad])
-        if known is not None and not _stand_out(numbers[bad] - mended[bad], mended):
-            continue
+        mended = _mended(own, numbers, bad)
         record = record.assign({name: (values.dims, mended, values.attrs)})
         listed = ", ".join(f"{numbers[at]:.4g} at {own[at]:.6g} s" for at in bad[:LISTED])
         more = ", ..." if bad.size > LISTED else ""
@@ -130,6 +128,24 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
     return record, said
 
 
+def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+    """A record without its first or last samples where one of these leaps, and sentences on it."""
+    time, count = record.time.values.astype(float), record.sizes["time"]
+    low, high, said = 0, count, list[str]()
+    inputs = inputs_of(record)
+    for name in ("angle", *(name for name in inputs if _is_at_samples(record[name]))):
+        values = record[name].values.astype(float)
+        if name in inputs and not _is_smooth(time, values, inputs[name]):
+            continue
+        spikes = cleaning.spikes(time, values)
+        if np.any(spikes < AT_END):
+            low, said = AT_END, [*said, f"the first {AT_END} samples cut off, of which one of {name} leaps"]
+        if np.any(spikes >= count - AT_END):
+            high = count - AT_END
+            said.append(f"the last {AT_END} samples cut off, of which one of {name} leaps")
+    return record.isel(time=slice(low, high)), said
+
+
 def _outliers(time: Array, values: Array) -> Index:
     """Indices of single samples that leap out of a signal of any course that its samples show."""
     if time.size < FEWEST_IN_PART:
@@ -138,22 +154,37 @@ def _outliers(time: Array, values: Array) -> Index:
     calm = np.delete(np.arange(time.size), spikes)
     # As many knots as samples allow: a driven motion is faster at times than its period says.
     shortest = cleaning.KNOTS * cleaning.SAMPLES_PER_INTERVAL * usual_step(np.diff(time))
-    return np.union1d(spikes, calm[cleaning.outliers(time[calm], values[calm], shortest)]).astype(np.int64)
+    both = np.union1d(spikes, calm[cleaning.outliers(time[calm], values[calm], shortest)]).astype(np.int64)
+    return both[(both >= AT_END) & (both < time.size - AT_END)]
 
 
-def _has_course(time: Array, values: Array) -> bool:
-    """True if an input moves smoothly most of the time: no noise, no pulses, no steps."""
+def _is_smooth(time: Array, values: Array, known: KnownInput) -> bool:
+    """True if an input moves smoothly most of the time: it is no noise, and has no pulses and no steps."""
     spread = float(np.ptp(np.percentile(values, [10.0, 90.0])))
-    return spread > SMOOTH_COURSE * half_periods.noise_level(time, values)
+    followed = known.between in ("smooth", "cubic")
+    return followed and spread > SMOOTH_COURSE * half_periods.noise_level(time, values)
 
 
-def _stand_out(leaps: Array, others: Array) -> bool:
-    """True if all leaps are far larger than what the other samples differ from their neighbours.
+def _standing_out(time: Array, values: Array, bad: Index) -> Index:
+    """Those outliers that leap far more than any other sample is off its neighbours.
 
-    An input with kinks, or one that is hardly resolved, differs from them throughout.
+    A motion that sticks and slips, an input with kinks, or one that is hardly resolved, is off throughout.
     """
-    usual = float(np.max(np.abs(np.diff(others, 4)))) / 6.0
-    return bool(np.min(np.abs(leaps)) > LEAP * usual)
+    for _ in range(2):
+        if not bad.size:
+            break
+        mended = _mended(time, values, bad)
+        usual = float(np.max(np.abs(np.diff(mended, 4)))) / 6.0
+        bad = bad[np.abs(values - mended)[bad] > LEAP * usual]
+    return bad
+
+
+def _mended(time: Array, values: Array, bad: Index) -> Array:
+    """Values with the bad ones filled from the samples near them."""
+    good = np.delete(np.arange(time.size), bad)
+    mended = values.copy()
+    mended[bad] = _between(time[good], values[good], time[bad])
+    return mended
 
 
 def _between(time: Array, values: Array, wanted: Array) -> Array:
@@ -182,12 +213,12 @@ def _is_at_samples(values: xr.DataArray) -> bool:
     return values.attrs.get("role") == ROLE and values.dims == ("time",)
 
 
-def _filled(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
     """A part with the few samples filled in that are missing in it, and a sentence on these."""
     time = record.time.values.astype(float)
     steps = np.diff(time)
     usual = usual_step(steps)
-    long = np.flatnonzero(steps > PARTED_STEP * usual)
+    long = np.flatnonzero((steps > PARTED_STEP * usual) & (steps <= LONGEST_FILLED * period))
     if not 0 < long.size <= MOST_GAPS * time.size:
         return record, []
     counts = np.round(steps[long] / usual).astype(int)
