@@ -23,7 +23,7 @@ from sysid_trib.records.clock import (
     read_clock,
     seconds_between,
 )
-from sysid_trib.records.column import Column
+from sysid_trib.records.column import DAY, Column
 from sysid_trib.records.inputs import ROLE, usual_between
 from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.tables import FileTable, read_table
@@ -262,7 +262,7 @@ def with_inputs(
             whole, unit = _column(table, wanted)
             time, values = None, whole[rows]
         else:
-            time, values, unit = _of_file(other, wanted, how, table.source, origin)
+            time, values, unit = _of_file(other, wanted, how, record, origin)
         if not np.all(np.isfinite(values)):
             wrong = f"{table.source}: the input {name} is not a number at each time"
             raise RecordError(f"{wrong}; fill it, or cut (--window).")
@@ -299,11 +299,11 @@ def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, 
 
 
 def _of_file(
-    path: Path, wanted: str | int, how: Reading, source: str, origin: Origin
+    path: Path, wanted: str | int, how: Reading, record: xr.Dataset, origin: Origin
 ) -> tuple[Array, Array, units.SignalUnit | None]:
     """Times by the clock of the record, values and unit of a column of another file.
 
-    `source`, `origin` : name of the record, and what its times call 0 s.
+    `origin` : what the times of the record call 0 s.
     """
     if not path.is_file():
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
@@ -314,8 +314,12 @@ def _of_file(
     later = seconds_between(origin, times.origin)
     if later is None:
         raise UsageError(
-            f"{source} counts its times {CLOCKS[origin.kind]}, "
+            f"{record.attrs['source']} counts its times {CLOCKS[origin.kind]}, "
             f"and {table.source} {CLOCKS[times.origin.kind]}: nothing says how the two clocks belong "
             "together; write both files by one clock, or the input as a column of the record."
         )
-    return times.clock.time + later, column.numbers[times.clock.rows], column.unit
+    time = times.clock.time + later
+    if origin.kind == "day":
+        # Midnight may be between them: the beginning that is nearest.
+        time += DAY * np.round((record.time.values[0] - time[0]) / DAY)
+    return time, column.numbers[times.clock.rows], column.unit

@@ -18,7 +18,7 @@ from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.driven_parts import driven_parts
-from sysid_trib.records.signal import checked_signal, unit_of_signal
+from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import INPUT_UNITS, library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -267,7 +267,10 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
-    start = first_guess(time, angle, model.reference_frequency)
+    # A spline knows nothing of what is in a gap.
+    gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
+    before = slice(gaps[0] + 1 if gaps.size else None)
+    start = first_guess(time[before], angle[before], model.reference_frequency)
     try:
         motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
         x = motion.x if fitted.all() else trajectory(model, time, motion.angle, motion.rate).angle
