@@ -209,7 +209,7 @@ class System:
 
     @property
     def swings_under_gravity(self) -> bool:
-        """True if it is a pendulum, which gravity restores, or if nothing is said of it."""
+        """Return true if it is a pendulum, which gravity restores, or if nothing is said of it."""
         shipped = [force for name in SHIPPED_LIBRARIES for force in load_library(name)]
         held = [force for force in shipped if force.symbol in self.held]
         return not self.name or any(force.matches("sin(x) - x") for force in held)

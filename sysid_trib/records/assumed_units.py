@@ -207,7 +207,7 @@ MOST_TURNED = 4.0 * np.pi
 
 
 def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
-    """Unit of the angle of a body that swings by no gravity: it may turn further than a pendulum.
+    """Assume the unit of the angle of a body without gravity, which may turn further than a pendulum.
 
     Raises
     ------

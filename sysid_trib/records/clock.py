@@ -38,7 +38,7 @@ class Origin(NamedTuple):
     Attributes
     ----------
     kind : ClockKind
-        By which clock it is told.
+        By which clock it counts.
     instant : int, ns
         By that clock.
     """
@@ -47,7 +47,7 @@ class Origin(NamedTuple):
     instant: int = 0
 
     def later(self, seconds: float) -> "Origin":
-        """The origin so much later."""
+        """Return the origin so much later."""
         return Origin(self.kind, self.instant + round(seconds * 1e9))
 
 
@@ -76,7 +76,7 @@ class Clock(NamedTuple):
 
 
 def seconds_between(first: Origin, other: Origin) -> float | None:
-    """Time (s) from one origin to another; None if no clock is common to both."""
+    """Return the time (s) from one origin to another; None if no clock is common to both."""
     own = {"rows": "stamps"}
     if own.get(first.kind, first.kind) != own.get(other.kind, other.kind):
         return None
@@ -152,7 +152,7 @@ def read_clock(
 
 
 def are_whole(stamps: Array) -> bool:
-    """True if stamps are whole numbers, one or more apart."""
+    """Return true if stamps are whole numbers, one or more apart."""
     stamps = stamps[np.isfinite(stamps)]
     return bool(stamps.size > 1 and np.all(stamps == np.round(stamps)) and np.median(np.diff(stamps)) >= 1.0)
 

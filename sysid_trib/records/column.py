@@ -90,20 +90,20 @@ class Column:
 
     @cached_property
     def holds_instants(self) -> bool:
-        """True if its cells are dates of Python, pandas or NumPy."""
+        """Return true if its cells are dates of Python, pandas or NumPy."""
         instants = self.cells.dtype.kind == "O" and all(isinstance(value, datetime) for value in self.cells)
         return self.cells.dtype.kind == "M" or (instants and self.cells.size > 0)
 
     @cached_property
     def _instants(self) -> Any:
-        """Its dates; of those with a time zone the ones of UTC."""
+        """Return its dates; those with a time zone in UTC."""
         if self.cells.dtype.kind == "M":
             return self.cells
         return pd.to_datetime(pd.Index(self.cells), utc=True).tz_localize(None).to_numpy()
 
     @cached_property
     def first_instant(self) -> tuple[ClockKind, int]:
-        """By which clock its numbers count (see `clock.CLOCKS`), and from when by that (ns)."""
+        """Return by which clock its numbers count (see `clock.CLOCKS`), and from when by that (ns)."""
         if not self.is_dated or self.cells.dtype.kind == "m":
             return "stamps", 0
         if self.holds_instants:
@@ -274,7 +274,7 @@ def _of_dates(texts: list[str]) -> Array | None:
 
 
 def _as_dates(texts: list[str]) -> pd.DatetimeIndex | None:
-    """Dates in UTC; those without a time zone as if they were in it. None if they are none."""
+    """Parse dates in UTC; those without a time zone as if they were in it. None if they are none."""
     texts = [re.sub(r"(:\d\d:\d\d):(?=\d+$)", r"\1.", text) for text in texts]
     for style in ("ISO8601", "mixed"):
         try:

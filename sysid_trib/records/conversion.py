@@ -27,7 +27,7 @@ WITH_PREFIXES: dict[str, Parsed] = {
     "bar": (1e5, {"kg": 1, "m": -1, "s": -2}),
 }
 # Units that have none.
-WHOLE: dict[str, Parsed] = {
+WITHOUT_PREFIXES: dict[str, Parsed] = {
     "min": (60.0, {"s": 1}),
     "in": (0.0254, {"m": 1}),
     "lbf": (4.4482216152605, NEWTON),
@@ -53,7 +53,7 @@ _FACTOR = re.compile(r"([^\W\d_]+|°|[µ][^\W\d_]+)(?:\^?(-?\d))?")
 
 
 def factor_between(given: str, wanted: str) -> float | None:
-    """By what numbers in one unit are multiplied to be in another one; None if they are of other kinds.
+    """Return the factor from one unit to another; None if they are of different kinds.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def factor_between(given: str, wanted: str) -> float | None:
 
 
 def _parsed(text: str) -> Parsed | None:
-    """Size and powers of a unit; None of one that is not known."""
+    """Parse a unit into its size and powers; None of one that is not known."""
     # `N-m` is a product.
     text = re.sub(r"(?<=[^\W\d_])-(?=[^\W\d_])", "*", text)
     over = text.replace("μ", "µ").replace("²", "^2").replace("**", "^").replace("(", " ").replace(")", " ")
@@ -90,11 +90,11 @@ def _parsed(text: str) -> Parsed | None:
 
 
 def _known(name: str) -> Parsed | None:
-    """A unit without powers: a whole one, one with a prefix, or a torque without a sign, `Nmm`."""
+    """Look up a unit without powers, with a prefix or without; a torque without a sign, `Nmm`, too."""
     name = SPELT.get(name.lower(), name)
     name = ANGLE_UNITS.get(name.lower(), POSITION_UNITS.get(name.lower(), name) if len(name) > 2 else name)
-    if name in WHOLE:
-        return WHOLE[name]
+    if name in WITHOUT_PREFIXES:
+        return WITHOUT_PREFIXES[name]
     if name in WITH_PREFIXES:
         return WITH_PREFIXES[name]
     if name[:1] in PREFIXES and name[1:] in WITH_PREFIXES:

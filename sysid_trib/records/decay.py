@@ -262,10 +262,10 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
         for name, values in run.variables.items():
             if values.attrs.get("role") == inputs.ROLE and (unit := values.attrs.get("units")):
                 units.setdefault(str(name), set()).add(str(unit))
-    for name, found in units.items():
-        if len(found) > 1:
+    for name, different in units.items():
+        if len(different) > 1:
             raise UsageError(
-                f"The input {name} is in different units ({', '.join(sorted(found))}); runs of one "
+                f"The input {name} is in different units ({', '.join(sorted(different))}); runs of one "
                 "experiment have it in one: convert it."
             )
 

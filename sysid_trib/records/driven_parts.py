@@ -19,14 +19,14 @@ FEWEST_IN_PART, SHORTEST_PART = 20, 2.0
 MOST_GAPS = 0.1
 # Degree of the spline through the samples that are there.
 DEGREE = 7
-# An input whose spread is not so many times its noise has no smooth course that a sample could leave.
-SMOOTH_COURSE = 15.0
+# An input whose range is not so many times its noise is no smooth signal: none of its samples is an outlier.
+RANGE_OVER_NOISE = 15.0
 # An outlier leaps by so many times what any other sample is off the cubic through its neighbours.
 LEAP = 3.0
 # Samples at either end that have too few others beyond them to be filled: a bad one there is cut off.
 AT_END = 4
 # Outliers and gaps that a sentence lists.
-LISTED = 3
+MOST_LISTED = 3
 
 
 def driven_parts(
@@ -36,7 +36,7 @@ def driven_parts(
     keep_outliers: bool = False,
     across_gaps: bool = False,
 ) -> list[xr.Dataset]:
-    """The parts of a driven record within a window, each with a sentence on it (attrs `free_decay`).
+    """Part a driven record within a window at its gaps, each part with a sentence on it (attrs `free_decay`).
 
     Parameters
     ----------
@@ -75,10 +75,10 @@ def driven_parts(
     period = periods[0] if periods else float(np.ptp(time))
     gaps = _gaps(time, period, np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float)))
     if across_gaps and gaps.size:
-        unknown = [name for name, values in part.data_vars.items() if _is_at_samples(values)]
-        if unknown:
+        missing = [name for name, values in part.data_vars.items() if _is_at_samples(values)]
+        if missing:
             raise UsageError(
-                f"The input {unknown[0]} is missing in a gap of the record ({_listed_gaps(time, gaps)}); "
+                f"The input {missing[0]} is missing in a gap of the record ({_listed_gaps(time, gaps)}); "
                 "predict a part without it (--window; record.sel(time=slice(...)) in Python)."
             )
         gaps = gaps[:0]
@@ -102,7 +102,7 @@ def driven_parts(
 
 
 def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
-    """A record whose outliers are filled from the samples near them, and sentences on these."""
+    """Fill the outliers of a record from the samples near them, and say it."""
     record, said = _without_bad_ends(record)
     inputs = inputs_of(record)
     measured = [str(name) for name in ("angle", record.attrs.get("measured")) if name in record]
@@ -113,13 +113,13 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         numbers = values.values.astype(float)
         if known is not None and not _is_smooth(own, numbers, known):
             continue
-        bad = _standing_out(own, numbers, _outliers(own, numbers))
+        bad = _significant(own, numbers, _outliers(own, numbers))
         if not bad.size:
             continue
         mended = _mended(own, numbers, bad)
         record = record.assign({name: (values.dims, mended, values.attrs)})
-        listed = ", ".join(f"{numbers[at]:.4g} at {own[at]:.6g} s" for at in bad[:LISTED])
-        more = ", ..." if bad.size > LISTED else ""
+        listed = ", ".join(f"{numbers[at]:.4g} at {own[at]:.6g} s" for at in bad[:MOST_LISTED])
+        more = ", ..." if bad.size > MOST_LISTED else ""
         count = "1 outlier" if bad.size == 1 else f"{bad.size} outliers"
         said.append(
             f"{count} of {name} left out and filled from the samples near ({listed}{more}; "
@@ -129,7 +129,7 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
 
 
 def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
-    """A record without its first or last samples where one of these leaps, and sentences on it."""
+    """Cut off the first or last samples where one of these leaps, and say it."""
     time, count = record.time.values.astype(float), record.sizes["time"]
     low, high, said = 0, count, list[str]()
     inputs = inputs_of(record)
@@ -147,7 +147,7 @@ def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
 
 
 def _outliers(time: Array, values: Array) -> Index:
-    """Indices of single samples that leap out of a signal of any course that its samples show."""
+    """Find single samples that leap out of a signal whose frequency may change."""
     if time.size < FEWEST_IN_PART:
         return np.zeros(0, dtype=np.int64)
     spikes = cleaning.spikes(time, values)
@@ -159,14 +159,14 @@ def _outliers(time: Array, values: Array) -> Index:
 
 
 def _is_smooth(time: Array, values: Array, known: KnownInput) -> bool:
-    """True if an input moves smoothly most of the time: it is no noise, and has no pulses and no steps."""
-    spread = float(np.ptp(np.percentile(values, [10.0, 90.0])))
+    """Return true if an input moves smoothly most of the time: no noise, no pulses, no steps."""
+    reach = float(np.ptp(np.percentile(values, [10.0, 90.0])))
     followed = known.between in ("smooth", "cubic")
-    return followed and spread > SMOOTH_COURSE * half_periods.noise_level(time, values)
+    return followed and reach > RANGE_OVER_NOISE * half_periods.noise_level(time, values)
 
 
-def _standing_out(time: Array, values: Array, bad: Index) -> Index:
-    """Those outliers that leap far more than any other sample is off its neighbours.
+def _significant(time: Array, values: Array, bad: Index) -> Index:
+    """Return the outliers that leap far more than any other sample is off its neighbours.
 
     A motion that sticks and slips, an input with kinks, or one that is hardly resolved, is off throughout.
     """
@@ -180,7 +180,7 @@ def _standing_out(time: Array, values: Array, bad: Index) -> Index:
 
 
 def _mended(time: Array, values: Array, bad: Index) -> Array:
-    """Values with the bad ones filled from the samples near them."""
+    """Fill bad values from the samples near them."""
     good = np.delete(np.arange(time.size), bad)
     mended = values.copy()
     mended[bad] = _between(time[good], values[good], time[bad])
@@ -193,7 +193,7 @@ def _between(time: Array, values: Array, wanted: Array) -> Array:
 
 
 def _gaps(time: Array, period: float, breaks: Array) -> Index:
-    """Indices of the samples that come after a gap of over a quarter of a period, or a clock set back."""
+    """Find the samples that come after a gap of over a quarter of a period, or a clock set back."""
     steps = np.diff(time)
     usual = usual_step(steps)
     long = np.flatnonzero(steps > max(LONGEST_FILLED * period, PARTED_STEP * usual)) + 1
@@ -204,17 +204,17 @@ def _gaps(time: Array, period: float, breaks: Array) -> Index:
 
 
 def _listed_gaps(time: Array, gaps: Index) -> str:
-    listed = ", ".join(f"{time[at - 1]:.6g} to {time[at]:.6g} s" for at in gaps[:LISTED])
-    return listed + ", ..." * (gaps.size > LISTED)
+    listed = ", ".join(f"{time[at - 1]:.6g} to {time[at]:.6g} s" for at in gaps[:MOST_LISTED])
+    return listed + ", ..." * (gaps.size > MOST_LISTED)
 
 
 def _is_at_samples(values: xr.DataArray) -> bool:
-    """True if a variable is an input over the times of the record itself."""
+    """Return true if a variable is an input over the times of the record itself."""
     return values.attrs.get("role") == ROLE and values.dims == ("time",)
 
 
 def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
-    """A part with the few samples filled in that are missing in it, and a sentence on these."""
+    """Fill the few samples that are missing within a part, and say it."""
     time = record.time.values.astype(float)
     steps = np.diff(time)
     usual = usual_step(steps)
@@ -246,7 +246,7 @@ def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
 
 
 def _described(record: xr.Dataset, said: Sequence[str]) -> xr.Dataset:
-    """A part with the sentence on it."""
+    """Add to a part the sentence on it."""
     time, known = record.time.values, inputs_of(record)
     between = sorted({given.between for given in known.values()})
     units = [f"{name} ({record[name].attrs.get('units', 'unit not stated')})" for name in known]

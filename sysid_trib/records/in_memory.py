@@ -16,7 +16,7 @@ ANGLE, TIME = "angle", "time"
 
 
 def as_record(given: Any) -> Any:
-    """What a user has in memory as a Dataset with `angle(time)`; of dates times in s from the first on.
+    """Turn what a user has in memory into a Dataset with `angle(time)`; dates become s from the first on.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def as_record(given: Any) -> Any:
 
 
 def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
-    """The record of a DataFrame: its times are a column or the index."""
+    """Make the record of a DataFrame: its times are a column or the index."""
     columns = {name: _column(name, frame.iloc[:, at]) for at, name in enumerate(frame.columns)}
     exact = [column for name, column in columns.items() if name == TIME]
     index_is_time = isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex) or (
@@ -75,12 +75,12 @@ def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
 
 
 def _names_time(column: Column) -> bool:
-    """True if a header is that of times; a short one, `t`, too."""
+    """Return true if a header is that of times; a short one, `t`, too."""
     return column.is_dated or lab.is_time(column.base, lab.plain_unit(column.stated))
 
 
 def _of_index(index: pd.Index, kind: str) -> Column:
-    """The times that an index holds.
+    """Take the times that an index holds.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def _of_index(index: pd.Index, kind: str) -> Column:
 
 
 def _column(name: Hashable, values: Any) -> Column:
-    """Values under a name, in which a unit may stand; of dates with a time zone those of UTC."""
+    """Put values under a name, in which a unit may stand; dates with a time zone become those of UTC."""
     stated = str(getattr(values, "attrs", {}).get("units", ""))
     if isinstance(values, pd.PeriodIndex):
         values = values.to_timestamp()
@@ -114,7 +114,7 @@ def _column(name: Hashable, values: Any) -> Column:
 
 
 def _of_columns(time: Column, signal: Column, kind: str) -> xr.Dataset:
-    """The record of a column of times and one of the signal.
+    """Make the record of a column of times and one of the signal.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _of_columns(time: Column, signal: Column, kind: str) -> xr.Dataset:
 
 
 def _of_data_array(given: xr.DataArray) -> xr.Dataset:
-    """The record of a DataArray over one dimension; units that its attrs do not state are in the names."""
+    """Make the record of a DataArray over one dimension; its names say units that its attrs do not state."""
     dim = given.dims[0]
     name = ANGLE if given.name is None else given.name
     record = given.rename({dim: TIME}).rename(ANGLE).to_dataset()
@@ -166,7 +166,7 @@ def _of_data_array(given: xr.DataArray) -> xr.Dataset:
 
 
 def _in_numbers(record: xr.Dataset) -> xr.Dataset:
-    """A Dataset with dates in s from the first of the record on, and numbers in the machine's order of bytes.
+    """Convert dates of a Dataset to s from the first on, and numbers to the machine's order of bytes.
 
     Raises
     ------

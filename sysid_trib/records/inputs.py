@@ -183,7 +183,7 @@ MOST_LEVELS = 8
 
 
 def usual_between(values: Array) -> str:
-    """What an input is between its samples where nothing says it: smooth, or held where it moves in steps.
+    """Say what an input is between its samples where its user does not: smooth, or held if it moves in steps.
 
     A held input stands still between most samples, and its changes are leaps: of more than a step of the
     sensor, or from one level to another of a few. A smooth signal in a coarse step, or a pulse, is smooth.
@@ -192,10 +192,10 @@ def usual_between(values: Array) -> str:
     changes = np.flatnonzero(moves)
     if len(changes) < 2 or 2 * len(changes) > len(moves):
         return "smooth"
-    alone = np.diff(changes, prepend=-2) > 1
+    isolated = np.diff(changes, prepend=-2) > 1
     leaps = np.median(np.abs(moves[changes])) > 3.0 * half_periods.quantisation_step(values)
     levels = np.unique(values).size
-    return "held" if np.mean(alone) > 0.8 and (leaps or levels <= MOST_LEVELS) else "smooth"
+    return "held" if np.mean(isolated) > 0.8 and (leaps or levels <= MOST_LEVELS) else "smooth"
 
 
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:

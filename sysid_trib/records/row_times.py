@@ -114,7 +114,7 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
 
 
 def _origin(time: Column, clock: Clock, unit: str | None) -> Origin:
-    """What the times of a clock call 0 s: stamps that are counted as a calendar does are dates."""
+    """Return what the times of a clock call 0 s: stamps that are counted as a calendar does are dates."""
     kind, instant = time.first_instant
     counted = Origin(kind, instant).later(clock.counted_from)
     low, high = COUNTED_FROM_1970
@@ -301,7 +301,7 @@ def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, 
 def _of_file(
     path: Path, wanted: str | int, how: Reading, record: xr.Dataset, origin: Origin
 ) -> tuple[Array, Array, units.SignalUnit | None]:
-    """Times by the clock of the record, values and unit of a column of another file.
+    """Read a column of another file: times by the clock of the record, values and unit.
 
     `origin` : what the times of the record call 0 s.
     """

@@ -71,7 +71,7 @@ class FileTable:
         return self._of_the_name(rising[0]) if rising else []
 
     def _of_the_name(self, first: Column) -> list[Column]:
-        """A column of times, and those of the same name further on: each run side by side has its own."""
+        """Return a column of times, and those of its name further on: each run side by side has its own."""
         bare = _without_number(first.base)
         if not bare:
             return [first]
@@ -128,7 +128,7 @@ class FileTable:
 
 
 def _without_number(base: str) -> str:
-    """A name without the number or letter by which it differs from its like, `timed 2` or `stamp b`."""
+    """Strip the number or letter by which a name differs from its like, `timed 2` or `stamp b`."""
     return re.sub(r"[ _.#]?\d+$|[ _][a-d]$", "", base)
 
 

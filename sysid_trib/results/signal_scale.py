@@ -231,7 +231,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
 
 
 def _units_of_results(datasets: Sequence[xr.Dataset]) -> list[str]:
-    """Units in which results were identified: those of their noise, of what was measured."""
+    """Return the units in which results were identified: those of their noise."""
     noises = [
         d["noise"].attrs.get("units") for d in datasets if {"noise", "coefficient"} <= d.variables.keys()
     ]
@@ -239,10 +239,10 @@ def _units_of_results(datasets: Sequence[xr.Dataset]) -> list[str]:
 
 
 def _refuse_mixed_units(units: Sequence[str]) -> None:
-    if len(found := sorted({*units})) > 1:
+    """Refuse records and results that are not all in one unit."""
+    if len(different := sorted({*units})) > 1:
         raise UsageError(
-            f"The records and results are in different units ({', '.join(found)}); what belongs together is "
-            "in one unit: convert it."
+            f"The records and results are in different units ({', '.join(different)}); convert them to one."
         )
 
 

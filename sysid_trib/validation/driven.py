@@ -217,7 +217,7 @@ def predict(
 
 
 def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
-    """A record in the units of a result.
+    """Convert a record to the units of a result.
 
     Raises
     ------
@@ -244,6 +244,7 @@ def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
 
 
 def _factor(what: str, unit: str, wanted: str) -> float:
+    """Return the factor between two units, or refuse by their names."""
     factor = factor_between(unit, wanted)
     if factor is None:
         raise UsageError(
@@ -255,7 +256,7 @@ def _factor(what: str, unit: str, wanted: str) -> float:
 
 @in_units_of_the_motion
 def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int) -> xr.Dataset:
-    """The prediction of a record in the units of the result (see `predict`)."""
+    """Predict a record in the units of the result (see `predict`)."""
     library = library_of(result).in_run(run + 1)
     model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
     time = record.time.values.astype(float)
