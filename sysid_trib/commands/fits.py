@@ -17,7 +17,7 @@ from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method, with_random_force
-from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
+from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks
 from sysid_trib.printing.layout import mapped
@@ -65,6 +65,8 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         raise UsageError("SI units and --methods-text are of free decays; leave them out of a driven record.")
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
+    if "inertia" in measured:
+        check_angle_unit(unit_of_signal(decays[0]))
     if given.warm_up is not None and not (given.warm_up >= 0.0 and (driven or given.test)):
         raise UsageError(
             "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."

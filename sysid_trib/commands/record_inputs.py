@@ -14,10 +14,10 @@ from sysid_trib.commands.asked import driving_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
+from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.records.inputs import driven_part
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.smoothing import swing_frequency
@@ -180,8 +180,9 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
         return record, [_multiplied(example, factor)], source
     try:
-        usual, inputs = load_system(given.system).signal, driving_of(given)
-        runs = read_records(record, Reading(**how, usual=usual, inputs=inputs, between=given.between))
+        system = load_system(given.system)
+        how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
+        runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -203,7 +204,7 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
 def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
-        return [driven_part(record, limits)]
+        return driven_parts(record, limits, keep_outliers=given.keep_outliers)
     centre: float | str = given.equilibrium
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))

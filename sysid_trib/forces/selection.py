@@ -235,6 +235,13 @@ class System:
         """Forces that are identified or held."""
         return (*self.forces, *self.held)
 
+    @property
+    def swings_under_gravity(self) -> bool:
+        """Return true if it is a pendulum, which gravity restores, or if nothing is said of it."""
+        shipped = [force for name in SHIPPED_LIBRARIES for force in load_library(name)]
+        held = [force for force in shipped if force.symbol in self.held]
+        return not self.name or any(force.matches("sin(x) - x") for force in held)
+
     def bounds(self, symbols: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Bounds of those of these forces whose coefficient physics does not let be negative."""
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}

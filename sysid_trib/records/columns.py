@@ -205,7 +205,7 @@ def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | 
     with suppress(SysidTribError):
         stamps = np.arange(values.size) if time is None else time.numbers
         if stamps.size == values.size:
-            times, rows, _, _ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
+            times, rows, *_ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
             whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])

@@ -12,6 +12,7 @@ from scipy.optimize import curve_fit
 from sysid_trib.arrays import Array, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks, half_periods, inputs
+from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.signal import Piece, as_position, checked_signal, unit_of_signal
 
@@ -230,7 +231,7 @@ def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
     decay : Dataset or sequence of Dataset
         `angle(time)` of one run, or of several.
     driven : bool
-        Whether a known input is taken.
+        Whether a known input is taken; a driven record is cleaned, and parted at its gaps.
 
     Raises
     ------
@@ -244,9 +245,29 @@ def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
         raise UsageError("No run is given; give at least one decay.")
     for run in runs:
         checked_signal(run)
+    if driven:
+        runs = [part for run in runs for part in driven_parts(run)]
+    for run in runs:
         if not driven:
             inputs.refuse_inputs(run)
+    if driven:
+        _refuse_mixed_inputs(runs)
     return runs
+
+
+def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
+    """Refuse runs whose inputs of one name are in different units."""
+    units: dict[str, set[str]] = {}
+    for run in runs:
+        for name, values in run.variables.items():
+            if values.attrs.get("role") == inputs.ROLE and (unit := values.attrs.get("units")):
+                units.setdefault(str(name), set()).add(str(unit))
+    for name, different in units.items():
+        if len(different) > 1:
+            raise UsageError(
+                f"The input {name} is in different units ({', '.join(sorted(different))}); runs of one "
+                "experiment have it in one: convert it."
+            )
 
 
 def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:

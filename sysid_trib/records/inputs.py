@@ -14,7 +14,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_signal
+from sysid_trib.records import half_periods
+from sysid_trib.records.signal import checked_signal, unit_of_signal
 
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
@@ -51,7 +52,7 @@ class KnownInput:
 
     elapsed: Array
     values: Array
-    between: str = "linear"
+    between: str = "smooth"
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.values)):
@@ -169,12 +170,35 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
         )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
-    if time[0] > start or time[-1] < float(record.time.values[-1]):
+    # Two clocks of large numbers have one instant but for their rounding.
+    rounding = 1e-3 * float(np.median(np.diff(record.time.values.astype(float))))
+    if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
         raise DecayError(
             f"The input {name} reaches from {reach}; cut the record (--window), or give all of the input."
         )
-    return KnownInput(time - start, given.values.astype(float), str(given.attrs.get("between", "linear")))
+    values = given.values.astype(float)
+    return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))
+
+
+# Levels of a signal that is switched, such as a square wave: more are the steps of a converter.
+MOST_LEVELS = 8
+
+
+def usual_between(values: Array) -> str:
+    """Say what an input is between its samples where its user does not: smooth, or held if it moves in steps.
+
+    A held input stands still between most samples, and its changes are leaps: of more than a step of the
+    sensor, or from one level to another of a few. A smooth signal in a coarse step, or a pulse, is smooth.
+    """
+    moves = np.diff(values)
+    changes = np.flatnonzero(moves)
+    if len(changes) < 2 or 2 * len(changes) > len(moves):
+        return "smooth"
+    isolated = np.diff(changes, prepend=-2) > 1
+    leaps = np.median(np.abs(moves[changes])) > 3.0 * half_periods.quantisation_step(values)
+    levels = np.unique(values).size
+    return "held" if np.mean(isolated) > 0.8 and (leaps or levels <= MOST_LEVELS) else "smooth"
 
 
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
@@ -258,6 +282,15 @@ def is_constant(values: Array) -> bool:
 BIAS_PART = 0.1
 
 
+def integral_of_rate(time: Array, rate: Array) -> Array:
+    """Return the plain integral of a measured rate about its mean, without a small bias of the sensor."""
+    values = rate.astype(float)
+    mean = float(np.mean(values))
+    values = values - mean if abs(mean) <= BIAS_PART * float(np.std(values)) else values
+    integral = CubicSpline(time, values).antiderivative()(time)
+    return np.asarray(integral - np.mean(integral))
+
+
 def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
     """Return a driven record whose rate or acceleration was measured with that as what is compared.
 
@@ -280,45 +313,6 @@ def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
     at = {"measured_time": ("measured_time", time, {"units": "s", "long_name": "time"})}
     record = record.assign(measured=xr.DataArray(measured.values, at, "measured_time", attrs=attrs))
     if name == "rate":
-        values = measured.values.astype(float)
-        mean = float(np.mean(values))
-        values = values - mean if abs(mean) <= BIAS_PART * float(np.std(values)) else values
-        integral = CubicSpline(time, values).antiderivative()(time)
-        record = record.assign(angle=record.angle.copy(data=integral - np.mean(integral)))
+        record = record.assign(angle=record.angle.copy(data=integral_of_rate(time, measured.values)))
     said = f"the {name} itself is compared with the motion; its integral is where the fit begins"
     return record.assign_attrs(integration=said)
-
-
-def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -> xr.Dataset:
-    """A driven record within a window, with a sentence on it (attrs `free_decay`).
-
-    Parameters
-    ----------
-    record : Dataset
-        `angle(time)` with inputs.
-    window : (float or None, float or None), s
-        First and last time; open where None.
-
-    Raises
-    ------
-    DecayError
-        The window holds too few samples.
-    """
-    low, high = window
-    part = record.sel(time=slice(low, high))
-    if part.sizes["time"] < FEWEST_SAMPLES:
-        raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
-    names = list(inputs_of(record))
-    if "measured" in part:
-        part = part.sel(measured_time=slice(low, high))
-    time, between = part.time.values, {str(part[name].attrs["between"]) for name in names}
-    units = []
-    for name in names:
-        values, unit = part[name].values, str(part[name].attrs.get("units", "unit not stated"))
-        units.append(f"{name} ({unit}{f', constant at {values[0]:g}' if is_constant(values) else ''})")
-    step = float(np.median(np.diff(time)))
-    said = (
-        f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "
-        f"inputs {', '.join(units)}, {' and '.join(sorted(between))} between samples."
-    )
-    return part.assign_attrs(free_decay=said)

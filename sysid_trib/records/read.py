@@ -40,7 +40,7 @@ def read_record(
     time_units: str | None = None,
     length: float | None = None,
     input: str | Sequence[str] | Mapping[str, str | int] | None = None,
-    between: str = "smooth",
+    between: str | None = None,
 ) -> xr.Dataset:
     """Read an oscillation from a file.
 
@@ -70,9 +70,9 @@ def read_record(
         Columns of what drives the motion: `"V1"` is the input `u` of formulas, `{"u": "V1", "b": "V2"}` are
         several by their names; `"base.mat:y"` is a column of another file, with its own clock, and
         `"*_y.mat:y"` of that whose name is most like the record's.
-    between : {"smooth", "linear", "held", "cubic"}
+    between : {"smooth", "linear", "held", "cubic"}, optional
         What inputs are between their samples: smooth, as of a signal that was measured without aliasing;
-        held, as a converter puts it out.
+        held, as a converter puts it out. Without it they are smooth, or held where they move in steps.
 
     Returns
     -------
@@ -142,11 +142,11 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
 def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.Dataset:
     time_column, column, why_this = columns
     values, absent = column.signal
-    clock, time_unit, said = row_times(table, time_column, column, values, how)
-    time, rows, breaks, seen = clock
+    times = row_times(table, time_column, column, values, how)
+    time, rows, breaks, seen, _ = times.clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [why_this, *table.said, *said, absent]
+    said = [why_this, *table.said, *times.said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]
@@ -167,7 +167,7 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
         "source": table.source,
         "signal": unit.quantity,
         "time_column": time_column.name if time_column else f"none, {1.0 / np.median(np.diff(time)):g} Hz",
-        "time_unit_in_file": time_unit,
+        "time_unit_in_file": times.unit,
         "angle_column": column.name,
         # More are names that a program made.
         "columns_in_file": "; ".join(other.name for other in table.columns[:MOST_COLUMNS_NAMED]),
@@ -179,7 +179,7 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
         attrs["breaks"] = list(breaks)
     if not how.inputs and (acting := drives.drives_among(table.columns, column)):
         attrs["drives"] = [drive.name for drive in acting]
-    record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how, times.origin)
     return inputs.with_own_quantity(record) if how.inputs else record
 
 

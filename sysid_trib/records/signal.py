@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 import scipy.sparse as sp
 import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
@@ -24,41 +23,6 @@ SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
 def unit_of_signal(record: xr.Dataset) -> str:
     """Unit of the `angle` of a record or decay; rad where none is stated."""
     return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
-
-
-def as_record(given: Any) -> Any:
-    """What a user has in memory as a Dataset with `angle(time)`; of dates times in s from the first on.
-
-    Parameters
-    ----------
-    given : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
-        Over time, or with a column `time`; of a DataFrame the column `angle`, or the only one; of an array
-        times and angles. Anything else comes back as it is.
-
-    Raises
-    ------
-    UsageError
-        It is not clear what the signal is.
-    """
-    if isinstance(given, pd.DataFrame):
-        table = given.set_index("time") if "time" in given.columns else given
-        if "angle" not in table.columns and table.shape[1] != 1:
-            names = ", ".join(map(str, table.columns))
-            raise UsageError(f"Which column is the signal? Name it angle; there are {names}.")
-        given = table["angle"] if "angle" in table.columns else table.iloc[:, 0]
-    if isinstance(given, np.ndarray):
-        if given.ndim != 2 or given.shape[1] != 2:
-            raise UsageError(f"An array is a record as (sample, 2), times and angles, not as {given.shape}.")
-        given = pd.Series(given[:, 1], index=given[:, 0])
-    record = given.to_xarray() if isinstance(given, pd.Series) else given
-    if isinstance(record, xr.DataArray):
-        if record.ndim != 1:
-            raise UsageError(f"A DataArray is a record over time alone; this one is over {record.dims}.")
-        record = record.rename({record.dims[0]: "time"}).rename("angle").to_dataset()
-    if isinstance(record, xr.Dataset) and "time" in record and record["time"].dtype.kind in "mM":
-        elapsed = (record["time"] - record["time"][0]) / np.timedelta64(1, "s")
-        record = record.assign_coords(time=elapsed.values)
-    return record
 
 
 def checked_signal(record: Any, *names: str) -> None:
@@ -90,7 +54,8 @@ def checked_signal(record: Any, *names: str) -> None:
         if variable.dtype.kind not in "fiu":
             raise UsageError(f"{source}: {name}(time) holds {variable.dtype}; give numbers in s and rad.")
         # Whatever is not finite is not below either.
-        bad = np.flatnonzero(~(np.abs(variable.values) <= LARGEST_NUMBER))
+        # In double precision: single has no numbers as large as the limit.
+        bad = np.flatnonzero(~(np.abs(variable.values.astype(float)) <= LARGEST_NUMBER))
         if bad.size:
             first, instant = bad[0], record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
@@ -102,7 +67,7 @@ def checked_signal(record: Any, *names: str) -> None:
     if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
         raise DecayError(f"{source}: its times do not rise; sort them.")
     for name in ("time", "angle"):
-        values = record.variables[name].values
+        values = record.variables[name].values.astype(float)
         extent = float(np.max(values) - np.min(values))
         if 0.0 < extent < 1.0 / LARGEST_NUMBER:
             raise DecayError(f"{source}: {name} is flat at {values[0]:.3g} but for {extent:.3g}; scale it.")

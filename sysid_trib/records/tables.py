@@ -72,8 +72,16 @@ class FileTable:
             return filled[:1]
         # A number of the row stands before the time.
         if len(rising) > 1 and len(filled) > 2 and np.median(np.diff(rising[0].cells.astype(float))) == 1:
-            return rising[1:2]
-        return rising[:1]
+            rising = rising[1:]
+        return self._of_the_name(rising[0]) if rising else []
+
+    def _of_the_name(self, first: Column) -> list[Column]:
+        """Return a column of times, and those of its name further on: each run side by side has its own."""
+        bare = _without_number(first.base)
+        if not bare:
+            return [first]
+        after = self.columns[self.columns.index(first) + 1 :]
+        return [first, *(c for c in after if c.rises and _without_number(c.base) == bare)]
 
     def match(self, wanted: str | int | None) -> Column | None:
         """The column of that name, or else of that number from 0; None if there is no single one."""
@@ -122,6 +130,11 @@ class FileTable:
             f"{self.source}: there is no time column{taken}; give the sampling rate (--sampling-rate HZ). "
             f"Its columns are {self.listed}."
         )
+
+
+def _without_number(base: str) -> str:
+    """Strip the number or letter by which a name differs from its like, `timed 2` or `stamp b`."""
+    return re.sub(r"[ _.#]?\d+$|[ _][a-d]$", "", base)
 
 
 def read_table(path: Path) -> FileTable:

@@ -157,6 +157,10 @@ def _without_bracket(text: str) -> tuple[str, str]:
     return text, plain_unit(text) if plain_unit(text) in _NAMING_UNITS else ""
 
 
+# `V1`, `A0`: a channel in volts, or of an analogue input, and no rate or acceleration.
+_NUMBERED_CHANNEL = re.compile(r"[va][ _]?\d+")
+
+
 def names_quantity(base: str) -> str:
     """The quantity that a name usually means (`angle`, `rate`, ...), or nothing.
 
@@ -166,6 +170,8 @@ def names_quantity(base: str) -> str:
         Of `split_header`. The axis at its end does not count: `gyroscope y`.
     """
     base = _without_accents(base)
+    if _NUMBERED_CHANNEL.fullmatch(base):
+        return "displacement"
     first = base.split(" ")[0]
     for text in (base, re.sub(r"[ _]?(?:[xyz]|\d+|left|right)$", "", base), first if len(first) > 2 else ""):
         for quantity, names in LAB_WORDS["quantities"].items():

@@ -10,12 +10,14 @@ import math
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
 
 from sysid_trib.simulation import program as op
 
@@ -24,6 +26,32 @@ njit: Any = numba.njit
 NUMBA_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 # Of what only compiled functions call: a way in from Python would take a third of the time to compile.
 inner: Any = njit(**NUMBA_OPTIONS, fastmath={"contract"}, no_cpython_wrapper=True)
+
+
+_COMPILING = "Compiling the simulator, once: up to a minute ..."
+
+
+class _RebuiltCache(FunctionCache):
+    """What numba keeps of a function on disk; a damaged file is compiled anew, not an error.
+
+    A file is cut short where a process was killed or the disk was full. Reading it raises any exception.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:
+            if sys.stderr.isatty():
+                print(_COMPILING, file=sys.stderr, flush=True)
+            # An index without entries: what is compiled now is written anew.
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        # Without room on the disk each process compiles for itself.
+        with suppress(Exception):
+            super().save_overload(sig, data)
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -35,7 +63,9 @@ def compiled(function: Callable[..., Any]) -> Any:
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, str(_folder())
     try:
-        return njit(**NUMBA_OPTIONS, cache=True)(function)
+        dispatcher = njit(**NUMBA_OPTIONS, cache=True)(function)
+        dispatcher._cache = _RebuiltCache(function)
+        return dispatcher
     except RuntimeError:
         return njit(**NUMBA_OPTIONS)(function)
     finally:
@@ -45,7 +75,7 @@ def compiled(function: Callable[..., Any]) -> Any:
 def tell_of_compiling() -> None:
     """Say on a terminal that the engine is compiled, where it was not kept."""
     if sys.stderr.isatty() and not any(_folder().rglob("*.nbi")):
-        print("Compiling the simulator, once: up to a minute ...", file=sys.stderr, flush=True)
+        print(_COMPILING, file=sys.stderr, flush=True)
 
 
 @cache

@@ -1,5 +1,6 @@
 """Driven records: identified by the direct method and the trajectory, and predicted."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,11 +17,14 @@ from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.records import inputs, smoothing
+from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import library_of, model_of, shape_values_of
+from sysid_trib.results.schema import INPUT_UNITS, library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described, group_names, noise_of_run
+from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
 from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     first_guess,
@@ -282,7 +286,6 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 FEWEST_FITTED = 20
 
 
-@in_units_of_the_motion
 def predict(
     result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None = None, run: int = 0
 ) -> xr.Dataset:
@@ -311,9 +314,59 @@ def predict(
     DecayError
         The motion of the model cannot be computed here, or the warm-up leaves nothing.
     UsageError
-        The record lacks an input of the model.
+        The record lacks an input of the model, or is in a unit of another kind than the model.
+
+    Notes
+    -----
+    Signal and inputs are converted to the units in which the model was identified; the prediction is in them.
     """
-    (record,) = as_runs(record, driven=True)
+    (given,) = [record] if isinstance(record, xr.Dataset) else record
+    checked_signal(given)
+    (whole,) = driven_parts(given, across_gaps=True)
+    return _predict(result, _in_units_of(result, whole), warm_up=warm_up, run=run)
+
+
+def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
+    """Convert a record to the units of a result.
+
+    Raises
+    ------
+    UsageError
+        A unit of another kind.
+    """
+    unit, wanted = unit_of_signal(record), signal_units(result)
+    factor = _factor("The signal of the record", unit, wanted)
+    kinds = {channel.input: channel.kind for channel in library_of(result).channels}
+    known = json.loads(str(result.attrs.get(INPUT_UNITS, "{}")))
+    changed = record.copy()
+    for key, values in record.variables.items():
+        name, attrs = str(key), dict(values.attrs)
+        own, by, new = str(attrs.get("units", "")), 1.0, ""
+        if name in kinds:
+            target = wanted + inputs.PER_KIND[kinds[name]] if kinds[name] else known.get(name)
+            if own and target:
+                by, new = _factor(f"The input {name}", own, target), target
+        elif own.startswith(unit) and own.removeprefix(unit) in inputs.PER_KIND.values():
+            by, new = factor, wanted + own.removeprefix(unit)
+        if new and by != 1.0:
+            changed[name] = (values.dims, by * values.values, attrs | {"units": new})
+    return changed
+
+
+def _factor(what: str, unit: str, wanted: str) -> float:
+    """Return the factor between two units, or refuse by their names."""
+    factor = factor_between(unit, wanted)
+    if factor is None:
+        raise UsageError(
+            f"{what} is in the unit {unit}, and the model was identified in {wanted}, which is of another "
+            "kind; convert the record, or correct its unit."
+        )
+    return factor
+
+
+@in_units_of_the_motion
+def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int) -> xr.Dataset:
+    """Predict a record in the units of the result (see `predict`)."""
     library = library_of(result).in_run(run + 1)
     model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
     if first_zero(model) is not None:
@@ -327,7 +380,10 @@ def predict(
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
-    start = first_guess(time, angle, model.reference_frequency)
+    # A spline knows nothing of what is in a gap.
+    gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
+    before = slice(gaps[0] + 1 if gaps.size else None)
+    start = first_guess(time[before], angle[before], model.reference_frequency)
     if MEASURED in record:
         return _predicted_measured(result, record, model, start, warm_up)
     try:
