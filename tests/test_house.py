@@ -17,7 +17,7 @@ ROOT = PACKAGE.parent
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
     errors _version _lazy arrays forces records simulation results cycles likelihood motion_fit
-    methods validation discovery physics control campaigns printing plots reporting commands cli
+    methods validation laws discovery physics control campaigns printing plots reporting commands cli
 """)
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(
@@ -32,7 +32,7 @@ WORDS = set(
 COMMON_WORDS = set(
     _split("""
     about agreement alone basis_of beyond chance cost each exchanged found fractional generic
-    holding_out Guess Law left lost Moved no_better one Path Place price Problem Record Run scan
+    holding_out Guess left lost Moved no_better one Path Place price Problem Record Run scan
     scans share shared simpler stage stages_of strength unknown
 """)
 )

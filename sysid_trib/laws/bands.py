@@ -12,8 +12,8 @@ from sysid_trib.results import schema
 from sysid_trib.results.variables import Variables, described
 
 # Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
-VISITED_POINTS, BEYOND = 40, 0.25
-LEVEL = 0.95
+VISITED_POINTS, SHOWN_BEYOND = 40, 0.25
+BAND_PROBABILITY = 0.95
 # Draws from which the width of a simultaneous band follows.
 DRAWS = 4000
 
@@ -53,12 +53,13 @@ def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
         Whether the law is shown for both signs, because it is not odd.
     """
     step = largest / VISITED_POINTS
-    count = VISITED_POINTS + round(BEYOND * VISITED_POINTS)
+    count = VISITED_POINTS + round(SHOWN_BEYOND * VISITED_POINTS)
     # At zero speed the law has its limit from above.
     places = step * np.arange(1, count + 1)
     if both_sides:
         places = np.concatenate([-places[::-1], places])
-    return places, np.abs(places) <= largest * (1.0 + 1e-9)
+    visited: Mask = np.abs(places) <= largest * (1.0 + 1e-9)
+    return np.asarray(places, dtype=float), visited
 
 
 def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
@@ -142,7 +143,7 @@ def simultaneous_factor(covariance: Array) -> float:
     values, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(values))) @ root.T
-    return float(np.quantile(np.max(np.abs(draws), axis=1), LEVEL))
+    return float(np.quantile(np.max(np.abs(draws), axis=1), BAND_PROBABILITY))
 
 
 def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, dict[str, Array]]:

@@ -10,16 +10,16 @@ from sysid_trib.forces.force import Force, ForceLibrary, Shape
 from sysid_trib.forces.library import load_library
 from sysid_trib.records.smoothing import smooth, swing_frequency
 
-LIBRARY = "curves"
+CURVE_LIBRARY = "curves"
 # Places of the parts of a curve, in parts of the largest speed or displacement: evenly in the logarithm up to
-# the middle, then evenly. None is at the end: beyond it the law is a straight line and the named forces. Friction may
-# change at low speed; what is narrow costs the simulation many steps.
-LOWEST = {"v": 0.03, "x": 0.1}
+# the middle, then evenly. None is at the end: beyond it the law is a straight line and the named forces.
+# Friction may change at low speed; what is narrow costs the simulation many steps.
+FIRST_PLACES = {"v": 0.03, "x": 0.1}
 MIDDLE, GEOMETRIC_PARTS = 0.5, 8
 UPPER_PLACES = (0.6, 0.7, 0.8, 0.9)
 # Curves that are odd, and those that make a law differ between directions or sides.
-ODD = ("friction", "restoring")
-EVEN = ("friction_even", "restoring_even")
+ODD_CURVES = ("friction", "restoring")
+EVEN_CURVES = ("friction_even", "restoring_even")
 
 
 def ranges(decays: Sequence[xr.Dataset], frequency: float | None = None) -> dict[str, float]:
@@ -58,7 +58,7 @@ def with_curves(
     lowest : float
         Least place of a part, in parts of the largest speed or displacement.
     """
-    offered = load_library(LIBRARY).select(curves)
+    offered = load_library(CURVE_LIBRARY).select(curves)
     parts = [part for force in offered for part in _parts(force, largest, lowest)]
     return replace(named, title="Laws as curves", forces=(*named.forces, *parts))
 
@@ -67,7 +67,7 @@ def _parts(force: Force, largest: dict[str, float], lowest: float) -> list[Force
     """Return copies of a force, each at a place of its own."""
     ((name, shape),) = force.shape.items()
     by = "v" if "v" in force.formula.names else "x"
-    first = min(max(LOWEST[by], lowest), 0.5 * MIDDLE)
+    first = min(max(FIRST_PLACES[by], lowest), 0.5 * MIDDLE)
     places = largest[by] * np.append(np.geomspace(first, MIDDLE, GEOMETRIC_PARTS), UPPER_PLACES)
     return [
         replace(

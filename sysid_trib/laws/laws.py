@@ -17,7 +17,6 @@ from sysid_trib.forces.selection import EFFECTS, System, load_system, with_shipp
 from sysid_trib.laws import bands, curves
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.methods.scope import Method
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.smoothing import swing_frequency
@@ -38,7 +37,7 @@ NO_BETTER = (
     "No motion of curves follows the record better than that of the named forces, whose laws these are."
 )
 # Fewer half periods, or amplitudes that change by less than this factor, decide no curve.
-FEWEST_HALF_PERIODS, SMALLEST_RANGE = 8, 1.15
+FEWEST_OF_A_CURVE, SMALLEST_RANGE = 8, 1.15
 # A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
 BELOW_SMALLEST = 0.5
 
@@ -61,7 +60,7 @@ class LawModel:
 
     named: ForceLibrary
     constraints: ConstraintTable
-    odd: tuple[str, ...] = curves.ODD
+    odd: tuple[str, ...] = curves.ODD_CURVES
     even: tuple[str, ...] = ()
     reason: str = ""
 
@@ -183,7 +182,7 @@ class LawFit:
 
     Attributes
     ----------
-    method : Method
+    method : Direct or Averaging
     model : LawModel
     library : ForceLibrary
         The forces of the model over the range of the runs.
@@ -191,7 +190,7 @@ class LawFit:
         The identification, and its motion in each run.
     """
 
-    method: Method
+    method: Direct | Averaging
     model: LawModel
     library: ForceLibrary
     followed: FollowedRuns
@@ -218,7 +217,9 @@ class LawFit:
         return size if np.isfinite(size) else float("inf")
 
 
-def _fit(runs: Sequence[xr.Dataset], method: Method, model: LawModel, lowest: float = 0.0) -> LawFit:
+def _fit(
+    runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
+) -> LawFit:
     """Fit a law model with a method as it is."""
     library = model.library(runs, lowest)
     result = method.identify(one_or_all(list(runs)), library)
@@ -249,15 +250,15 @@ def _fitted(
 def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
     """Return the largest displacement (rad) and speed (rad/s) of the runs."""
     w = max(swing_frequency(run) for run in runs)
-    found = curves.ranges(runs, w)
-    return {"x": found["x"], "v": found["v"] * w}
+    ranges = curves.ranges(runs, w)
+    return {"x": ranges["x"], "v": ranges["v"] * w}
 
 
 def _no_curve(amplitudes: Array) -> str:
     """Return why the amplitudes decide no curve, or nothing."""
-    if len(amplitudes) < FEWEST_HALF_PERIODS:
+    if len(amplitudes) < FEWEST_OF_A_CURVE:
         return (
-            f"{len(amplitudes)} half periods are too few for a curve (it takes {FEWEST_HALF_PERIODS}): the "
+            f"{len(amplitudes)} half periods are too few for a curve (it takes {FEWEST_OF_A_CURVE}): the "
             "laws are those of the named forces."
         )
     ratio = float(amplitudes.max() / max(amplitudes.min(), 1e-300))
@@ -270,17 +271,17 @@ def _no_curve(amplitudes: Array) -> str:
 
 
 def _extended(fit: LawFit) -> LawFit:
-    """Return the fit with errors of the sensor, or with even parts of the laws, where the record asks for them.
+    """Return the fit with errors of the sensor, or even parts of the laws, where the record asks for them.
 
     An even error of the sensor looks like an even force: the one with the smaller residual is taken first.
     """
-    whole, left = fit, [SENSOR_TERMS] * _is_angle(fit) + [EVEN_FORCES]
-    while left and not whole.is_white:
-        tried = [(names, other) for names in left if (other := _with_forces(whole, names)) is not None]
+    whole, offered = fit, [SENSOR_TERMS] * _is_angle(fit) + [EVEN_FORCES]
+    while offered and not whole.is_white:
+        tried = [(names, other) for names in offered if (other := _with_forces(whole, names)) is not None]
         names, best = min(tried, key=lambda pair: pair[1].residual_rms, default=((), whole))
         if not best.residual_rms < EXTENSION_GAIN * whole.residual_rms:
             break
-        whole, left = best, [other for other in left if other != names]
+        whole, offered = best, [other for other in offered if other != names]
     return whole
 
 
@@ -290,14 +291,14 @@ def _is_angle(fit: LawFit) -> bool:
 
 
 def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
-    """Return the fit with more forces, or with errors of each run's sensor; None where they are not needed."""
+    """Return the fit with more forces, or errors of each run's sensor; None where they are not needed."""
     runs = list(fit.followed.runs.values())
     added = load_library(EFFECTS).select(symbols)
     named = replace(fit.model.named, forces=(*fit.model.named.forces, *added.forces))
     model, method = replace(fit.model, named=named), fit.method
     if symbols == EVEN_FORCES and model.odd:
-        model = replace(model, even=curves.EVEN)
-    elif symbols == SENSOR_TERMS and len(runs) > 1:
+        model = replace(model, even=curves.EVEN_CURVES)
+    elif symbols == SENSOR_TERMS and len(runs) > 1 and isinstance(method, Direct):
         method = replace(method, own=symbols)
     try:
         plain = _fit(runs, method, replace(model, even=()))
@@ -321,16 +322,16 @@ def _odd_forces(model: LawModel) -> ForceLibrary:
 def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
     """Return the identification with its laws, whose errors hold that of the model where one is missing."""
     followed, result = fit.followed, fit.followed.result
-    found = bands.laws_of(result, largest)
-    of_model = [np.zeros_like(law.covariance) for law in found]
+    whole_laws = bands.laws_of(result, largest)
+    of_model = [np.zeros_like(law.covariance) for law in whole_laws]
     if not fit.is_white:
         runs = list(followed.runs.values())
         parts = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
         of_parts = [bands.laws_of(part, largest) for part in parts.results]
         if of_parts:
-            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(found)]
+            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
         result = result.assign(described("identification", {"held_out_rms": parts.held_out_rms}))
-    values, places = bands.law_variables(found, of_model)
+    values, places = bands.law_variables(whole_laws, of_model)
     return followed.with_result(result.assign_coords(places).assign(values))
 
 
@@ -388,13 +389,10 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     """
     values: dict[str, Any] = {}
     for law in ("friction", "restoring"):
-        one, other = xr.align(first[[law, f"{law}_standard_error"]], second[[law, f"{law}_standard_error"]])
-        error = np.hypot(one[f"{law}_standard_error"], other[f"{law}_standard_error"])
-        values[f"{law}_difference"] = (one[law] - other[law]).assign_attrs(units="rad/s^2")
-        values[f"{law}_z"] = ((one[law] - other[law]) / error).assign_attrs(units="1")
+        averaged, other = xr.align(
+            first[[law, f"{law}_standard_error"]], second[[law, f"{law}_standard_error"]]
+        )
+        error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
+        values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")
+        values[f"{law}_z"] = ((averaged[law] - other[law]) / error).assign_attrs(units="1")
     return xr.Dataset(values)
-
-
-def decides_curve(tree: xr.DataTree) -> bool:
-    """Return True if a result of `laws` holds curves, not the laws of named forces alone."""
-    return not tree["comparison"].attrs["reason"]

@@ -248,8 +248,10 @@ class WhitenedLeastSquares(BaseOptimizer):
 
     def _reduce(self, x: Array, y: Array) -> None:
         columns, targets = (whitened(self.covariance_factor, part) for part in (x, y))
-        lags, curves = self.correlation_lags, self.curves or ()
-        solutions = [white_least_squares(columns, target, lags, curves) for target in targets.T]
+        solutions = [
+            white_least_squares(columns, target, self.correlation_lags, self.curves or ())
+            for target in targets.T
+        ]
         coefficients, covariances, noises, lags = zip(*solutions, strict=True)
         self.coef_, self.covariance_ = np.stack(coefficients), np.stack(covariances)
         self.noise_, self.lags_ = np.array(noises), np.array(lags)

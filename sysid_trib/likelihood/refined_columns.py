@@ -21,7 +21,7 @@ SLIPPED = 0.3
 MOST_HALVINGS = 8
 # A step this small, in standard errors, does not count.
 SETTLED_STEP = 0.02
-# Of the parts of a curve, which are nearly the same on a record: their errors are far larger than the curve's.
+# Of the parts of a curve, which are nearly the same on a record: the curve's own errors are far smaller.
 SETTLED_PART = 0.2
 # Part of the swing by which coefficients of a record without noise may still change.
 SETTLED_WITHOUT_NOISE = 1e-10

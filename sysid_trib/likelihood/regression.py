@@ -61,7 +61,7 @@ class RunRegression:
         Whether the path is a motion of the present model, not the smoothed record.
     near : pair of (sample,) array of float, rad, or None
         Of an exact motion near a path that is none: theta, and (w/nominal)^2 (x + sum c h) along it. The weak
-        form of it vanishes, so that sums need be right of the difference alone. A known input, the same for
+        form of it vanishes, so that sums need be right of the difference outside. A known input, the same for
         both motions, is no part of it.
     sensitivity : (sample, 2) array of float or None
         Of a motion of the model to its start, if one nearby is known (see `fit_start`).
@@ -247,12 +247,12 @@ def begin(
         runs.append(run.along_own_path())
     rows = sum(run.form.rows for run in runs)
     # The penalty of a curve decides between its parts.
-    alone = [at for at, i in enumerate(constraints.free) if not library.forces[i].curve]
-    names = [library.symbols[constraints.free[at]] for at in alone]
+    outside = [at for at, i in enumerate(constraints.free) if not library.forces[i].curve]
+    names = [library.symbols[constraints.free[at]] for at in outside]
     count = sum(not force.curve for force in library)
     if rows < count + 3 + len(runs):
         raise DecayError(f"{rows} rows cannot decide {count} forces; give a longer record.")
-    columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix[:, alone]
+    columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix[:, outside]
     if free:
         columns = np.column_stack([columns, np.concatenate([run.x for run in runs])])
         names.append("the frequency")

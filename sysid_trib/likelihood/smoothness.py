@@ -67,8 +67,8 @@ def smooth_least_squares(columns: Array, target: Array, curves: Sequence[Index])
     """
     unit = np.linalg.norm(columns, axis=0)
     unit[unit == 0.0] = 1.0
-    problem = _Problem.of(columns / unit, target, curves)
-    points = [problem.fit(ratios) for ratios in problem.likely_ratios()]
+    equations = _NormalEquations.of(columns / unit, target, curves)
+    points = [equations.fit(ratios) for ratios in equations.likely_ratios()]
     deviance = np.array([point.deviance for point in points])
     weights = np.exp(-0.5 * (deviance - deviance.min()))
     weights /= weights.sum()
@@ -104,7 +104,7 @@ class _Point:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _NormalEquations:
     """Normal equations of white rows, and which of their coefficients are of curves."""
 
     gram: Array
@@ -114,7 +114,7 @@ class _Problem:
     curves: Sequence[Index]
 
     @classmethod
-    def of(cls, columns: Array, target: Array, curves: Sequence[Index]) -> "_Problem":
+    def of(cls, columns: Array, target: Array, curves: Sequence[Index]) -> "_NormalEquations":
         return cls(columns.T @ columns, columns.T @ target, float(target @ target), len(target), curves)
 
     def fit(self, ratios: Array) -> _Point:
@@ -124,7 +124,7 @@ class _Problem:
             penalty[curve] = np.exp(-ratio)
         # Columns of unit norm: a ridge of rounding keeps those apart that are the same.
         normal = self.gram + np.diag(penalty + len(self.gram) * np.finfo(float).eps)
-        factor = np.linalg.cholesky(normal)
+        factor: Array = np.asarray(np.linalg.cholesky(normal), dtype=float)
         coefficients = scipy.linalg.cho_solve((factor, True), self.projected)
         count = sum(len(curve) for curve in self.curves)
         freedoms = max(1, self.rows - (len(penalty) - count))

@@ -56,7 +56,10 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
 
 
 def kind_of(tree: xr.DataTree) -> str:
-    """What made a result: identify, cross_check, driven, compare, difference or discover; empty if none."""
+    """Return what made a result: one of identify, cross_check, laws, driven, compare, difference, discover.
+
+    Empty if none did.
+    """
     if "stiffness_difference" in tree.ds:
         return "difference"
     if "coefficient" in tree.ds and "method" in tree.attrs:
@@ -67,7 +70,7 @@ def kind_of(tree: xr.DataTree) -> str:
         return "discover"
     checked = tree["comparison"].attrs if "comparison" in tree.children else {}
     # The first of these that it has says what made it.
-    kinds = {"driven": "driven", "best": "compare", "first": "cross_check"}
+    kinds = {"laws": "laws", "driven": "driven", "best": "compare", "first": "cross_check"}
     return next((kind for attr, kind in kinds.items() if attr in checked), "")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.errors import UsageError
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import significant, sufficient_forces
@@ -158,6 +159,30 @@ def main_result(tree: xr.DataTree) -> xr.Dataset | None:
         return named["final model"]
     best = tree["comparison"].attrs.get("best")
     return named[best] if best else named.get(answer_of(tree), next(reversed(named.values()), None))
+
+
+def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
+    """Return the preferred identification of any result.
+
+    Parameters
+    ----------
+    result : Dataset or DataTree
+        Of `identify`, `laws`, `compare`, `discover`, or an identification itself.
+
+    Raises
+    ------
+    UsageError
+        The result holds no identification, or several none of which is preferred.
+    """
+    if isinstance(result, xr.Dataset):
+        if "coefficient" in result and "method" in result.attrs:
+            return result
+        preferred = None
+    else:
+        preferred = main_result(result)
+    if preferred is None:
+        raise UsageError("This result holds no preferred identification; give one of identify or laws.")
+    return preferred
 
 
 def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:

@@ -95,7 +95,7 @@ def fitted_parts(
 ) -> FittedParts:
     """Identify each of `RECORD_PARTS` of the runs, and every other run, and predict the rest.
 
-    With `later_only` a part predicts what comes after it alone, where a decay is within the range of the part.
+    With `later_only` a part predicts only what comes after it, where a decay is within the part's range.
     """
     limits = RECORD_PARTS.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
