@@ -75,7 +75,8 @@ class Trajectory(Constrained):
     The window grows over the records unless the start already follows them; sensitivities are differences of
     exact motions, so that switching times and the stop take part. Of several runs each counts by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
-    rule; one that a bound stops is held there, and has the standard error 0 too.
+    rule. One that a bound stops is held there; the errors, its own too, are those of the fit in which it is
+    free.
     """
 
     reference_frequency: float | None = None
@@ -135,9 +136,10 @@ class Trajectory(Constrained):
         if stochastic_too:
             return stochastic_identification(self, *_with_random_force(self, problem, first, quick))
         fit = self._fitted_freely(problem, first)
+        parameters = fit.parameters
         while stopped := stopped_by_bounds(fit):
             fit = fitted(replace(fit.problem, parameters=fit.parameters.fix(stopped)), fit.values)
-        return _identification(self, fit)
+        return _identification(self, fit, fit.with_free(parameters))
 
     def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> Fit:
         """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none.
@@ -229,7 +231,8 @@ def _with_random_force(
     while stopped := stopped_by_bounds(fit):
         problem = replace(problem, parameters=problem.parameters.fix(stopped))
         values = problem.parameters.expand(fit.values[problem.parameters.free])
-        fit, covariance, at = _likelier_of(problem, values, method)
+        # The errors stay those of the first fit, which allow for what the bounds hold.
+        fit, _, at = _likelier_of(problem, values, method)
     return fit, covariance, at
 
 
@@ -259,19 +262,20 @@ def _residuals(fit: Fit) -> list[Array]:
     return counted
 
 
-def _identification(method: Trajectory, fit: Fit) -> xr.Dataset:
+def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
+    """A fit as an identification, with the errors of the one in which no bound holds a parameter."""
     problem, parameters = fit.problem, fit.parameters
     residuals, runs = _residuals(fit), problem.runs
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
     reduced = fit.residual @ fit.residual / degrees_of_freedom
-    covariance = reduced * fit.covariance
+    covariance = reduced * unbounded.covariance
     noises = [sensor_noise(run) for run in runs]
     if any(record.inputs for record in problem.records):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
         noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
             # In which the errors of a driven record are taken whose residual is not white.
-            covariance = fit.clustered_covariance(24)
+            covariance = unbounded.clustered_covariance(24)
     # Unit of what is compared.
     units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
     extra: dict[str, tuple[ArrayLike, str, str]]

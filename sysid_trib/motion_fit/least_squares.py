@@ -73,6 +73,14 @@ class Fit:
             records.append(replace(record, weight=float(np.sqrt((len(white) - part) / (white @ white)))))
         return fitted(replace(problem, records=tuple(records)), self.values)
 
+    def with_free(self, parameters: Parameters) -> "Fit":
+        """The fit at the same values with the sensitivities of parameters of which more are free."""
+        if len(parameters.free) == len(self.parameters.free):
+            return self
+        problem = replace(self.problem, parameters=parameters)
+        sensitivity = problem.white_sensitivity(self.values, problem.residuals(self.values))
+        return replace(self, problem=problem, sensitivity=sensitivity)
+
     @cached_property
     def covariance(self) -> Array:
         """Covariance of all parameters by the curvature here, (parameter, parameter); 0 of fixed ones."""

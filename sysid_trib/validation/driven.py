@@ -19,7 +19,11 @@ from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run
-from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fit_start
+from sysid_trib.simulation.initial_conditions import (
+    first_guess,
+    first_zero,
+    fit_start_of_several,
+)
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
@@ -168,6 +172,9 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(data, {"quantity": [*symbols, "asymptotic_frequency"]})
 
 
+WORSE_THAN_REST = (
+    "This prediction is no better than no motion: the model has another frequency or damping on this record"
+)
 # Samples by which a start can be fitted.
 FEWEST_FITTED = 20
 
@@ -194,7 +201,8 @@ def predict(
     -------
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor shows it, `residual(time)`; scalars
-        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s).
+        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s), and
+        `note`, a sentence where the prediction is no better than no motion.
 
     Raises
     ------
@@ -217,7 +225,7 @@ def predict(
     fitted = counted if warm_up is None else ~counted
     start = first_guess(time, angle, model.reference_frequency)
     try:
-        motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
+        motion = fit_start_of_several(model, time[fitted], angle[fitted], start, offset=first_zero(model))
         x = motion.x if fitted.all() else trajectory(model, time, motion.angle, motion.rate).angle
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
@@ -226,4 +234,5 @@ def predict(
     rms = float(np.sqrt(np.mean(residual[counted] ** 2)))
     values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
     values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
-    return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0)
+    note = WORSE_THAN_REST if not values["residual_over_motion"] < 1.0 else ""
+    return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0, note=note)
