@@ -273,8 +273,8 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
     at_bounds = [f"{symbol} in {name}" for name, run in _runs(tree) for symbol in at_bound(run)]
     if at_bounds:
         yield (
-            f"At a bound, where an error has but one side and no test rests on it: {', '.join(at_bounds)}. "
-            "A bound that allows both signs frees it (--bound NAME=-1:1)."
+            "At a bound, where an error has but one side and z counts too much: "
+            f"{', '.join(at_bounds)}. No test rests on it (--bound NAME=-1:1 frees it)."
         )
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]
     if methods[0] != methods[1]:
