@@ -162,10 +162,9 @@ def _discovery(
     # Each with the noise of what was seen of its run.
     noises = [max(at for at, part in enumerate(learnt) if part.run == unseen.run) for unseen in later]
     predict = partial(predicted, parts=later, runs=noises, frequency=start.rows[0].path.frequency)
+    nearer = partial(_nearer_start, library=model, constraints=constraints, frequency=reference_frequency)
     fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
-    if not fits.is_complete(start):
-        tell("start model without a random force")
-        fits.plain = _nearer_start(start, seen, model, constraints, reference_frequency)
+    fits.plain = None if fits.is_complete(start) else nearer(start, seen)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
     closing = parts.closing_effect(done)
     if refit and not unseen:
@@ -173,13 +172,10 @@ def _discovery(
         done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
         seen = runs
     tell("where model and record differ")
-    if fits.plain is not None and seen is runs:
-        fits.plain = _nearer_start(done.models[0], seen, model, constraints, reference_frequency)
-    groups = to_xarray.groups_of(seen, done, offered, fits.plain)
+    plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
+    groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
-    for name, at in zip(variables.group_names("record", len(seen)), of_seen, strict=True):
-        groups[name].attrs["kept_window"] = whole[at].time.values[[0, -1]]
-    tree = xr.DataTree.from_dict(groups)
+    tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
     options |= {"refit": refit, "reference_frequency": reference_frequency, "constraints": dict(constraints)}
     third = f"the last third{' of each run' * (len(whole) > 1)}"
@@ -207,15 +203,22 @@ def _discovery(
     return tree
 
 
+def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
+    """The groups of a result; each record says between which times (s) its run was kept."""
+    for name, run in zip(variables.group_names("record", len(runs)), runs, strict=True):
+        groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
+    return groups
+
+
 def _nearer_start(
     start: FittedModel,
     seen: Sequence[xr.Dataset],
     library: ForceLibrary,
     constraints: ConstraintTable,
-    reference_frequency: float | None,
+    frequency: float | None,
 ) -> PlainStart | None:
     """The start model fitted without a random force, where its motion is clearly nearer to the records."""
-    plain = plain_start(seen, library, Constraints(constraints).fixed, reference_frequency, start)
+    plain = plain_start(seen, library, Constraints(constraints).fixed, frequency, start)
     nearer = plain is not None and plain.residual < NEARER * residual_of_motions(free_motions(start))
     return plain if nearer else None
 

@@ -74,7 +74,7 @@ def plain_start(
     # A driven motion does not slip, and its record has no noise that a spline would tell.
     if any(map(inputs_of, seen)):
         return None
-    found, runs = list[PlainStart](), dict(enumerate(seen))
+    starts, runs = list[PlainStart](), dict(enumerate(seen))
     options: dict[str, Any] = {"reference_frequency": reference_frequency, "random_force": "off"}
     options["constraints"] = dict(constraints)
     for method in (Direct(**options), Averaging(**options)):
@@ -84,8 +84,8 @@ def plain_start(
             motions = [free_motion(model, rows.path, start.sensor(at)) for at, rows in enumerate(start.rows)]
         except (SysidTribError, np.linalg.LinAlgError):
             continue
-        found.append(PlainStart(result, motions))
-    nearest = min(found, key=lambda of: of.residual, default=None)
+        starts.append(PlainStart(result, motions))
+    nearest = min(starts, key=lambda of: of.residual, default=None)
     if nearest is None:
         return None
     followed = FollowedRuns(runs, nearest.result)

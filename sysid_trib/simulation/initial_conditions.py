@@ -177,7 +177,7 @@ def fit_start(
 # A start whose motion leaves more than this part of the record's (RMS) may be in a local minimum.
 LOCAL_MINIMUM = 0.3
 # Sizes of the swing and phases of a period at which others then begin; the nearest of them are fitted.
-SIZES, PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
+SWING_SIZES, PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
 
 
 def fit_start_of_several(
@@ -205,7 +205,7 @@ def fit_start_of_several(
     step, lead = float(np.median(np.diff(time))), 2.0 * np.pi / model.reference_frequency
     longer = np.append(time, time[-1] + step * np.arange(1.0, 2.0 + lead / step))
     nearest: list[tuple[float, tuple[float, float]]] = []
-    for size in SIZES:
+    for size in SWING_SIZES:
         with suppress(SimulationError):
             motion = trajectory(model, longer, size * start[0], size * start[1])
             # The same motion later begins at another phase.

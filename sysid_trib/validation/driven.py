@@ -173,7 +173,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 
 
 WORSE_THAN_REST = (
-    "This prediction is no better than no motion: the model has another frequency or damping on this record"
+    "This prediction is worse than no motion: the model has another frequency or damping on this record"
 )
 # Samples by which a start can be fitted.
 FEWEST_FITTED = 20
@@ -202,7 +202,7 @@ def predict(
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor shows it, `residual(time)`; scalars
         `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s), and
-        `note`, a sentence where the prediction is no better than no motion.
+        `note`, a sentence where the prediction is worse than no motion.
 
     Raises
     ------
