@@ -17,7 +17,7 @@ from sysid_trib.likelihood.random_force import RandomForceOption, check_random_f
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.motion_fit.least_squares import Fit, fitted, grown, stopped_by_bounds
+from sysid_trib.motion_fit.least_squares import NO_MOTION, Fit, calmer, fitted, grown, stopped_by_bounds
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
@@ -166,7 +166,7 @@ class Trajectory(Constrained):
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
         """The fit of the free motion, in the noise of each run."""
-        fit = fitted(problem, grown(problem, first))
+        fit = fitted(problem, grown(problem, calmer(problem, first)))
         # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
         for _ in range(3 if self.noise == "coloured" or len(problem.records) > 1 else 0):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
@@ -256,9 +256,7 @@ def _residuals(fit: Fit) -> list[Array]:
         counted.append(residual[record.uncounted :])
         unphysical |= np.max(np.abs(counted[-1])) > np.max(np.abs(record.angle))
     if unphysical:
-        raise DecayError(
-            "No motion of these forces follows the record; offer other forces or a shorter window."
-        )
+        raise DecayError(NO_MOTION)
     return counted
 
 
