@@ -17,7 +17,14 @@ from sysid_trib.likelihood.random_force import RandomForceOption, check_random_f
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.motion_fit.least_squares import NO_MOTION, Fit, calmer, fitted, grown, stopped_by_bounds
+from sysid_trib.motion_fit.least_squares import (
+    NO_FITTED_MOTION,
+    Fit,
+    calmer,
+    fitted,
+    grown,
+    stopped_by_bounds,
+)
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
@@ -256,7 +263,7 @@ def _residuals(fit: Fit) -> list[Array]:
         counted.append(residual[record.uncounted :])
         unphysical |= np.max(np.abs(counted[-1])) > np.max(np.abs(record.angle))
     if unphysical:
-        raise DecayError(NO_MOTION)
+        raise DecayError(NO_FITTED_MOTION)
     return counted
 
 

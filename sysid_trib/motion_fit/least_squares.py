@@ -20,7 +20,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.simulate import trajectory
 
-NO_MOTION = "No motion of these forces follows the record; offer other forces or a shorter window."
+NO_FITTED_MOTION = "No motion of these forces follows the record; offer other forces or a shorter window."
 # Relative step at which a fit with parameters held is done: its deviance is known to far less than 1.
 HELD_TOLERANCE = 1e-8
 
@@ -196,12 +196,12 @@ def fitted(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, 
         return problem.white_sensitivity(here, residuals(*free))
 
     if not np.all(np.isfinite(problem.white(residuals(*inside)))):
-        raise DecayError(NO_MOTION)
+        raise DecayError(NO_FITTED_MOTION)
     rows = np.empty((0, len(inside)))
     if ridge:
         rows = ridge * np.diag(np.linalg.norm(sensitivity(inside), axis=0))
         if not np.all(np.isfinite(rows)):
-            raise DecayError(NO_MOTION)
+            raise DecayError(NO_FITTED_MOTION)
     minimum = least_squares(
         lambda free: np.append(problem.white(residuals(*free)), rows @ (free - inside)),
         inside,
