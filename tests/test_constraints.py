@@ -87,21 +87,18 @@ def test_a_tie_need_not_be_linear_in_a_fit_of_the_motion(record):
 
 
 @METHODS
-def test_a_bound_holds_what_would_pass_it_and_changes_nothing_else(record, method):
+def test_a_bound_holds_what_would_pass_it_with_the_errors_of_the_free_fit(record, method):
     low = 1.05 * SIX["zeta"]
-    bounded, fixed = (
-        method(reference_frequency=W, constraints={"zeta": asked}).identify(record, FORCES)
-        for asked in ((low, np.inf), low)
+    bounded, fixed, free, wide = (
+        method(reference_frequency=W, constraints=c).identify(record, FORCES)
+        for c in ({"zeta": (low, np.inf)}, {"zeta": low}, {}, {"zeta": (0.0, 1.0)})
     )
     zeta = bounded.sel(force="zeta")
-    assert (zeta.coefficient.item(), zeta.standard_error.item()) == (low, 0.0)
+    assert zeta.coefficient.item() == low
     assert zeta.constraint.item() == "at its bound"
     np.testing.assert_allclose(bounded.coefficient, fixed.coefficient, rtol=1e-6)
-    np.testing.assert_allclose(bounded.standard_error, fixed.standard_error, rtol=1e-3)
-    free, wide = (
-        method(reference_frequency=W, constraints=c).identify(record, FORCES)
-        for c in ({}, {"zeta": (0.0, 1.0)})
-    )
+    # A coefficient at its bound is not known: the errors of all are no less than where it is free.
+    assert np.all(bounded.standard_error >= 0.95 * free.standard_error)
     np.testing.assert_allclose(wide.coefficient, free.coefficient, rtol=1e-5)
     assert set(wide.constraint.values) == {""}
 

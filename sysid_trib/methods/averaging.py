@@ -17,7 +17,7 @@ from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.auxiliary import AuxiliaryModel, averaged_equations, energy_balance
 from sysid_trib.methods.classical import one_record
-from sysid_trib.methods.indirect import as_identification, indirect_estimate
+from sysid_trib.methods.indirect import IndirectEstimate, as_identification, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -108,12 +108,14 @@ class Averaging(Constrained):
         method = replace(self, shapes=shapes)
         # The paper's rule has no errors that would know a random force.
         force = self.random_force if self.frequency == "fit" else "off"
+        unbounded = None
         while True:
             auxiliary = method._auxiliary(asked, constraint_map(constraints, asked, shapes))
             estimate = indirect_estimate(auxiliary, runs, correct=self.correct, random_force=force)
             value = dict(zip(asked.symbols, estimate.values.tolist(), strict=False))
             passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in wanted.bounds.items()}
             passed = {k: bound for k, bound in passed.items() if bound != value[k]}
+            unbounded = unbounded or estimate
             if not passed:
                 break
             # The furthest first: held there, it often frees the others.
@@ -126,6 +128,8 @@ class Averaging(Constrained):
                     f"With what is fixed, {at_bounds} would pass the bounds: nothing is left to fit; "
                     "fix other values, or fewer."
                 )
+        if unbounded is not estimate:
+            estimate = _with_errors_of_unbounded(estimate, unbounded)
         result = as_identification(method, decay, asked, estimate, library)
         return wanted.marked(result, constraints.fixed.keys() - wanted.fixed.keys())
 
@@ -188,6 +192,17 @@ class Averaging(Constrained):
             curves=curves,
             means=means,
         )
+
+
+def _with_errors_of_unbounded(estimate: IndirectEstimate, unbounded: IndirectEstimate) -> IndirectEstimate:
+    """An estimate at its bounds with the covariance of the one that knows no bounds.
+
+    A coefficient at its bound is not known: the errors of the others allow for what it may be. What the
+    bounds leave in the residual widens them.
+    """
+    ratios = [max(1.0, of.birge_ratios[""]) for of in (estimate, unbounded)]
+    widening = max(1.0, ratios[0] / ratios[1])
+    return replace(estimate, covariance=widening**2 * unbounded.covariance)
 
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.

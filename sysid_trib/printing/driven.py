@@ -138,14 +138,19 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
             f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
+        if note := record.attrs.get("note"):
+            sentences.append(f"{note}.")
     return Block(sentences, ALWAYS)
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     """A prediction as plain data, under `test`; nothing where nothing was predicted."""
-    sources = [{"source": record.attrs.get("source", "")} for record in predicted]
-    pairs = zip(predicted, sources, strict=True)
-    return {"test": [layout.mapped(record, "prediction", of) for record, of in pairs]} if predicted else {}
+    rows = []
+    for record in predicted:
+        row = layout.mapped(record, "prediction", {"source": record.attrs.get("source", "")})
+        note = record.attrs.get("note", "")
+        rows.append(row | ({"note": note} if note else {}))
+    return {"test": rows} if rows else {}
 
 
 def response_blocks(response: xr.Dataset) -> Iterator[Block]:

@@ -14,7 +14,7 @@ from sysid_trib.records.inputs import ROLE, KnownInput, inputs_of, integral_of_r
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
 # A part of a record that is used has so many samples, and lasts so many periods.
-FEWEST_IN_PART, SHORTEST_PART = 20, 2.0
+FEWEST_IN_PART, SHORTEST_RUN = 20, 2.0
 # Where more of the steps are long, the clock is uneven, and no sample is missing.
 MOST_GAPS = 0.1
 # Degree of the spline through the samples that are there.
@@ -84,7 +84,7 @@ def driven_parts(
         gaps = gaps[:0]
     bounds = [0, *gaps.tolist(), len(time)]
     pieces = [part.isel(time=slice(*ends)) for ends in pairwise(bounds)]
-    lasting = SHORTEST_PART * period if len(pieces) > 1 else 0.0
+    lasting = SHORTEST_RUN * period if len(pieces) > 1 else 0.0
     fewest = FEWEST_IN_PART if len(pieces) > 1 else FEWEST_SAMPLES
     kept = [p for p in pieces if p.sizes["time"] >= fewest and np.ptp(p.time.values) >= lasting]
     if not kept:

@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.results import files, schema, variables
@@ -37,6 +37,13 @@ def comparable(*results: xr.Dataset) -> list[str]:
         if all(symbol in forces_in_model(r) for r in results)
         and not all("constraint" in r.coords and r.constraint.sel(force=symbol).item() for r in results)
     ]
+
+
+def held(result: xr.Dataset) -> Mask:
+    """True where a coefficient is fixed, (force,): it stays as it is at every reference frequency."""
+    if "constraint" not in result.coords:
+        return np.zeros(result.sizes["force"], dtype=bool)
+    return np.asarray(result.constraint.values == "fixed", dtype=bool)
 
 
 def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:

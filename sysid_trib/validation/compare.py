@@ -208,7 +208,8 @@ def _try_method(
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
-        followed = verdict.with_model_in_errors(followed, method, library)
+        held = constrained(method, constraints)
+        followed = verdict.with_model_in_errors(followed, held, library)
     result, motions = followed.result, {"residual": in_all_runs(runs, followed.motions, envelopes)}
     reason = _complaint("its model", motions["residual"]) if forces["damped"] else "its model has no damping"
     if part is None:

@@ -1,7 +1,7 @@
 """Driven records: identified by the direct method and the trajectory, and predicted."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from sysid_trib.simulation.initial_conditions import (
     MEASURED,
     first_guess,
     first_zero,
-    fit_start,
+    fit_start_of_several,
     measured_motion,
 )
 from sysid_trib.simulation.model import Model
@@ -282,6 +282,9 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(data, {"quantity": [*symbols, "asymptotic_frequency"]})
 
 
+WORSE_THAN_REST = (
+    "This prediction is worse than no motion: the model has another frequency or damping on this record"
+)
 # Samples by which a start can be fitted.
 FEWEST_FITTED = 20
 
@@ -307,7 +310,8 @@ def predict(
     -------
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor shows it, `residual(time)`; scalars
-        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s).
+        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s), and
+        `note`, a sentence where the prediction is worse than no motion.
 
     Raises
     ------
@@ -387,7 +391,7 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
     if MEASURED in record:
         return _predicted_measured(result, record, model, start, warm_up)
     try:
-        motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
+        motion = fit_start_of_several(model, time[fitted], angle[fitted], start, offset=first_zero(model))
         x = motion.x if fitted.all() else trajectory(model, time, motion.angle, motion.rate).angle
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
@@ -396,7 +400,15 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
     rms = float(np.sqrt(np.mean(residual[counted] ** 2)))
     values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
     values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
-    return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0)
+    return _with_prediction(record, values, warm_up)
+
+
+def _with_prediction(
+    record: xr.Dataset, values: Mapping[str, Array | float], warm_up: float | None
+) -> xr.Dataset:
+    """Return the record with its prediction, and a note where this is worse than none."""
+    note = WORSE_THAN_REST if not values["residual_over_motion"] < 1.0 else ""
+    return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0, note=note)
 
 
 def _predicted_measured(
@@ -415,4 +427,4 @@ def _predicted_measured(
     values = {"predicted_angle": np.interp(record.time.values, time, motion.angle)}
     values |= {"residual": np.interp(record.time.values, time, residual)}
     scalars = {"residual_rms": rms, "residual_over_motion": rms / of_motion}
-    return record.assign(described("predicted", values | scalars)).assign_attrs(warm_up=warm_up or 0.0)
+    return _with_prediction(record, values | scalars, warm_up)

@@ -38,7 +38,9 @@ def comparison(pair: Sequence[FollowedRuns], *, draws: int, seed: int, tell: Tel
     results = [followed.result for followed in pair]
     kept = references.comparable(*results)
     # The second's model is the truth of the simulated records, or the first's if that has no motion.
-    moving = [followed for followed in pair[::-1] if None not in followed.motions]
+    # One that does not swing at small amplitudes has no period there.
+    swings = [followed for followed in pair[::-1] if followed.result.asymptotic_frequency.item() > 0.0]
+    moving = [followed for followed in swings if None not in followed.motions]
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
     difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
     known = _nothing_known(len(difference), 0)
