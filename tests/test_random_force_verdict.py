@@ -83,7 +83,7 @@ def test_without_a_random_force_there_is_nothing_to_test(pushed):
 
 @pytest.fixture(scope="module")
 def checked(pushed):
-    return st.cross_check(pushed[0], identified(pushed[0], random_force="off"), pushed[1], draws=1)
+    return st.cross_check(pushed[0], identified(pushed[0], random_force="off"), pushed[1])
 
 
 @pytest.mark.slow
@@ -110,7 +110,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
     damped = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 5e-3, "delta": 5e-2}, W)
     decay = pushed_record(damped)
     library = damped.library.select(["zeta"])
-    tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library), draws=1)
+    tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library))
     assert tree["comparison"].attrs["verdict_on_record"] == "approximate"
     assert "is approximate" in verdict_sentence(tree)
     told = " ".join(sentences_of(identification_blocks(tree)))
@@ -123,7 +123,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
 def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
     free = pushed_record(MODEL)
     for decay, verdict in ((free, "explained"), (pushed[0], "approximate")):
-        tree = st.cross_check(decay, *[identified(decay, random_force="off")] * 2, draws=1)
+        tree = st.cross_check(decay, *[identified(decay, random_force="off")] * 2)
         data = identification_json(tree)
         assert (data["verdict"], data["random_force"], data["innovations"]) == (verdict, None, None)
         assert "random_force" not in tree.children
@@ -136,7 +136,7 @@ def coloured(model, seed, density=0.0, time=TIME):
 
 def direct_verdict(decay):
     result = st.identify(decay, FORCES, st.methods.Direct(random_force="estimated"))
-    return st.cross_check(decay, result, result, draws=1)["comparison"].attrs["verdict_on_record"]
+    return st.cross_check(decay, result, result)["comparison"].attrs["verdict_on_record"]
 
 
 @pytest.mark.parametrize(

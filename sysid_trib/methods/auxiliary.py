@@ -15,7 +15,7 @@ from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, held_ratio, rows_by_ratio, variance_ratio
 from sysid_trib.methods import half_period_equations as half_periods
-from sysid_trib.records.half_sines import EnvelopeCurve, envelope
+from sysid_trib.records.half_sines import IMPULSES, EnvelopeCurve, envelope, sample_responses
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
 
@@ -115,6 +115,32 @@ class AuxiliaryModel:
         by_error = jacobian(self.values_of, parameters, np.linalg.norm(influence, axis=1)) @ influence
         return np.asarray(by_error @ by_error.T)
 
+    def influence(
+        self, groups: Groups, measured: Sequence[xr.Dataset], decays: Sequence[xr.Dataset]
+    ) -> list[Array]:
+        """Compute how each sample moves the values, their bias left in: (value, sample) of each run.
+
+        Parameters
+        ----------
+        groups : mapping of str to EquationSolution
+            The fit to the envelopes.
+        measured : sequence of Dataset
+            The envelopes, of half-sines.
+        decays : sequence of Dataset
+            What they were measured of.
+        """
+        parameters = np.concatenate([group.parameters for group in groups.values()])
+        of_errors = np.concatenate([group.influence for group in groups.values()])
+        of_errors = jacobian(self.values_of, parameters, np.linalg.norm(of_errors, axis=1)) @ of_errors
+        by_sample, begin = [], 0
+        for envelope_of_run, decay in zip(measured, decays, strict=True):
+            errors = half_periods.errors_of_half_periods(envelope_of_run)
+            of_run = of_errors[:, begin : begin + len(errors)] / errors
+            by_sample.append(np.asarray(of_run @ sample_responses(decay)))
+            impulses = IMPULSES * (envelope_of_run.sizes["half_period"] + 1)
+            begin += len(errors) + impulses * (half_periods.DENSITY in envelope_of_run)
+        return by_sample
+
     def model(self, values: Array) -> Model:
         """The model of coefficients and, last, the frequency (rad/s)."""
         coefficients = dict(zip(self.library.symbols, values[:-1].tolist(), strict=True))
@@ -129,6 +155,21 @@ def birge_ratios(groups: Groups) -> dict[str, float]:
     return {"": whole} | of_groups
 
 
+def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Dataset:
+    """An envelope whose errors are those of white noise of the sensor, and of a random force if there is any.
+
+    Parameters
+    ----------
+    measured : Dataset
+        The envelope (see `AuxiliaryModel.measure`).
+    noise : float
+        Standard deviation of a sample, in the unit of the decay.
+    density : float
+        Of the random force, (rad/s^2)^2/Hz.
+    """
+    return _at_noise(measured, noise).assign({half_periods.DENSITY: density} if density else {})
+
+
 def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
     """An envelope whose errors are those of the sensor's noise and of a random force.
 
@@ -140,7 +181,7 @@ def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
         As `random_force_ratio` gives it.
     """
     density = RandomForce.density_of(ratio.ratio * ratio.variance, swing_frequency(measured))
-    return _at_noise(measured, float(np.sqrt(ratio.variance))).assign({half_periods.DENSITY: density})
+    return with_noises(measured, float(np.sqrt(ratio.variance)), density)
 
 
 def swing_frequency(measured: xr.Dataset) -> float:

@@ -1,6 +1,6 @@
 """The paper's identification: amplitude decay and frequency shift against the signatures of the forces."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
@@ -15,7 +15,7 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.forces.selection import forces_to_identify, refuse_sensors
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
-from sysid_trib.methods.auxiliary import AuxiliaryModel, averaged_equations, energy_balance
+from sysid_trib.methods.auxiliary import AuxiliaryModel, averaged_equations, energy_balance, with_noises
 from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.indirect import as_identification, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
@@ -128,6 +128,38 @@ class Averaging(Constrained):
                 )
         result = as_identification(method, decay, asked, estimate, library)
         return wanted.marked(result, constraints.fixed.keys() - wanted.fixed.keys())
+
+    def influence(
+        self,
+        decays: Sequence[xr.Dataset],
+        asked: ForceLibrary,
+        free: ConstraintMap,
+        noises: Sequence[tuple[float, float]],
+    ) -> list[Array]:
+        """Compute how each sample moves coefficients and frequency before the bias is removed.
+
+        Parameters
+        ----------
+        decays : sequence of Dataset
+            The runs.
+        asked : ForceLibrary
+            The forces that were identified.
+        free : ConstraintMap
+            Their free coefficients.
+        noises : sequence of (float, float), rad and (rad/s^2)^2/Hz
+            Noise of a sample and random force in each run.
+
+        Returns
+        -------
+        list of (value, sample) array of float
+            Of each run; the frequency is the last value.
+        """
+        auxiliary = self._auxiliary(asked, free)
+        measured = [
+            with_noises(auxiliary.measure(decay), *of_run) if of_run[1] else auxiliary.measure(decay)
+            for decay, of_run in zip(decays, noises, strict=True)
+        ]
+        return auxiliary.influence(auxiliary.fit(measured), measured, decays)
 
     @property
     def scope(self) -> MethodScope:

@@ -67,6 +67,37 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
 
 
+def sample_responses(decay: xr.Dataset) -> sp.csr_matrix:
+    """Compute how each sample moves extrema and times of the half-sines, (2 half periods, sample).
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)` about its equilibrium, as `envelope` takes it.
+
+    Returns
+    -------
+    sparse array of float
+        Derivatives of the extrema (positive), then of their times (s per unit of the signal), to first order.
+        The frequency of each half-sine is held: an extremum hardly depends on it.
+    """
+    time, angle, halves = equilibrium.with_half_periods(decay)
+    signed, instant, *_ = _half_sine_extrema(time, angle, halves)
+    sample, half, weight, first = _cells(time, halves)
+    inner = 2.0 * np.pi / (instant[2:] - instant[:-2])
+    w = np.concatenate((inner[:1], inner, inner[-1:]))
+    # About the extremum b cos(phase): a cosine adds to b, and a sine moves the extremum.
+    phase = w[half] * (time[sample] - instant[half])
+    cc, cs, ss, _, _ = equilibrium.harmonic_sums(phase, angle[sample], weight, first)
+    inverse = np.linalg.inv(np.stack([cc, cs, cs, ss], axis=1).reshape(-1, 2, 2))[half]
+    columns = weight[:, None] * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    cosine, sine = np.einsum("cij,cj->ic", inverse, columns)
+    values = np.concatenate([np.sign(signed)[half] * cosine, sine / (signed * w)[half]])
+    count = len(signed)
+    places = np.concatenate([half, count + half]), np.tile(sample, 2)
+    return sp.csr_matrix((values, places), (2 * count, len(time)))
+
+
 EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, Array, Array]]] = {
     "half-sines": _half_sine_extrema,
     "analytic-signal": analytic_extrema,

@@ -56,6 +56,33 @@ def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float)
     return np.append(coefficients, result.asymptotic_frequency.item())
 
 
+def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
+    """Derivatives of `comparison_values` by the coefficients and the reference frequency.
+
+    Parameters
+    ----------
+    result, kept, frequency
+        As of `comparison_values`.
+
+    Returns
+    -------
+    (quantity, force + 1) array of float
+        Over the forces in the model (see `forces_in_model`), in their order, and the frequency.
+    """
+    symbols = forces_in_model(result)
+    coefficients = result.coefficient.sel(force=symbols).values
+    w = result.reference_frequency.item()
+    factors = reference_factors(result, kept, frequency)
+    powers = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
+    places = [symbols.index(symbol) for symbol in kept]
+    slopes = np.zeros((len(kept) + 1, len(symbols) + 1))
+    slopes[np.arange(len(kept)), places] = factors
+    slopes[:-1, -1] = powers * factors * coefficients[places] / w
+    acting = schema.library_of(result).select(symbols)
+    slopes[-1] = schema.asymptotic_frequency(acting, coefficients, w)[1]
+    return slopes
+
+
 def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
     """Factors of coefficients to a reference frequency (rad/s); 1 for forces that keep their own.
 
