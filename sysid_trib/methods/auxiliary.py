@@ -136,7 +136,8 @@ class AuxiliaryModel:
         for envelope_of_run, decay in zip(measured, decays, strict=True):
             errors = half_periods.errors_of_half_periods(envelope_of_run)
             of_run = of_errors[:, begin : begin + len(errors)] / errors
-            by_sample.append(np.asarray(of_run @ sample_responses(decay)))
+            responses = sample_responses(decay, envelope_of_run.extremum_time.values)
+            by_sample.append(np.asarray(of_run @ responses))
             impulses = IMPULSES * (envelope_of_run.sizes["half_period"] + 1)
             begin += len(errors) + impulses * (half_periods.DENSITY in envelope_of_run)
         return by_sample

@@ -17,7 +17,7 @@ from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.auxiliary import AuxiliaryModel, averaged_equations, energy_balance, with_noises
 from sysid_trib.methods.classical import one_record
-from sysid_trib.methods.indirect import as_identification, indirect_estimate
+from sysid_trib.methods.indirect import as_identification, as_measured, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -132,6 +132,7 @@ class Averaging(Constrained):
     def influence(
         self,
         decays: Sequence[xr.Dataset],
+        motions: Sequence[xr.Dataset],
         asked: ForceLibrary,
         free: ConstraintMap,
         noises: Sequence[tuple[float, float]],
@@ -142,6 +143,8 @@ class Averaging(Constrained):
         ----------
         decays : sequence of Dataset
             The runs.
+        motions : sequence of Dataset
+            Motions of the identified model in these, at whose averages the equations are linear.
         asked : ForceLibrary
             The forces that were identified.
         free : ConstraintMap
@@ -155,11 +158,12 @@ class Averaging(Constrained):
             Of each run; the frequency is the last value.
         """
         auxiliary = self._auxiliary(asked, free)
-        measured = [
-            with_noises(auxiliary.measure(decay), *of_run) if of_run[1] else auxiliary.measure(decay)
-            for decay, of_run in zip(decays, noises, strict=True)
-        ]
-        return auxiliary.influence(auxiliary.fit(measured), measured, decays)
+        simulated = []
+        for decay, motion, (noise, density) in zip(decays, motions, noises, strict=True):
+            measured = auxiliary.measure(decay)
+            measured = with_noises(measured, noise, density) if density else measured
+            simulated.append(as_measured(auxiliary.measure(motion), measured))
+        return auxiliary.influence(auxiliary.fit(simulated), simulated, motions)
 
     @property
     def scope(self) -> MethodScope:

@@ -67,13 +67,15 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
 
 
-def sample_responses(decay: xr.Dataset) -> sp.csr_matrix:
+def sample_responses(decay: xr.Dataset, extremum_time: Array) -> sp.csr_matrix:
     """Compute how each sample moves extrema and times of the half-sines, (2 half periods, sample).
 
     Parameters
     ----------
     decay : Dataset
         `angle(time)` about its equilibrium, as `envelope` takes it.
+    extremum_time : (half_period,) array of float, s
+        Those of its half periods that are wanted, one after the other.
 
     Returns
     -------
@@ -95,7 +97,9 @@ def sample_responses(decay: xr.Dataset) -> sp.csr_matrix:
     values = np.concatenate([np.sign(signed)[half] * cosine, sine / (signed * w)[half]])
     count = len(signed)
     places = np.concatenate([half, count + half]), np.tile(sample, 2)
-    return sp.csr_matrix((values, places), (2 * count, len(time)))
+    responses = sp.csr_matrix((values, places), (2 * count, len(time)))
+    wanted = np.argmin(np.abs(instant - extremum_time[0])) + np.arange(len(extremum_time))
+    return responses[np.concatenate([wanted, count + wanted])]
 
 
 EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, Array, Array]]] = {

@@ -232,7 +232,11 @@ def _influence(
     library = schema.library_of(result).select(parameters.symbols)
     density = [random_force_of(result, run).density for run in followed.runs]
     pairs = [(noise.level, of_run) for noise, of_run in zip(noises, density, strict=True)]
-    by_sample = method.influence(runs, library, parameters.free, pairs)
+    free_motions = [
+        xr.Dataset({"angle": ("time", motion.x)}, {"time": run.time})
+        for run, motion in zip(runs, motions, strict=True)
+    ]
+    by_sample = method.influence(runs, free_motions, library, parameters.free, pairs)
     places = [*parameters.free.free, *([len(parameters.symbols)] if parameters.frequency else [])]
     of_free = [part[places] for part in by_sample]
     columns = [_sensitivities(followed, run, parameters)[0] for run in followed.runs]
