@@ -50,7 +50,7 @@ CLEARLY_BETTER = 1.1
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 # Part of the first method's errors that stands for terms of second order: where two methods are nearly the
 # same to first order, these decide.
-SECOND_ORDER = 0.1
+SECOND_ORDER_PART = 0.1
 # Stated errors of so many times those by the noise allow for more than it.
 EXCESS = 1.5
 # Significance level below which runs, or methods, are said to disagree.
@@ -169,7 +169,7 @@ def _covariance(pair: Sequence[FollowedRuns], truth: FollowedRuns, kept: Sequenc
             np.diag(all_of) > EXCESS**2 * np.diag(part) for all_of, part in zip(stated, own, strict=True)
         ]
         if not np.any(squares):
-            return by_noise.difference + SECOND_ORDER**2 * by_noise.first, "influence"
+            return by_noise.difference + SECOND_ORDER_PART**2 * by_noise.first, "influence"
     return np.sum(stated, axis=0), "stated"
 
 

@@ -30,7 +30,7 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residuals import FollowedRuns
 
 # Parameters that a record tells apart by less than this part of their size are not told apart at all.
-SINGULAR = 1e-12
+COLLINEAR = 1e-12
 
 
 class Covariances(NamedTuple):
@@ -95,8 +95,8 @@ class RunNoise:
             source = self.linear.observed[:, :, None] * influence.T[:, None]
             still = np.zeros(self.linear.path.shape)
             later = self.linear.recursion(still, source, backward=True)[1:]
-            pushed = self.linear.steps.diffusion @ later
-            covariance += self.per_tau * np.einsum("sai,saj->ij", later, pushed)
+            driven = self.linear.steps.diffusion @ later
+            covariance += self.per_tau * np.einsum("sai,saj->ij", later, driven)
         return np.asarray(covariance)
 
 
@@ -133,8 +133,8 @@ def covariances_of_difference(
         return np.sum([n.covariance(part) for n, part in zip(noises, influence, strict=True)], axis=0)
 
     difference = [a - b for a, b in zip(first, second, strict=True)]
-    found = Covariances(covariance(difference), covariance(first), covariance(second))
-    return found if all(np.all(np.isfinite(part)) for part in found) else None
+    covariances = Covariances(covariance(difference), covariance(first), covariance(second))
+    return covariances if all(np.all(np.isfinite(part)) for part in covariances) else None
 
 
 def _noise(truth: FollowedRuns, run: int) -> RunNoise:
@@ -214,7 +214,8 @@ def _influence(
 ) -> list[Array] | None:
     """How the samples of each run move the compared quantities, (quantity, sample); None if not known."""
     result, motions = followed.result, followed.motions
-    known = all(result.active.values) and None not in motions
+    moving = [motion for motion in motions if motion is not None]
+    known = all(result.active.values) and len(moving) == len(motions)
     if not known or any(MEASURED in run for run in followed.runs.values()):
         return None
     method = method_of(result)
@@ -234,7 +235,7 @@ def _influence(
     pairs = [(noise.level, of_run) for noise, of_run in zip(noises, density, strict=True)]
     free_motions = [
         xr.Dataset({"angle": ("time", motion.x)}, {"time": run.time})
-        for run, motion in zip(runs, motions, strict=True)
+        for run, motion in zip(runs, moving, strict=True)
     ]
     by_sample = method.influence(runs, free_motions, library, parameters.free, pairs)
     places = [*parameters.free.free, *([len(parameters.symbols)] if parameters.frequency else [])]
@@ -244,7 +245,7 @@ def _influence(
     # the parameters as it should.
     answer = np.sum([part @ table for part, table in zip(of_free, columns, strict=True)], axis=0)
     scale = np.linalg.norm(answer, axis=1)
-    if np.any(scale == 0.0) or np.linalg.cond(answer / scale[:, None]) > 1.0 / SINGULAR:
+    if np.any(scale == 0.0) or np.linalg.cond(answer / scale[:, None]) > 1.0 / COLLINEAR:
         return None
     return [slopes @ np.linalg.solve(answer, part) for part in of_free]
 
@@ -278,7 +279,7 @@ def _of_motion(
     if np.any(size == 0.0):
         return None
     scaled = information / np.outer(size, size)
-    if np.linalg.cond(scaled) > 1.0 / SINGULAR:
+    if np.linalg.cond(scaled) > 1.0 / COLLINEAR:
         return None
     inverse = np.linalg.inv(scaled) / np.outer(size, size)
     return [
