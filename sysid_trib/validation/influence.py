@@ -30,7 +30,7 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residuals import FollowedRuns
 
 # Parameters that a record tells apart by less than this part of their size are not told apart at all.
-COLLINEAR = 1e-12
+UNDECIDED = 1e-12
 
 
 class Covariances(NamedTuple):
@@ -245,7 +245,7 @@ def _influence(
     # the parameters as it should.
     answer = np.sum([part @ table for part, table in zip(of_free, columns, strict=True)], axis=0)
     scale = np.linalg.norm(answer, axis=1)
-    if np.any(scale == 0.0) or np.linalg.cond(answer / scale[:, None]) > 1.0 / COLLINEAR:
+    if np.any(scale == 0.0) or np.linalg.cond(answer / scale[:, None]) > 1.0 / UNDECIDED:
         return None
     return [slopes @ np.linalg.solve(answer, part) for part in of_free]
 
@@ -279,7 +279,7 @@ def _of_motion(
     if np.any(size == 0.0):
         return None
     scaled = information / np.outer(size, size)
-    if np.linalg.cond(scaled) > 1.0 / COLLINEAR:
+    if np.linalg.cond(scaled) > 1.0 / UNDECIDED:
         return None
     inverse = np.linalg.inv(scaled) / np.outer(size, size)
     return [
