@@ -74,7 +74,7 @@ def _folder() -> Path:
 # number of the tuples, of which there are seventy in a program.
 @inner
 def _row_by_row(code, c, J, first, last, live):
-    """Slots from `first` up to `last` at order 0; signs follow their surfaces where `live`, else they stay."""
+    """Slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
     for s in range(first, last):
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         if o == op.ADD:
@@ -144,15 +144,16 @@ def _order(code, c, rows, J, k):
         elif o == op.SCALE:
             t = J[p, 0] * J[q, k] if J[p, 0] != 0.0 else 0.0
         elif o == op.MUL:
+            u, w = J[p], J[q]
             if p == q:
                 for j in range((k + 1) // 2):
-                    t += J[p, j] * J[p, k - j]
+                    t += u[j] * u[np.uintp(k - j)]
                 t *= 2.0
                 if k % 2 == 0:
-                    t += J[p, k // 2] * J[p, k // 2]
+                    t += u[k // 2] * u[k // 2]
             else:
                 for j in range(k + 1):
-                    t += J[p, j] * J[q, k - j]
+                    t += u[j] * w[np.uintp(k - j)]
         elif o == op.DIV:
             t = J[p, k]
             for j in range(1, k + 1):

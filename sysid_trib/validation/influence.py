@@ -29,8 +29,8 @@ from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.residuals import FollowedRuns
 
-# Parameters that a record tells apart by less than this part of their size are not told apart at all.
-UNDECIDED = 1e-12
+# Condition number beyond which a record does not tell parameters apart.
+WORST_CONDITION = 1e12
 
 
 class Covariances(NamedTuple):
@@ -245,7 +245,7 @@ def _influence(
     # the parameters as it should.
     answer = np.sum([part @ table for part, table in zip(of_free, columns, strict=True)], axis=0)
     scale = np.linalg.norm(answer, axis=1)
-    if np.any(scale == 0.0) or np.linalg.cond(answer / scale[:, None]) > 1.0 / UNDECIDED:
+    if np.any(scale == 0.0) or np.linalg.cond(answer / scale[:, None]) > WORST_CONDITION:
         return None
     return [slopes @ np.linalg.solve(answer, part) for part in of_free]
 
@@ -279,7 +279,7 @@ def _of_motion(
     if np.any(size == 0.0):
         return None
     scaled = information / np.outer(size, size)
-    if np.linalg.cond(scaled) > 1.0 / UNDECIDED:
+    if np.linalg.cond(scaled) > WORST_CONDITION:
         return None
     inverse = np.linalg.inv(scaled) / np.outer(size, size)
     return [
