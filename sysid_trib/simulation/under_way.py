@@ -17,8 +17,8 @@ MOTION_ENDS, INPUT_JUMPS = -2, -3
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; room for surfaces
-# and states, with the largest derivatives so far; how much the surface that holds it moves with v; by how much
-# the instant of a switching moves with each parameter.
+# and states, with the largest derivatives so far; how much the surface that holds it moves with v; by how
+# much the instant of a switching moves with each parameter.
 STATE, STATE_ROUNDING, MEMORY_NOW, MEMORY_BEFORE, SIGNS, ZEROS = range(6)
 MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN = range(6, 10)
 CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_AT_REST, GRIP = range(10, 18)

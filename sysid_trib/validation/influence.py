@@ -12,17 +12,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
+import scipy.linalg
+import scipy.signal
+import scipy.sparse as sp
 import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import Constraints
+from sysid_trib.likelihood.force_columns import derivatives_along
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.likelihood.sensor_noise import covariance_band, sensor_noise_of
+from sysid_trib.likelihood.weak_form import build_weak_form, cholesky_factor, coloured, noise_operator, whiten
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_along
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.results import references, schema
 from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion, first_zero
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
@@ -89,8 +95,8 @@ class RunNoise:
 
     def covariance(self, influence: Array) -> Array:
         """Covariance of numbers that the samples move so, (number, sample)."""
-        coloured = scipy.signal.lfilter([1.0], self.filter_, influence[:, ::-1], axis=1)
-        covariance = self.level**2 * coloured @ coloured.T
+        innovations = scipy.signal.lfilter([1.0], self.filter_, influence[:, ::-1], axis=1)
+        covariance = self.level**2 * innovations @ innovations.T
         if self.linear is not None and self.per_tau:
             source = self.linear.observed[:, :, None] * influence.T[:, None]
             still = np.zeros(self.linear.path.shape)
@@ -98,6 +104,31 @@ class RunNoise:
             driven = self.linear.steps.diffusion @ later
             covariance += self.per_tau * np.einsum("sai,saj->ij", later, driven)
         return np.asarray(covariance)
+
+
+@dataclass(frozen=True)
+class WeakRows:
+    """Rows of the equation in weak form, which see a part of the samples' noise; as `RunNoise` to a fit.
+
+    Attributes
+    ----------
+    operator : (row, sample) sparse array of float
+        Of small deviations about the motion.
+    factor : (band, row) array of float
+        Cholesky factor of the covariance of the rows, in units of the variance of the sensor's noise.
+    """
+
+    operator: sp.csr_matrix
+    factor: Array
+
+    def white(self, columns: Array) -> Array:
+        """Columns (sample, column) as white rows."""
+        return whiten(self.factor, self.operator @ columns)
+
+    def transposed_white(self, columns: Array) -> Array:
+        """Apply the transposed matrix of `white` to columns."""
+        solved, _ = scipy.linalg.lapack.dtbtrs(self.factor, columns, uplo="L", trans="T")
+        return np.asarray(self.operator.T @ solved)
 
 
 def covariances_of_difference(
@@ -224,8 +255,9 @@ def _influence(
     parameters = _parameters(result, method)
     slopes = references.comparison_slopes(result, kept, frequency) @ parameters.values
     if not isinstance(method, Averaging):
-        refined = not isinstance(method, Direct) or result.attrs.get("refined") == "True"
-        of_motion = _of_motion(followed, noises, parameters) if refined else None
+        if isinstance(method, Direct) and not _is_refined(method, result):
+            return None
+        of_motion = _of_motion(followed, noises, parameters, of_rows=isinstance(method, Direct))
         return None if of_motion is None else [slopes @ part for part in of_motion]
     if method.curve != "half-sines" or result.attrs.get("first_order_bias_removed") != "yes":
         return None
@@ -250,6 +282,11 @@ def _influence(
     return [slopes @ np.linalg.solve(answer, part) for part in of_free]
 
 
+def _is_refined(method: Direct, result: xr.Dataset) -> bool:
+    """True if the rows are about the motion of the identified model."""
+    return method.form == "weak" and result.attrs.get("refined") == "True"
+
+
 def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) -> tuple[Array, Array]:
     """Derivatives of the angle by the free parameters, and by start and zero of the run itself."""
     motion = followed.motions[run]
@@ -265,12 +302,20 @@ def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) ->
 
 
 def _of_motion(
-    followed: FollowedRuns, noises: Sequence[RunNoise], parameters: _Parameters
+    followed: FollowedRuns, noises: Sequence[RunNoise], parameters: _Parameters, *, of_rows: bool
 ) -> list[Array] | None:
-    """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run."""
-    tables = []
+    """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run.
+
+    Of all that the samples tell, or of what the rows of `Direct` hold of it.
+    """
+    tables: list[Array] = []
+    seen: list[RunNoise | WeakRows] = []
     for run, noise in zip(followed.runs, noises, strict=True):
-        common, own = (noise.white(part) for part in _sensitivities(followed, run, parameters))
+        rows = _weak_rows(followed, run, noise) if of_rows else noise
+        seen.append(rows)
+        common, own = _sensitivities(followed, run, parameters)
+        # Of a start the rows see nothing.
+        common, own = rows.white(common), rows.white(own[:, 2:] if of_rows else own)
         own = own / np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny)
         # What the start and the zero of the run take is not told of the forces.
         tables.append((common - own @ np.linalg.lstsq(own, common, rcond=None)[0]) / noise.level)
@@ -283,6 +328,27 @@ def _of_motion(
         return None
     inverse = np.linalg.inv(scaled) / np.outer(size, size)
     return [
-        (noise.transposed_white(table) @ inverse).T / noise.level
-        for table, noise in zip(tables, noises, strict=True)
+        (rows.transposed_white(table) @ inverse).T / noise.level
+        for table, rows, noise in zip(tables, seen, noises, strict=True)
     ]
+
+
+def _weak_rows(followed: FollowedRuns, run: int, noise: RunNoise) -> WeakRows:
+    """The rows of `Direct` about the motion of its model in a run."""
+    decay, motion = followed.runs[run], followed.motions[run]
+    assert motion is not None
+    model = schema.model_of(followed.result, run)
+    time = decay.time.values.astype(float)
+    held = method_of(followed.result).reference_frequency
+    nominal = held or nominal_frequency(first_frequency([*followed.runs.values()]))
+    form = build_weak_form(nominal * (time - time[0]))
+    scale = model.reference_frequency / nominal
+    along = time - time[0], motion.x, motion.v
+    terms = [(model.library[symbol], c, model.shapes) for symbol, c in model.coefficients.items()]
+    stiffness, damping = derivatives_along([term for term in terms if term[0].kind == "force"], along)
+    operator = noise_operator(form, scale**2 * (1.0 + stiffness), scale * damping)
+    if any(force.kind == "sensor" for force, _, _ in terms):
+        gain = 1.0 + derivatives_along(terms, along, kind="sensor")[0]
+        operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()
+    band = covariance_band(coloured(operator, noise.filter_))
+    return WeakRows(operator, cholesky_factor(band, form.gram, scale**3 * noise.ratio))
