@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 import xarray as xr
+from numpy.polynomial import legendre
 
 from sysid_trib.arrays import Array, jacobian
 from sysid_trib.cycles.signatures import averages, tabulated_averages
@@ -19,6 +21,8 @@ from sysid_trib.records.half_sines import IMPULSES, EnvelopeCurve, envelope, sam
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
 
+# Degree of the polynomials in the amplitude that a random force has no part in; instants for these at least.
+DEGREES, FEWEST_INSTANTS = 4, 40
 Groups: TypeAlias = Mapping[str, half_periods.EquationSolution]
 
 
@@ -198,6 +202,77 @@ def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
     return measured.assign({name: measured[name] * (noise / white / scatter) for name, scatter in pairs})
 
 
+def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset) -> float:
+    """Test whether what equations leave depends on the amplitude, as no random force does.
+
+    Parameters
+    ----------
+    groups : sequence of HalfPeriodEquations
+        Of one run, the rate of the amplitude and the frequency at each instant.
+    measured : Dataset
+        Their envelope.
+
+    Returns
+    -------
+    float
+        P-value of the polynomials of `DEGREES` in the amplitude, of both equations; 1 of too few instants.
+
+    Notes
+    -----
+    A score test (Rao 1948): of the fit without these columns, in the noise of the sensor and of the random
+    force that is likeliest with them.
+    """
+    w = swing_frequency(measured)
+    table, noise, gram = _table_of(groups, measured)
+    # A motion that ends early leaves the last instants without equations.
+    amplitude = measured.amplitude.values[: len(table) // 2]
+    if len(amplitude) < FEWEST_INSTANTS:
+        return 1.0
+    low, high = amplitude.min(), amplitude.max()
+    powers = legendre.legvander((2.0 * amplitude - low - high) / (high - low), DEGREES)
+    # Of each instant the rate of the amplitude, then the frequency.
+    further = np.zeros((len(amplitude), 2, 2 * (DEGREES + 1)))
+    further[:, 0, : DEGREES + 1] = amplitude[:, None] * powers
+    further[:, 1, DEGREES + 1 :] = powers
+    columns = further.reshape(len(table), -1)
+    alternative = rows_by_ratio(noise, gram, np.column_stack([table[:, :-1], columns, table[:, -1]]))
+    times = measured.extremum_time.values
+    ratio = variance_ratio(alternative, w * float(times[-1] - times[0]), 0.1)
+    white = alternative(ratio.ratio)
+    count = table.shape[1] - 1
+    left, rest = (_left_of(white.target, design) for design in (white.design[:, :count], white.design))
+    freedom = len(table) - count - columns.shape[1]
+    if freedom < 1 or rest <= 0.0:
+        return 1.0
+    statistic = (left - rest) / columns.shape[1] / (rest / freedom)
+    return float(scipy.stats.f.sf(statistic, columns.shape[1], freedom))
+
+
+def _left_of(target: Array, design: Array) -> float:
+    """Squares of a target that the columns leave."""
+    size = np.linalg.norm(design, axis=0)
+    scaled = design / np.where(size > 0.0, size, 1.0)
+    rest = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
+    return float(rest @ rest)
+
+
+def _table_of(
+    groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset
+) -> tuple[Array, Array, Array]:
+    """Columns and residual of equations, with their covariance by unit noise and by a unit random force.
+
+    The two covariances are (band, row), the random force that of a unit of tau.
+    """
+    w, white = swing_frequency(measured), _at_noise(measured, 1.0)
+    order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
+    sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
+    impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
+    noise, gram = (covariance_band(part) for part in (sensor, impulses))
+    design = sp.block_diag([group.design for group in groups]).toarray()
+    table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
+    return table, noise, RandomForce.density_of(1.0, w) * gram
+
+
 def random_force_ratio(
     groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset, option: RandomForceOption
 ) -> VarianceRatio:
@@ -217,15 +292,8 @@ def random_force_ratio(
     VarianceRatio
         Of the growth of the variance of v a unit of tau to the variance of the sensor's noise (rad^2).
     """
-    w, white = swing_frequency(measured), _at_noise(measured, 1.0)
-    order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
-    sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
-    impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
-    noise, gram = (covariance_band(part) for part in (sensor, impulses))
-    gram = RandomForce.density_of(1.0, w) * gram
-    design = sp.block_diag([group.design for group in groups]).toarray()
-    table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
-
+    w = swing_frequency(measured)
+    table, noise, gram = _table_of(groups, measured)
     # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
     # half periods may look less noisy by chance: a random force would take what they lack.
     rows = rows_by_ratio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)

@@ -15,7 +15,13 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.forces.selection import forces_to_identify, refuse_sensors
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
-from sysid_trib.methods.auxiliary import AuxiliaryModel, averaged_equations, energy_balance, with_noises
+from sysid_trib.methods.auxiliary import (
+    AuxiliaryModel,
+    amplitude_p_value,
+    averaged_equations,
+    energy_balance,
+    with_noises,
+)
 from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.indirect import as_identification, as_measured, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
@@ -164,6 +170,31 @@ class Averaging(Constrained):
             measured = with_noises(measured, noise, density) if density else measured
             simulated.append(as_measured(auxiliary.measure(motion), measured))
         return auxiliary.influence(auxiliary.fit(simulated), simulated, motions)
+
+    def amplitude_p_value(
+        self, decays: Sequence[xr.Dataset], motions: Sequence[xr.Dataset], asked: ForceLibrary
+    ) -> float:
+        """Test whether what the averages leave depends on the amplitude, as no random force does.
+
+        Parameters
+        ----------
+        decays, motions, asked
+            As of `influence`.
+
+        Returns
+        -------
+        float
+            P-value of all runs (Bonferroni).
+        """
+        free = constraint_map(Constraints({}), asked, self.shapes)
+        auxiliary, p_values = self._auxiliary(asked, free), []
+        for decay, motion in zip(decays, motions, strict=True):
+            measured = auxiliary.measure(decay)
+            simulated = as_measured(auxiliary.measure(motion), measured)
+            first, of_motion = (auxiliary.fit([envelope]) for envelope in (measured, simulated))
+            rest = [first[name].without_bias(of_motion[name]).runs[0] for name in first]
+            p_values.append(amplitude_p_value(rest, measured))
+        return min(1.0, len(p_values) * min(p_values))
 
     @property
     def scope(self) -> MethodScope:
