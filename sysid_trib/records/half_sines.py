@@ -261,15 +261,22 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
 
-    def matrix(pieces: Sequence[tuple[int, Array]]) -> sp.csr_matrix:
-        kinds = []
-        for kind, unit in enumerate((np.ones(count), 1.0 / b)):
-            by_half_period = sp.diags(size * (duration / np.pi) ** kind)
-            # The half period between extrema i - 1 and i has the number i.
-            shifts = ((sp.eye(count, count + 1, 1 - offset), part[None, :, kind]) for offset, part in pieces)
-            kinds.append(sp.diags(unit) @ sum(sp.kron(at @ by_half_period, part) for at, part in shifts))
-        return sp.vstack(kinds, format="csr")
+    # Of extrema, then of their times.
+    of_half_period = np.stack([size, size * (duration / np.pi)])
+    of_extremum = np.stack([np.ones(count), 1.0 / b])
 
-    offsets = range(1 - SPAN, SPAN + 1)
-    passing = matrix([(offset, passes[:, offset + SPAN - 1]) for offset in offsets])
-    return matrix([(1, lasting)]), passing
+    def matrix(offsets: Index, parts: Array) -> sp.csr_matrix:
+        """Responses (offset, impulse, 2) of the extremum so many behind the half period of an impulse."""
+        # The half period between extrema i - 1 and i has the number i.
+        half = np.arange(count) + 1 - offsets[:, None]
+        which, extremum = np.nonzero((half >= 0) & (half <= count))
+        half = half[which, extremum]
+        values = of_half_period.T[half][:, None] * parts[which]
+        values = of_extremum.T[extremum][:, None] * values
+        rows = extremum[:, None, None] + count * np.arange(2)
+        columns = IMPULSES * half[:, None, None] + np.arange(IMPULSES)[:, None]
+        places = np.broadcast_to(rows, values.shape).ravel(), np.broadcast_to(columns, values.shape).ravel()
+        return sp.csr_matrix((values.ravel(), places), (2 * count, IMPULSES * (count + 1)))
+
+    passing = matrix(np.arange(1 - SPAN, SPAN + 1), passes.transpose(1, 0, 2))
+    return matrix(np.ones(1, int), lasting[None]), passing

@@ -17,12 +17,13 @@ ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 
 def in_model(result: xr.Dataset, symbol: str) -> bool:
     """True if a coefficient refers to the identification's own reference frequency."""
-    return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
+    return symbol in forces_in_model(result)
 
 
 def forces_in_model(result: xr.Dataset) -> list[str]:
     """Forces whose coefficient refers to the identification's own reference frequency."""
-    return [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
+    own = np.isclose(result.refers_to.values, result.reference_frequency.item(), rtol=1e-12)
+    return [str(symbol) for symbol in result.force.values[own]]
 
 
 def comparable(*results: xr.Dataset) -> list[str]:
@@ -31,12 +32,20 @@ def comparable(*results: xr.Dataset) -> list[str]:
     Each has them in its model, and one at least leaves them free: what is fixed, tied or at a bound adds no
     difference of its own.
     """
+    in_models = [forces_in_model(result) for result in results]
+    held = [_constrained(result) for result in results]
     return [
         symbol
         for symbol in results[0].force.values.tolist()
-        if all(symbol in forces_in_model(r) for r in results)
-        and not all("constraint" in r.coords and r.constraint.sel(force=symbol).item() for r in results)
+        if all(symbol in forces for forces in in_models) and not all(symbol in forces for forces in held)
     ]
+
+
+def _constrained(result: xr.Dataset) -> list[str]:
+    """Forces whose coefficient is fixed, tied or at a bound."""
+    if "constraint" not in result.coords:
+        return []
+    return [str(symbol) for symbol in result.force.values[result.constraint.values != ""]]
 
 
 def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
