@@ -22,7 +22,7 @@ from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
 
 # Degree of the polynomials in the amplitude that a random force has no part in; instants for these at least.
-DEGREES, FEWEST_INSTANTS = 4, 40
+DEGREES, TESTED_INSTANTS = 4, 40
 Groups: TypeAlias = Mapping[str, half_periods.EquationSolution]
 
 
@@ -203,7 +203,7 @@ def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
 
 
 def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset) -> float:
-    """Test whether what equations leave depends on the amplitude, as no random force does.
+    """Test whether the residual of equations depends on the amplitude, as no random force does.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
     table, noise, gram = _table_of(groups, measured)
     # A motion that ends early leaves the last instants without equations.
     amplitude = measured.amplitude.values[: len(table) // 2]
-    if len(amplitude) < FEWEST_INSTANTS:
+    if len(amplitude) < TESTED_INSTANTS:
         return 1.0
     low, high = amplitude.min(), amplitude.max()
     powers = legendre.legvander((2.0 * amplitude - low - high) / (high - low), DEGREES)
@@ -240,20 +240,21 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
     ratio = variance_ratio(alternative, w * float(times[-1] - times[0]), 0.1)
     white = alternative(ratio.ratio)
     count = table.shape[1] - 1
-    left, rest = (_left_of(white.target, design) for design in (white.design[:, :count], white.design))
-    freedom = len(table) - count - columns.shape[1]
-    if freedom < 1 or rest <= 0.0:
+    designs = white.design[:, :count], white.design
+    without, residual = (_unexplained(white.target, design) for design in designs)
+    degrees_of_freedom = len(table) - count - columns.shape[1]
+    if degrees_of_freedom < 1 or residual <= 0.0:
         return 1.0
-    statistic = (left - rest) / columns.shape[1] / (rest / freedom)
-    return float(scipy.stats.f.sf(statistic, columns.shape[1], freedom))
+    statistic = (without - residual) / columns.shape[1] / (residual / degrees_of_freedom)
+    return float(scipy.stats.f.sf(statistic, columns.shape[1], degrees_of_freedom))
 
 
-def _left_of(target: Array, design: Array) -> float:
-    """Squares of a target that the columns leave."""
+def _unexplained(target: Array, design: Array) -> float:
+    """Sum of the squared residuals of a target on columns."""
     size = np.linalg.norm(design, axis=0)
     scaled = design / np.where(size > 0.0, size, 1.0)
-    rest = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
-    return float(rest @ rest)
+    residual = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
+    return float(residual @ residual)
 
 
 def _table_of(

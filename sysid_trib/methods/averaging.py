@@ -174,7 +174,7 @@ class Averaging(Constrained):
     def amplitude_p_value(
         self, decays: Sequence[xr.Dataset], motions: Sequence[xr.Dataset], asked: ForceLibrary
     ) -> float:
-        """Test whether what the averages leave depends on the amplitude, as no random force does.
+        """Test whether the residual of the averages depends on the amplitude, as no random force does.
 
         Parameters
         ----------

@@ -237,13 +237,12 @@ def radius(J, s, other, n, part):
     m = 0
     while m < 3 and max(abs(J[s, m]), abs(J[other, m])) <= 1e-3 * largest:
         m += 1
-    first, longest = max(abs(J[s, m]), abs(J[other, m])), np.inf
+    first, h = max(abs(J[s, m]), abs(J[other, m])), at.FURTHEST_AT_ONCE
     for k in range(n - 1, n + 1):
         last = max(abs(J[s, k]), abs(J[other, k]))
         if last > 0.0 and first > 0.0:
-            longest = min(longest, (first / last) ** (1.0 / (k - m)))
-    # The radius of convergence as either term tells it, and a part of it (Jorba and Zou 2005).
-    return min(at.FURTHEST_AT_ONCE, longest * part ** (1.0 / (n - m)))
+            h = min(h, (part * first / last) ** (1.0 / (k - m)))
+    return h
 
 
 @inner

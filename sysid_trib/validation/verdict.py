@@ -224,7 +224,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
 
 
 def _depends_on_amplitude(followed: FollowedRuns) -> bool:
-    """True if the averages of half periods leave what depends on the amplitude, as no random force does."""
+    """True if the residual of the averages depends on the amplitude, as no random force does."""
     moving = [motion for motion in followed.motions if motion is not None]
     if len(moving) < len(followed.motions):
         return False
