@@ -14,7 +14,9 @@ duration of a motion, over one direct identification in the same process, which 
 slow code; before it, the slopes of lines through logarithms, where 1 is linear.
 """
 
-import importlib.util
+import importlib
+import sys
+import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -22,6 +24,7 @@ from functools import partial
 from time import process_time
 from unittest import mock
 
+import numba
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -184,9 +187,14 @@ def core_over_prototype():
     if not place.is_file():
         print(f"no plain engine in {place}")
         return
-    loader = importlib.util.spec_from_file_location("plain_taylor", place)
-    plain = importlib.util.module_from_spec(loader)
-    loader.loader.exec_module(plain)
+    # Nothing is written beside it.
+    folder = tempfile.mkdtemp()
+    with (
+        mock.patch.object(numba.config, "CACHE_DIR", folder),
+        mock.patch.object(sys, "dont_write_bytecode", True),
+        mock.patch.object(sys, "path", [str(place.parent), *sys.path]),
+    ):
+        plain = importlib.import_module(place.stem)
     forces = [(c, SIX[symbol].formula.text) for symbol, c in FIVE.items()]
     program, tau = plain.program(forces), W * GRID
     engine, given = motions._engine(), []

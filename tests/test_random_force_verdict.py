@@ -10,6 +10,8 @@ import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.printing.identification import identification_blocks, identification_json
 from sysid_trib.printing.verdict import verdict_sentence
+from sysid_trib.validation import verdict as decisions
+from sysid_trib.validation.residuals import fitted_motion
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces").select(["zeta", "delta", "epsilon"])
@@ -32,6 +34,36 @@ def identified(decay, forces=FORCES, random_force="estimated"):
 def pushed():
     decay = pushed_record(MODEL, 5.0, 3)
     return decay, identified(decay)
+
+
+def amplitude_p_value(decay, forces):
+    """Of the fit without a random force, by the averages over half periods."""
+    result = st.identify(decay, forces, st.methods.Direct(random_force="off"))
+    motion = fitted_motion(decay, result)
+    free = xr.Dataset({"angle": ("time", motion.x)}, {"time": decay.time})
+    return st.methods.Averaging().amplitude_p_value([decay], [free], forces)
+
+
+def test_averages_tell_a_missing_force_from_a_random_one():
+    time = np.arange(1200) * 2.0 * np.pi / W / 30
+    drag = st.Model(FORCES, {"zeta": 2e-3, "delta": 0.02, "epsilon": -0.1}, W)
+    # Whatever its size, a random force does not depend on the amplitude.
+    for wander in (0.0, 20.0):
+        assert amplitude_p_value(pushed_record(drag, wander, 1, time), FORCES) > 1e-3
+    assert amplitude_p_value(pushed_record(drag, 0.0, 1, time), FORCES.select(["zeta", "epsilon"])) < 1e-6
+
+
+def test_what_depends_on_the_amplitude_is_not_looked_for_as_a_random_force(monkeypatch):
+    time = np.arange(1200) * 2.0 * np.pi / W / 30
+    drag = st.Model(FORCES, {"zeta": 2e-3, "delta": 0.02, "epsilon": -0.1}, W)
+    decay = pushed_record(drag, 0.0, 1, time)
+
+    def looked_for(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(decisions, "_stochastic", looked_for)
+    result = st.identify(decay, FORCES.select(["zeta", "epsilon"]), st.methods.Direct())
+    assert "random_force_density" not in result
 
 
 @pytest.mark.in_full
