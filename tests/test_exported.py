@@ -57,7 +57,7 @@ def test_the_equation_for_latex_is_balanced_and_has_no_e():
 def tree():
     record = paper_run(FIVE, sampling_rate=50.0).decay(7)
     pair = [method.identify(record, FORCES) for method in (st.methods.Averaging(), st.methods.Direct())]
-    return st.cross_check(record, *pair, draws=16)
+    return st.cross_check(record, *pair)
 
 
 def test_a_table_holds_all_digits(tree):

@@ -27,7 +27,7 @@ RUN = paper_run(FIVE, sampling_rate=50.0)
 
 def checked(record, library=FORCES, **options):
     methods = (st.methods.Averaging(**options), st.methods.Direct(**options))
-    return st.cross_check(record, *(st.identify(record, library, method) for method in methods), draws=16)
+    return st.cross_check(record, *(st.identify(record, library, method) for method in methods))
 
 
 @cache

@@ -85,7 +85,7 @@ def hum(request):
     angle = MOTION + noise() + 4.2e-3 * np.sin(2.0 * np.pi * request.param * TIME)
     found = st.free_decay(decay(TIME, angle))
     methods = [Direct(), Direct(refine=False, random_force="off")]
-    return request.param, cross_check(found, *identifications(found, FORCES, methods)[::-1], draws=4)
+    return request.param, cross_check(found, *identifications(found, FORCES, methods)[::-1])
 
 
 @pytest.mark.slow

@@ -60,9 +60,7 @@ class HalfPeriodEquations:
         measured : Dataset
             The envelope (see `envelope`, `with_random_force`).
         """
-        # Never less than rounding.
-        errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
-        parts = [self.slopes.multiply(errors.ravel())]
+        parts = [self.slopes.multiply(errors_of_half_periods(measured))]
         if DENSITY in measured:
             parts.append(np.sqrt(measured[DENSITY].item()) * self.impulses(measured))
         return sp.hstack(parts, format="csr")
@@ -236,9 +234,9 @@ def solve_curves(
     """
     linear = [_linear(equations, run) for run in measured]
     design, target = (np.concatenate(parts) for parts in zip(*(run[:2] for run in linear), strict=True))
-    alone = np.setdiff1d(np.arange(design.shape[1]), np.concatenate(curves))
-    kept = [names[at] for at in alone if at < len(names)]
-    _check_rank(design[:, alone], kept, sum(first[-1] + 1 for _, _, first, _ in linear))
+    unpenalised = np.setdiff1d(np.arange(design.shape[1]), np.concatenate(curves))
+    kept = [names[at] for at in unpenalised if at < len(names)]
+    _check_rank(design[:, unpenalised], kept, sum(first[-1] + 1 for _, _, first, _ in linear))
     size, ends = np.linalg.norm(design, axis=0), np.cumsum([len(run[1]) for run in linear])[:-1]
     first_estimate = smooth_least_squares(design / size, target, curves).coefficients / size
     runs, noises, factors = _with_noise(linear, measured, first_estimate)
@@ -353,6 +351,12 @@ def _linear(
         return sp.csr_matrix((entries, places), (len(target), 2 * half_periods))
 
     return design, target, instant, slopes
+
+
+def errors_of_half_periods(measured: xr.Dataset) -> Array:
+    """Standard errors of the extrema (rad), then of their times (s), never less than rounding."""
+    errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
+    return np.asarray(errors.ravel())
 
 
 def _sizes(measured: xr.Dataset) -> Array:

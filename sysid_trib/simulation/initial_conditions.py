@@ -230,7 +230,7 @@ def measured_motion(
 # A start whose motion leaves more than this part of the record's (RMS) may be in a local minimum.
 LOCAL_MINIMUM = 0.3
 # Sizes of the swing and phases of a period at which others then begin; the nearest of them are fitted.
-SWING_SIZES, PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
+SWING_SIZES, START_PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
 
 
 def fit_start_of_several(
@@ -262,7 +262,7 @@ def fit_start_of_several(
         with suppress(SimulationError):
             motion = trajectory(model, longer, size * start[0], size * start[1])
             # The same motion later begins at another phase.
-            for later in lead * np.arange(PHASES) / PHASES:
+            for later in lead * np.arange(START_PHASES) / START_PHASES:
                 x = np.interp(time + later, longer, motion.angle)
                 begin = [float(np.interp(time[0] + later, longer, of)) for of in (motion.angle, motion.rate)]
                 nearest.append((float(np.sum((angle - best.offset - x) ** 2)), (begin[0], begin[1])))

@@ -21,8 +21,7 @@ from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
-from sysid_trib.validation.cross_check import SIMULATED_RECORDS, agreement_of, identified_and_checked
-from sysid_trib.validation.simulated_pairs import fewest_records
+from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
 
 
 @overload
@@ -175,10 +174,7 @@ def _held_against_each_other(
         if not (isinstance(direct, Direct) and isinstance(trajectory, Trajectory)):
             raise UsageError("A driven record is identified by methods.Direct and methods.Trajectory.")
         return driven.identified_driven(decay, library, direct, trajectory, tell=tell)
-    slow = any(isinstance(method, Trajectory) for method in methods)
-    # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
-    draws = min(SIMULATED_RECORDS, fewest_records(len(library) + 1)) if slow else SIMULATED_RECORDS
-    tree = identified_and_checked(one_or_all(list(runs)), library, methods, draws=draws, tell=tell)
+    tree = identified_and_checked(one_or_all(list(runs)), library, methods, tell=tell)
     if len(runs) > 1:
         tell("each run by itself")
         second = tree[tree["comparison"].attrs["second"]].to_dataset()

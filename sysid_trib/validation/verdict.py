@@ -13,11 +13,11 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
-from sysid_trib.methods import method_of
+from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs
-from sysid_trib.results import effects, signal_scale, variables
+from sysid_trib.results import effects, references, schema, signal_scale, variables
 from sysid_trib.validation import model_error
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
@@ -28,6 +28,8 @@ RESIDUAL_LEVEL = 1e-3
 DECIDING = ("direct", "trajectory")
 # Level at which a random force depends on something, and at which there is one at all.
 DEPENDENCE_LEVEL = 0.01
+# And at which the residual of a free motion depends on the amplitude, before a random force is looked for.
+AMPLITUDE_LEVEL = 1e-6
 # Noise of so many times that of the sensor is more than an error of its estimate.
 MARKED = 1.5
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
@@ -218,7 +220,9 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
     stochastic: dict[int, FollowedRuns] = {}
     # From here on a residual may be that of a random force, which is then looked for.
-    if open_ones and _residual(results[open_ones[-1]])[0] < 0.05:
+    # What depends on the amplitude is refused before the long search.
+    deciding = results[open_ones[-1]] if open_ones else None
+    if deciding and _residual(deciding)[0] < 0.05 and not _depends_on_amplitude(deciding):
         stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
     for at, method in enumerate(quiet):
         if at in stochastic:
@@ -226,6 +230,24 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
         else:
             results[at] = with_model_in_errors(results[at], method, library)
     return results
+
+
+def _depends_on_amplitude(followed: FollowedRuns) -> bool:
+    """True if the residual of the averages depends on the amplitude, as no random force does."""
+    moving = [motion for motion in followed.motions if motion is not None]
+    if len(moving) < len(followed.motions):
+        return False
+    runs, result = [*followed.runs.values()], followed.result
+    library = schema.library_of(result).select(references.forces_in_model(result))
+    free_motions = [
+        xr.Dataset({"angle": ("time", motion.x)}, {"time": run.time})
+        for run, motion in zip(runs, moving, strict=True)
+    ]
+    averaging = Averaging(shapes=schema.shape_values_of(result))
+    try:
+        return averaging.amplitude_p_value(runs, free_motions, library) < AMPLITUDE_LEVEL
+    except (SysidTribError, np.linalg.LinAlgError):
+        return False
 
 
 def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
