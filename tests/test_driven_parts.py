@@ -140,3 +140,37 @@ def test_the_command_uses_the_parts_of_a_file(whole: xr.Dataset, tmp_path) -> No
     assert ending.status == 0, ending.err
     assert "2 decays" not in ending.out or "parted by a gap" in ending.out
     assert ending.out.count("Driven record:") == 2
+
+
+def rate_file(tmp_path, *, leap: float = 0.0, gap: tuple[float, float] | None = None):
+    """Write a driven record of which the rate was measured."""
+    model = st.Model(FORCES, TRUTH, W)
+    record = st.simulate(model, TIME, 0.1, inputs={"u": torque(TIME)})
+    rate = record.rate.values + 1e-3 * np.random.default_rng(3).standard_normal(TIME.size)
+    rate[300] += leap
+    table = pd.DataFrame({"time (s)": TIME, "u (N*m)": torque(TIME), "omega (rad/s)": rate})
+    if gap:
+        table = table[~((gap[0] <= TIME) & (gap[1] >= TIME))]
+    path = tmp_path / "rate.csv"
+    table.to_csv(path, index=False, float_format="%.9g")
+    return path
+
+
+def test_a_measured_rate_that_leaps_is_filled_before_it_is_integrated(tmp_path) -> None:
+    record = st.read_record(rate_file(tmp_path, leap=5.0), angle="omega", input={"u": "u"})
+    (part,) = driven_parts(record)
+    assert "1 outlier of rate left out" in part.attrs["free_decay"]
+    clean = st.read_record(rate_file(tmp_path), angle="omega", input={"u": "u"})
+    assert part.measured.dims == ("measured_time",)
+    np.testing.assert_array_equal(part.measured_time.values, part.time.values)
+    assert abs(part.measured.values - clean.measured.values).max() < 0.05
+    assert abs(part.angle.values - clean.angle.values).max() < 0.01
+
+
+def test_a_gap_of_a_measured_rate_parts_it(tmp_path) -> None:
+    record = st.read_record(rate_file(tmp_path, gap=(5.0, 6.5)), angle="omega", input={"u": "u"})
+    parts = driven_parts(record)
+    assert [round(float(part.measured_time[0]), 2) for part in parts] == [0.0, 6.52]
+    tree = identified_driven(record, FORCES, DIRECT, st.methods.Trajectory(random_force="off"))
+    result = tree["trajectory"].to_dataset()
+    assert np.abs(scores(result, TRUTH)).max() < 4.0

@@ -132,6 +132,11 @@ def _signal_names(record: xr.Dataset) -> list[str]:
     return [str(name) for name in ("angle", record.attrs.get("measured")) if name in record]
 
 
+def _shown(record: xr.Dataset, name: str) -> str:
+    """Return the name of a variable in a sentence: what was measured itself is a rate or an acceleration."""
+    return str(record.attrs.get("measured", name)) if name == MEASURED_ITSELF else name
+
+
 def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
     """Fill the outliers of a record from the samples near them, and say it."""
     record, said = _without_bad_ends(record)
@@ -154,7 +159,7 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         more = ", ..." if bad.size > MOST_LISTED else ""
         count = "1 outlier" if bad.size == 1 else f"{bad.size} outliers"
         said.append(
-            f"{count} of {name} left out and filled from the samples near ({listed}{more}; "
+            f"{count} of {_shown(record, name)} left out and filled from the samples near ({listed}{more}; "
             "--keep-outliers keeps them)"
         )
     return record, said
@@ -171,10 +176,13 @@ def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
             continue
         spikes = cleaning.spikes(time, values)
         if np.any(spikes < AT_END):
-            low, said = AT_END, [*said, f"the first {AT_END} samples cut off, of which one of {name} leaps"]
+            low, said = (
+                AT_END,
+                [*said, f"the first {AT_END} samples cut off, of which one of {_shown(record, name)} leaps"],
+            )
         if np.any(spikes >= count - AT_END):
             high = count - AT_END
-            said.append(f"the last {AT_END} samples cut off, of which one of {name} leaps")
+            said.append(f"the last {AT_END} samples cut off, of which one of {_shown(record, name)} leaps")
     return record.isel(time=slice(low, high)), said
 
 
