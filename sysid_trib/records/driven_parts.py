@@ -26,7 +26,7 @@ LEAP = 3.0
 # Samples at either end that have too few others beyond them to be filled: a bad one there is cut off.
 AT_END = 4
 # Outliers and gaps that a sentence lists.
-MOST_LISTED = 3
+MOST_SPELLED_OUT = 3
 
 
 def driven_parts(
@@ -155,8 +155,8 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         record = record.assign({name: (values.dims, mended, values.attrs)})
         if name == MEASURED_ITSELF and record.attrs.get("measured") == "rate":
             record = record.assign(angle=record.angle.copy(data=integral_of_rate(own, mended)))
-        listed = ", ".join(f"{numbers[at]:.4g} at {own[at]:.6g} s" for at in bad[:MOST_LISTED])
-        more = ", ..." if bad.size > MOST_LISTED else ""
+        listed = ", ".join(f"{numbers[at]:.4g} at {own[at]:.6g} s" for at in bad[:MOST_SPELLED_OUT])
+        more = ", ..." if bad.size > MOST_SPELLED_OUT else ""
         count = "1 outlier" if bad.size == 1 else f"{bad.size} outliers"
         said.append(
             f"{count} of {_shown(record, name)} left out and filled from the samples near ({listed}{more}; "
@@ -244,8 +244,8 @@ def _gaps(time: Array, period: float, breaks: Array) -> Index:
 
 
 def _listed_gaps(time: Array, gaps: Index) -> str:
-    listed = ", ".join(f"{time[at - 1]:.6g} to {time[at]:.6g} s" for at in gaps[:MOST_LISTED])
-    return listed + ", ..." * (gaps.size > MOST_LISTED)
+    listed = ", ".join(f"{time[at - 1]:.6g} to {time[at]:.6g} s" for at in gaps[:MOST_SPELLED_OUT])
+    return listed + ", ..." * (gaps.size > MOST_SPELLED_OUT)
 
 
 def _is_at_samples(values: xr.DataArray) -> bool:
