@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
@@ -13,6 +13,7 @@ import xarray as xr
 from sysid_trib.discovery import parts, to_xarray
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
+from sysid_trib.discovery.law_rival import held_out_by_laws
 from sysid_trib.discovery.plain_start import PlainStart, plain_start, residual_of_motions
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.discovery.unseen import RecordPart, predicted, search_parts, start_forces
@@ -31,9 +32,12 @@ from sysid_trib.likelihood import start_model
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.methods.scope import without_old_arguments
-from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.records import smoothing
+from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.results import effects, schema, signal_scale, variables
+from sysid_trib.validation import findings
+from sysid_trib.validation.cross_check import CLEARLY_BETTER
 
 
 def discover(
@@ -101,7 +105,9 @@ def discover(
         `not_improving` (an effect that gains more than chance, and that the hold-out refuses),
         `noise_p_value` (of a final model that leaves but noise, or a random force without cause; nan where
         the time ran out), `settings`
-        (JSON), `left_out`, `failed_fits`. Groups: `record`
+        (JSON), `laws_held_out_rms` (rad, nan where it was not needed: what smooth laws leave of what was held
+        out) and `refused_by_laws` (effects that predict it worse than the laws), `left_out`, `failed_fits`.
+        Groups: `record`
         (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
         `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
         `detectability`, `detectability_after`; `ranking` of candidates before each effect and at the end;
@@ -173,6 +179,9 @@ def _discovery(
     fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
     fits.plain = None if fits.is_complete(start) else nearer(start, seen)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
+    # Start forces outside of the penalty, what laws are identified from and what they predict.
+    rival = partial(held_out_by_laws, model_forces, constraints, learnt, later)
+    done, laws_rms, refused = _unless_laws_predict_better(done, later, rival, tell)
     closing = parts.closing_effect(done)
     if refit and not unseen:
         tell("fit to the whole runs")
@@ -196,6 +205,8 @@ def _discovery(
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
+        "laws_held_out_rms": laws_rms,
+        "refused_by_laws": ", ".join(refused),
         "converged": str(done.converged),
         "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
@@ -205,9 +216,32 @@ def _discovery(
         "stretches": "" if seen is runs else _stretches_of(learnt, len(runs)),
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
+    if refused:
+        tree.attrs["verdict"] = "unknown effect"
     if effects.misnamed_effects(tree):
         tree.attrs["verdict"] = "unknown effect"
     return tree
+
+
+def _unless_laws_predict_better(
+    done: Search, later: Sequence[RecordPart], rival: Callable[[], float], tell: Tell
+) -> tuple[Search, float, tuple[str, ...]]:
+    """Return the search without names where smooth laws predict clearly better; their residual; the names.
+
+    Names that leave hardly more than noise of what was held out are not held against laws, nor are those of
+    driven records.
+    """
+    named_rms = float(np.nan_to_num(done.predictions[-1][1], nan=np.inf))
+    noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
+    driven = any(inputs_of(part.record) for part in later)
+    if not done.effects or driven or named_rms <= findings.LARGE * noise:
+        return done, float("nan"), ()
+    tell("laws as the rival of the names")
+    laws_rms = rival()
+    if not CLEARLY_BETTER * laws_rms < named_rms:
+        return done, laws_rms, ()
+    start = done.models[0]
+    return _best_by_holdout(search(done.fits, begin=start, most=0, tell=tell), tell), laws_rms, done.effects
 
 
 def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:

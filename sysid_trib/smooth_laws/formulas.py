@@ -17,7 +17,7 @@ from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.variables import described
 
 # Most terms of a formula, and most formulas that are listed.
-MOST_TERMS, MOST_LISTED = 3, 6
+MOST_TERMS, MOST_FORMULAS = 3, 6
 # Values at which a shape parameter is tried first, evenly in the logarithm over the visited range.
 SHAPE_VALUES = 16
 SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5
@@ -225,7 +225,7 @@ def _whitening(covariance: Array) -> Array:
 
 def _as_dataset(inside: Sequence[LawFormula], law: str) -> xr.Dataset:
     """Return the formulas by their distance from the law, over the forces that they hold."""
-    listed = inside[:MOST_LISTED]
+    listed = inside[:MOST_FORMULAS]
     forces: dict[str, Force] = {}
     names: list[list[str]] = []
     for formula in listed:

@@ -169,6 +169,11 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     result : Dataset or DataTree
         Of `identify`, `laws`, `compare`, `discover`, or an identification itself.
 
+    Returns
+    -------
+    Dataset
+        The identification that the result prefers: see `identify`.
+
     Raises
     ------
     UsageError
