@@ -34,16 +34,16 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     # After identify.
     "explained": ("compare", "every method, and how it predicts a part that is held out"),
     "explained, no coefficient is known by itself": ("identify", "the fewest forces that suffice"),
-    "approximate": ("discover", "names what is missing"),
-    "not explained": ("discover", "names what is missing"),
+    "approximate": ("laws", "friction and restoring force as curves, without choosing a form"),
+    "not explained": ("laws", "friction and restoring force as curves, without choosing a form"),
     "not explained, swings as a pendulum": (
         "discover",
         "amplitude and frequency are those of a pendulum under gravity",
     ),
     # With effects that are in no usual library: a search has named them before.
     "approximate with named effects": (
-        "backbone",
-        "frequency and damping against amplitude, without a model",
+        "laws",
+        "friction and restoring force as curves, without choosing a form",
     ),
     # After identify or discover.
     "undetermined": ("identify", "fewer forces, and all of the record"),
@@ -56,7 +56,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     "named": ("identify", "two methods, held against each other"),
     "nothing missing": ("plan", "which further run makes the errors smaller"),
     "nothing missing of a driven record": ("identify", "two methods, held against each other"),
-    "unknown effect": ("backbone", "frequency and damping against amplitude, without a model"),
+    "unknown effect": ("laws", "friction and restoring force as curves, without choosing a form"),
     "unknown effect of a driven record": ("", ""),
 }
 

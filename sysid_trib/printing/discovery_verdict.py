@@ -82,7 +82,13 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
         f"{' and '.join(imitating)} nearly cancel{'' if several else 's'} other forces of the model: "
         f"{'they' if several else 'it'} may imitate a force that is no candidate."
     )
-    if misnamed := misnamed_effects(tree):
+    if refused := tree.attrs.get("refused_by_laws"):
+        yield (
+            f"Unknown effect: {residual}. The names {refused} predict the held-out part worse than smooth laws "
+            "of friction and restoring force, which need no name: they were not added."
+        )
+        yield from _unexplained(tree)
+    elif misnamed := misnamed_effects(tree):
         known = " and ".join(f"{symbol} {value:g}" for symbol, value in misnamed.items())
         yield f"{nothing} the coefficient is not the one that physics knows ({known}): {IMITATED}."
         yield from _unexplained(tree)
