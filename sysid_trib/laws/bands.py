@@ -146,7 +146,7 @@ def simultaneous_factor(covariance: Array) -> float:
     return float(np.quantile(np.max(np.abs(draws), axis=1), BAND_PROBABILITY))
 
 
-def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, dict[str, Array]]:
+def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, Variables]:
     """Return the variables of laws with their bands, and their coordinates.
 
     Parameters
@@ -156,7 +156,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         Covariance of the error of the model, of each law.
     """
     values: dict[str, object] = {}
-    places: dict[str, Array] = {}
+    places: dict[str, object] = {}
     for law, added in zip(laws, of_model, strict=True):
         covariance = law.covariance + added
         error = np.sqrt(np.diag(covariance))
@@ -170,7 +170,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         values[f"{law.variable}_visited"] = law.visited
         places[law.variable] = law.places
         places[f"other_{law.variable}"] = law.places
-    return described("laws", values), places
+    return described("laws", values), described("laws", places)
 
 
 def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:

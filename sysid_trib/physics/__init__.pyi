@@ -1,4 +1,5 @@
 from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
+from sysid_trib.laws.calibration import with_scale_error as with_scale_error
 from sysid_trib.physics.contact import (
     contact_stiffness as contact_stiffness,
     inertia_with_mass as inertia_with_mass,
@@ -10,16 +11,14 @@ from sysid_trib.physics.force_weights import (
     dissipated_energy as dissipated_energy,
     weights as weights,
 )
+from sysid_trib.physics.laws_in_si import laws_in_si as laws_in_si
 from sysid_trib.physics.model_estimate import arrest_time as arrest_time
 from sysid_trib.physics.si_units import (
     in_si_units as in_si_units,
     per_input as per_input,
     physical_units as physical_units,
 )
-from sysid_trib.results.references import (
-    with_contactless_frequency as with_contactless_frequency,
-    with_scale_error as with_scale_error,
-)
+from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
 from sysid_trib.validation.refits import sliding_coefficients as sliding_coefficients
 
 from ..results.schema import model_of as model_of
