@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from sysid_trib.arrays import Array
@@ -102,6 +103,35 @@ def laws_in_si(
             units = data[name].attrs.get("units")
             data[name].attrs |= {"units": OF_DISPLACEMENT[units]} if units in OF_DISPLACEMENT else {}
     return data.set_coords([name for name in ("sliding_speed",) if name in data])
+
+
+def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
+    """Return a law as a table, a row a speed or displacement, for CSV (`to_csv`) or LaTeX (`to_latex`).
+
+    Parameters
+    ----------
+    data : Dataset
+        Of `laws_in_si`, or an identification of `laws`.
+    law : {"friction", "restoring", "friction_coefficient"}
+
+    Returns
+    -------
+    DataFrame
+        Columns with their units: the speed (of a coefficient of friction the sliding speed) or displacement,
+        the law, its standard error, the ends of its band, and whether the record visits the place.
+
+    Raises
+    ------
+    UsageError
+        The data hold no such law.
+    """
+    if f"{law}_low" not in data:
+        raise UsageError(f"These data hold no {law}(...): identify the laws, and give what SI units take.")
+    variable = str(data[law].dims[0])
+    along = "sliding_speed" if law == MU else variable
+    names = [along, law, *(f"{law}_{end}" for end in ("standard_error", "low", "high"))]
+    columns = {f"{name} ({data[name].attrs.get('units', '1')})": data[name].values for name in names}
+    return pd.DataFrame(columns | {"visited": data[f"{variable}_visited"].values})
 
 
 def _curve(name: str, values: Array, covariance: Array, visited: Array) -> dict[str, Array]:
