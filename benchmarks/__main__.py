@@ -16,6 +16,7 @@ profile       profile intervals of dahl.s, stribeck.s, lambda at its bound, besi
 curve_bands   simultaneous bands of a model's curves
 posterior     posteriors beside random-walk Metropolis, three records; --seeds: its steps
 backbone      bands of frequency and damping against amplitude, twelve kinds of forces
+laws          bands and errors of friction and restoring force as curves, five kinds of laws
 plan          discover, plan, run, discover again: whether what is stated comes true
 loops         runs until one right name, with planned releases and with drawn ones
 
@@ -44,6 +45,7 @@ NAMES = {
     "posterior": ("study.intervals", 30_000),
     "curve_bands": ("study.intervals", 400),
     "backbone": ("backbone", 20),
+    "laws": ("laws", 40),
     "plan": ("plan", 20),
     "loops": ("plan", 20),
     "measured": ("measured", None),

@@ -7,13 +7,13 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.results import schema
 from sysid_trib.results.variables import Variables, described
 
 # Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
 VISITED_POINTS, SHOWN_BEYOND = 40, 0.25
-BAND_PROBABILITY = 0.95
 # Draws from which the width of a simultaneous band follows.
 DRAWS = 4000
 

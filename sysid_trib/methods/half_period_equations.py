@@ -236,9 +236,9 @@ def solve_curves(
     """
     linear = [_linear(equations, run) for run in measured]
     design, target = (np.concatenate(parts) for parts in zip(*(run[:2] for run in linear), strict=True))
-    alone = np.setdiff1d(np.arange(design.shape[1]), np.concatenate(curves))
-    kept = [names[at] for at in alone if at < len(names)]
-    _check_rank(design[:, alone], kept, sum(first[-1] + 1 for _, _, first, _ in linear))
+    outside = np.setdiff1d(np.arange(design.shape[1]), np.concatenate(curves))
+    kept = [names[at] for at in outside if at < len(names)]
+    _check_rank(design[:, outside], kept, sum(first[-1] + 1 for _, _, first, _ in linear))
     size, ends = np.linalg.norm(design, axis=0), np.cumsum([len(run[1]) for run in linear])[:-1]
     first_estimate = smooth_least_squares(design / size, target, curves).coefficients / size
     runs, noises, factors = _with_noise(linear, measured, first_estimate)
