@@ -1,5 +1,6 @@
 from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.laws.calibration import with_scale_error as with_scale_error
+from sysid_trib.laws.samples import law_difference as law_difference
 from sysid_trib.physics.contact import (
     contact_stiffness as contact_stiffness,
     inertia_with_mass as inertia_with_mass,

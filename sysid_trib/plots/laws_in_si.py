@@ -17,7 +17,7 @@ from sysid_trib.plots.style import BLUE, ORANGE
 ONE_COLUMN, HEIGHT = 3.46, 2.5
 
 
-@shows("laws", groups=(LAWS_SI,))
+@shows("laws", block="Friction against speed", groups=(LAWS_SI,))
 def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
     """Coefficient of friction against sliding speed, or the friction where no load is known.
 
