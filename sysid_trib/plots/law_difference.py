@@ -4,6 +4,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from sysid_trib.laws.calibration import LAW_VARIABLES
 from sysid_trib.laws.samples import LAW_DIFFERENCE, WORDS
@@ -31,7 +33,7 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     figure, panels = style.grid(2, 2, width, HEIGHT)
     for ax, law in zip(panels, LAW_VARIABLES, strict=True):
         _draw(ax, data, law)
-    style.letter(panels)
+    style.letter(panels, [WORDS[law] for law in LAW_VARIABLES])
     return figure
 
 
@@ -47,14 +49,10 @@ def _draw(ax: Axes, data: xr.Dataset, law: str) -> None:
             ax.plot(places[side], difference[side], color=GREY, linewidth=1.0)
             marked = np.where(differs[side], difference[side], np.nan)
             ax.plot(places[side], marked, color=INK, linewidth=2.0)
-    handles = style.legend_marks(
-        {
-            "95 % band": {"color": GREY, "alpha": 0.25, "linestyle": "-", "linewidth": 6},
-            "differs": {"color": INK, "linestyle": "-", "linewidth": 2},
-        }
-    )
-    ax.legend(handles=handles, **LEGEND, ncols=2)
+    band = Patch(color=GREY, alpha=0.25, linewidth=0, label="95 % band")
+    ax.legend(handles=[band, Line2D([], [], color=INK, linewidth=2.0, label="differs")], **LEGEND, ncols=2)
     ax.axhline(0.0, color=INK, linewidth=0.6)
-    units = (style.unit_label(data[name].attrs["units"]) for name in (variable, f"{law}_difference"))
-    of_variable, of_law = units
-    ax.set(xlabel=f"{variable} ({of_variable})", ylabel=f"{WORDS[law]}, first minus second ({of_law})")
+    of_variable, of_law = (
+        style.unit_label(data[name].attrs["units"]) for name in (variable, f"{law}_difference")
+    )
+    ax.set(xlabel=f"{variable} ({of_variable})", ylabel=f"difference ({of_law})")

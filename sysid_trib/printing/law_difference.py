@@ -42,8 +42,8 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
         ends = f"{np.abs(places).min():.3g} to {np.abs(places).max():.3g} {unit}"
         if not data[f"{law}_differs"].any():
             yield (
-                f"No difference was found in the {WORDS[law]} of {first} and {second}, at any {variable} that "
-                f"both visit ({ends}; p {p_value})."
+                f"No difference was found in the {WORDS[law]} of {first} and {second}, at any "
+                f"{variable} that both visit ({ends}; p {p_value})."
             )
             continue
         parts = [f"{way} at {where}" for way, where in _directions(data, law) if where]
