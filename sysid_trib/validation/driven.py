@@ -24,6 +24,7 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
+from sysid_trib.validation.sensor_refit import with_own_sensor
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
@@ -194,7 +195,9 @@ def predict(
     -------
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor shows it, `residual(time)`; scalars
-        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s).
+        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s), and
+        `refitted_sensors`, the sensor terms that were fitted to the record, as its start and zero are:
+        they belong to the run.
 
     Raises
     ------
@@ -215,6 +218,7 @@ def predict(
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
+    model, record = with_own_sensor(result, model, record, fitted)
     start = first_guess(time, angle, model.reference_frequency)
     try:
         motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
