@@ -24,12 +24,12 @@ from sysid_trib.validation.samples import SIDES
 # Group of a result that holds what `law_difference` returns.
 LAW_DIFFERENCE = "law_difference"
 # Of no difference along a law.
-LEVEL = 1.0 - BAND_PROBABILITY
+NO_DIFFERENCE_LEVEL = 1.0 - BAND_PROBABILITY
 # Fewer places that both laws visit are no common range.
 FEWEST_PLACES = 3
 # Below this part of the draws the p-value follows from the length of the curve.
 COUNTED_PART = 0.005
-WORDS = {"friction": "friction", "restoring": "restoring force"}
+LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
 
 
 def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.DataTree) -> xr.Dataset:
@@ -73,7 +73,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
         common = _common_places(samples, variable)
         values |= _of_law(samples, law, common)
         places |= {variable: common, f"other_{variable}": common}
-    differing = [WORDS[law] for law in LAW_VARIABLES if values[f"{law}_differs"].any()]
+    differing = [LAW_WORDS[law] for law in LAW_VARIABLES if values[f"{law}_differs"].any()]
     verdict = "both laws differ" if len(differing) == 2 else f"{''.join(differing)} differs"
     attrs: dict[str, Any] = {"verdict": verdict if differing else "no difference"}
     for name, sample in zip(SIDES, samples, strict=True):

@@ -12,8 +12,8 @@ from sysid_trib.physics.force_weights import (
     dissipated_energy as dissipated_energy,
     weights as weights,
 )
-from sysid_trib.physics.laws_in_si import law_table as law_table, laws_in_si as laws_in_si
 from sysid_trib.physics.model_estimate import arrest_time as arrest_time
+from sysid_trib.physics.si_laws import law_table as law_table, laws_in_si as laws_in_si
 from sysid_trib.physics.si_units import (
     in_si_units as in_si_units,
     per_input as per_input,

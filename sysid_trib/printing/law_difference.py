@@ -9,7 +9,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.laws.calibration import LAW_VARIABLES
-from sysid_trib.laws.samples import LAW_DIFFERENCE, LEVEL, WORDS, ranges_of
+from sysid_trib.laws.samples import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
 from sysid_trib.printing import Block, layout
 from sysid_trib.results.variables import signal_units
 from sysid_trib.validation.samples import SIDES
@@ -42,13 +42,13 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
         ends = f"{np.abs(places).min():.3g} to {np.abs(places).max():.3g} {unit}"
         if not data[f"{law}_differs"].any():
             yield (
-                f"No difference was found in the {WORDS[law]} of {first} and {second}, at any "
+                f"No difference was found in the {LAW_WORDS[law]} of {first} and {second}, at any "
                 f"{variable} that both visit ({ends}; p {p_value})."
             )
             continue
         parts = [f"{way} at {where}" for way, where in _directions(data, law) if where]
         yield (
-            f"The {WORDS[law]} of {first} is {' and '.join(parts)} {unit} than that of {second} "
+            f"The {LAW_WORDS[law]} of {first} is {' and '.join(parts)} {unit} than that of {second} "
             f"(simultaneous 95 % band over the {variable}s of both, {ends}; p {p_value})."
         )
 
@@ -72,15 +72,16 @@ def law_blocks(tree: xr.DataTree) -> list[Block]:
     if LAW_DIFFERENCE not in tree.children:
         return []
     data = tree[LAW_DIFFERENCE].to_dataset()
+    percent = f"{100.0 * (1.0 - NO_DIFFERENCE_LEVEL):g} %"
     said = (
-        f"Forces are over the inertia. Bands of differences hold at all places together, in "
-        f"{100.0 * (1.0 - LEVEL):g} %; a difference counts where its band excludes zero. If the second "
-        "sample has no contact, the difference is what the contact adds."
+        f"Forces are over the inertia. Bands of differences hold at all places together, in {percent}; a "
+        "difference counts where its band excludes zero. If the second sample has no contact, the difference "
+        "is what the contact adds."
     )
     blocks = [Block([said], title=LAWS_TITLE)]
     names = dict(zip(SIDES, sample_names(tree.to_dataset()), strict=True))
     for law in LAW_VARIABLES:
-        caption = f"{WORDS[law].capitalize()} ({data[law + '_difference'].attrs['units']})"
+        caption = f"{LAW_WORDS[law].capitalize()} ({data[law + '_difference'].attrs['units']})"
         blocks.append(Block((), title=LAWS_TITLE, table=_table(data, law, names), caption=caption))
     return blocks
 
@@ -111,7 +112,7 @@ def law_difference_json(tree: xr.DataTree) -> dict[str, Any]:
     data = tree[LAW_DIFFERENCE].to_dataset()
     made: dict[str, Any] = {
         "verdict": data.attrs["verdict"],
-        "level": LEVEL,
+        "level": NO_DIFFERENCE_LEVEL,
         "signal_units": signal_units(tree),
     }
     for law, variable in LAW_VARIABLES.items():

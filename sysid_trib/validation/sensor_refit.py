@@ -9,6 +9,7 @@ from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import (
     BY_START,
     SETTLED_START,
+    SINGULAR,
     first_guess,
     first_zero,
     fit_start,
@@ -19,8 +20,6 @@ from sysid_trib.simulation.simulate import trajectory
 # Attribute of a prediction: the sensor terms that were fitted to its record.
 REFITTED_SENSORS = "refitted_sensors"
 MOST_ROUNDS = 8
-# A direction that moves what is measured by this part of what another does is not separated from it.
-COLLINEAR = 1e-7
 # A longer step of the start, in parts of the swing, is a slip of phase.
 LONGEST_STEP = 0.5
 
@@ -77,7 +76,7 @@ def _refitted(model: Model, symbols: list[str], time: Array, angle: Array) -> Mo
         columns = columns if zero is None else np.column_stack([columns, np.ones(len(time))])
         scales = np.linalg.norm(columns, axis=0)
         scales[scales == 0.0] = 1.0
-        steps, *_ = np.linalg.lstsq(columns / scales, residual, rcond=COLLINEAR)
+        steps, *_ = np.linalg.lstsq(columns / scales, residual, rcond=SINGULAR)
         linear = root_mean_square(residual - (columns / scales) @ steps)
         steps = steps / scales
         longest = float(np.max(np.abs(steps[:2]) / amplitude))

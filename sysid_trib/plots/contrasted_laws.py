@@ -8,13 +8,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from sysid_trib.laws.calibration import LAW_VARIABLES
-from sysid_trib.laws.samples import LAW_DIFFERENCE, WORDS
+from sysid_trib.laws.samples import LAW_DIFFERENCE, LAW_WORDS
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, shows
 from sysid_trib.plots.style import GREY, INK
 from sysid_trib.printing.law_difference import LAWS_TITLE
 
-HEIGHT = 2.4
+LAWS_HEIGHT = 2.4
 
 
 @shows("difference", block=LAWS_TITLE, groups=(LAW_DIFFERENCE,))
@@ -30,10 +30,10 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure, panels = style.grid(2, 2, width, HEIGHT)
+    figure, panels = style.grid(2, 2, width, LAWS_HEIGHT)
     for ax, law in zip(panels, LAW_VARIABLES, strict=True):
         _draw(ax, data, law)
-    style.letter(panels, [WORDS[law] for law in LAW_VARIABLES])
+    style.letter(panels, [LAW_WORDS[law] for law in LAW_VARIABLES])
     return figure
 
 
@@ -52,7 +52,5 @@ def _draw(ax: Axes, data: xr.Dataset, law: str) -> None:
     band = Patch(color=GREY, alpha=0.25, linewidth=0, label="95 % band")
     ax.legend(handles=[band, Line2D([], [], color=INK, linewidth=2.0, label="differs")], **LEGEND, ncols=2)
     ax.axhline(0.0, color=INK, linewidth=0.6)
-    of_variable, of_law = (
-        style.unit_label(data[name].attrs["units"]) for name in (variable, f"{law}_difference")
-    )
-    ax.set(xlabel=f"{variable} ({of_variable})", ylabel=f"difference ({of_law})")
+    of_law = style.unit_label(data[f"{law}_difference"].attrs["units"])
+    ax.set(xlabel=f"{variable} ({data[variable].attrs['units']})", ylabel=f"difference ({of_law})")

@@ -7,14 +7,13 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.physics.laws_in_si import LAWS_SI
+from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.physics.si_units import MU
-from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BLUE, ORANGE
 
 # Inch: a column of a journal, and the height.
-ONE_COLUMN, HEIGHT = 3.46, 2.5
+ONE_COLUMN, MU_HEIGHT = 3.46, 2.5
 
 
 @shows("laws", block="Friction against speed", groups=(LAWS_SI,))
@@ -32,7 +31,7 @@ def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figu
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     name = MU if MU in data else "friction"
-    figure = new_figure(min(width, TWO_COLUMNS), HEIGHT)
+    figure = new_figure(min(width, TWO_COLUMNS), MU_HEIGHT)
     ax = figure.subplots()
     speed = data.speed.values
     sides = {"forward": speed > 0.0, "backward": speed < 0.0}
@@ -45,7 +44,7 @@ def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figu
         if name == MU
         else f"friction ({style.unit_label(data.friction.attrs['units'])})"
     )
-    ax.set(xlabel=f"{'sliding ' * (name == MU)}speed ({style.unit_label(along.attrs['units'])})", ylabel=what)
+    ax.set(xlabel=f"{'sliding ' * (name == MU)}speed ({along.attrs['units']})", ylabel=what)
     low, high = ax.get_ylim()
     ax.set(xlim=(0.0, float(np.abs(along).max())), ylim=(min(0.0, low), max(0.0, high)))
     ax.legend(**LEGEND, ncols=3)
@@ -63,5 +62,11 @@ def _law(ax: Axes, data: xr.Dataset, name: str, colour: str, label: str) -> None
         along[visited], low[visited], high[visited], color=colour, alpha=0.25, linewidth=0, label="95 % band"
     )
     ax.plot(along[visited], values[visited], label=label, **look)
-    beyond = ~visited | (along >= along[visited].max(initial=0.0))
-    ax.plot(along[beyond], values[beyond], linestyle="--", label="not visited", **look | {"linewidth": 0.9})
+    not_visited = ~visited | (along >= along[visited].max(initial=0.0))
+    ax.plot(
+        along[not_visited],
+        values[not_visited],
+        linestyle="--",
+        label="not visited",
+        **look | {"linewidth": 0.9},
+    )

@@ -14,10 +14,10 @@ from sysid_trib.results.schema import library_of
 from sysid_trib.validation.findings import given_results
 from sysid_trib.validation.samples import SIDES
 
-COLUMNS = ("value", "standard_error", "low", "high", "unit")
+NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Of a normal interval: 95 %.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
-DIFFERENCE, STIFFNESS = "difference", "stiffness_difference"
+DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 
 
 def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
@@ -55,7 +55,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
         raise UsageError(
             "summary wants a result of identify, laws, compare, discover or difference, or of a method."
         )
-    table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *COLUMNS])
+    table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
     return table.rename(columns={"by": by}).set_index([by, "quantity"])
 
 
@@ -71,13 +71,16 @@ def _of_identifications(named: Mapping[str, xr.Dataset]) -> Iterator[dict[str, A
 def _of_difference(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """Coefficients of both samples, their difference, and that of the stiffnesses."""
     data = tree.to_dataset()
-    for name in (*SIDES, DIFFERENCE):
-        error = "standard_error" if name == DIFFERENCE else f"{name}_standard_error"
+    for name in (*SIDES, DIFFERENCE_ROW):
+        error = "standard_error" if name == DIFFERENCE_ROW else f"{name}_standard_error"
         for symbol, row in layout.by_label(data, "force").items():
             numbers = {"value": row[name].item(), "standard_error": row[error].item()}
             yield {"by": name, "quantity": symbol, "unit": row["unit"].item()} | numbers
-    numbers = {"value": data[STIFFNESS].item(), "standard_error": data[f"{STIFFNESS}_standard_error"].item()}
-    yield {"by": DIFFERENCE, "quantity": STIFFNESS, "unit": "1"} | numbers
+    numbers = {
+        "value": data[STIFFNESS_ROW].item(),
+        "standard_error": data[f"{STIFFNESS_ROW}_standard_error"].item(),
+    }
+    yield {"by": DIFFERENCE_ROW, "quantity": STIFFNESS_ROW, "unit": "1"} | numbers
 
 
 def _with_interval(row: Mapping[str, Any]) -> dict[str, Any]:
