@@ -39,11 +39,7 @@ def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figu
     for (label, side), colour in zip(sides.items(), (BLUE, ORANGE), strict=False):
         _law(ax, data.isel(speed=np.flatnonzero(side)), name, colour, label if len(sides) > 1 else "law")
     along = data["sliding_speed" if MU in data else "speed"]
-    what = (
-        "coefficient of friction"
-        if name == MU
-        else f"friction ({style.unit_label(data.friction.attrs['units'])})"
-    )
+    what = "coefficient of friction" if name == MU else f"friction ({data.friction.attrs['units']})"
     ax.set(xlabel=f"{'sliding ' * (name == MU)}speed ({along.attrs['units']})", ylabel=what)
     low, high = ax.get_ylim()
     ax.set(xlim=(0.0, float(np.abs(along).max())), ylim=(min(0.0, low), max(0.0, high)))
