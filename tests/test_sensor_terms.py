@@ -123,3 +123,24 @@ def test_each_runs_own_sensor_terms_are_fitted_too():
     found = st.predict(result, record(7, truth=TRUTH | third))
     assert found.attrs["refitted_sensors"].startswith("sensor_curve_1")
     assert found.residual_rms < 1.5 * NOISE
+
+
+@pytest.mark.slow
+def test_another_film_has_a_camera_of_its_own(monkeypatch, data_folder):
+    """The string pendulum on two films: forces of one predict the other, its sensor fitted to it."""
+    folder = data_folder / "string_pendulum"
+    low, high = (
+        st.free_decay(st.read_record(folder / name, angle=1, units="rad"))
+        for name in ("run_1.txt", "run_high.txt")
+    )
+    # The bob is still held before.
+    high = high.sel(time=slice(0.3, None))
+    forces = ["gravity", "zeta", "delta", "epsilon"]
+    results = [
+        Direct(constraints={"gravity": 1.0}).identify(low, LIBRARY.select(names))
+        for names in (forces, [*forces, "shutter", "sensor_curve"])
+    ]
+    without, fitted = (st.predict(result, high).residual_rms.item() for result in results)
+    imposed = without_refit(monkeypatch, results[1], high).residual_rms.item()
+    assert fitted < 0.8 * imposed
+    assert fitted < without

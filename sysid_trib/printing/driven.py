@@ -13,6 +13,7 @@ from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
+from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
     "Errors: where what is left is white, by its size; else by blocks of the record (trajectory), or by "
@@ -106,14 +107,19 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
             f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
+        if terms := record.attrs.get(REFITTED_SENSORS):
+            sentences.append(f"The errors of its sensor ({terms}) are its own: they were fitted to it too.")
     return Block(sentences, ALWAYS)
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     """A prediction as plain data, under `test`; nothing where nothing was predicted."""
-    sources = [{"source": record.attrs.get("source", "")} for record in predicted]
-    pairs = zip(predicted, sources, strict=True)
-    return {"test": [layout.mapped(record, "prediction", of) for record, of in pairs]} if predicted else {}
+    made = []
+    for record in predicted:
+        sensors = {name: record.attrs[name] for name in (REFITTED_SENSORS,) if name in record.attrs}
+        source = {"source": record.attrs.get("source", "")}
+        made.append(layout.mapped(record, "prediction", source) | sensors)
+    return {"test": made} if predicted else {}
 
 
 def response_blocks(response: xr.Dataset) -> Iterator[Block]:
