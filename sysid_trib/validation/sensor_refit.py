@@ -15,7 +15,7 @@ from sysid_trib.simulation.simulate import trajectory
 # Attribute of a prediction: the sensor terms that were fitted to its record.
 REFITTED_SENSORS = "refitted_sensors"
 # Steps that are tried; damping of the first, its factor after one that fails; least gain of a further step.
-MOST_STEPS, FIRST_DAMPING, DAMPED_BY, SETTLED_RESIDUAL = 30, 1e-4, 10.0, 1e-5
+MOST_TRIALS, FIRST_DAMPING, DAMPED_BY, SETTLED_RESIDUAL = 30, 1e-4, 10.0, 1e-5
 # Another run's terms are of the size of the identification's, or of some times that.
 PRIOR_SIZES = 3.0
 
@@ -103,7 +103,7 @@ def _refitted(model: Model, symbols: list[str], errors: dict[str, float], time: 
     towards[:, sensors] = np.diag(noise / sizes)
     best, damping = fit(np.array([start.angle, start.rate, *own, start.offset])), FIRST_DAMPING
     scales = np.maximum(np.linalg.norm(best.columns, axis=0), 1e-300)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_TRIALS):
         columns = best.columns / scales
         normal = columns.T @ columns + damping * np.eye(len(scales))
         step = np.linalg.solve(normal, columns.T @ best.residual) / scales
