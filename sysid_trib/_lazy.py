@@ -6,7 +6,6 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.util import resolve_name
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 
@@ -26,17 +25,6 @@ def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callabl
             homes |= {alias.name: (home, alias.name) for alias in node.names}
         elif isinstance(node, ast.Assign):
             listed = ast.literal_eval(node.value)
-    own = {name for name, (home, _) in homes.items() if home != package}
-
-    class Namespace(ModuleType):
-        """A package whose public functions are not hidden by modules of the same name."""
-
-        def __setattr__(self, name: str, value: Any) -> None:
-            """Set an attribute; the import of `laws.bands` would put the module in the place of `laws()`."""
-            if not (name in own and isinstance(value, ModuleType)):
-                super().__setattr__(name, value)
-
-    sys.modules[package].__class__ = Namespace
 
     def load(name: str) -> Any:
         if name not in homes:

@@ -60,7 +60,6 @@ def _outputs():
             yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
 
 
-@pytest.mark.simulated_pairs
 @pytest.mark.parametrize(("page", "command"), list(_outputs()))
 def test_what_a_page_says_is_printed_is_printed(page, command, generated):
     text = page.read_text(encoding="utf-8")

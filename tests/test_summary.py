@@ -9,8 +9,8 @@ from helpers import FIVE, paper_run
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
-from sysid_trib.laws.laws import USUAL
 from sysid_trib.methods import Averaging, Direct
+from sysid_trib.smooth_laws.model import USUAL
 
 RUN = paper_run(FIVE, duration=15.0, sampling_rate=50.0)
 LIBRARY = RUN.model.library
@@ -42,7 +42,7 @@ def test_what_is_held_has_no_error(single):
 
 def test_both_methods_of_a_cross_check_and_both_samples_of_a_difference(single):
     averaging = Averaging().identify(RUN.decay(1), LIBRARY)
-    checked = st.summary(st.cross_check(RUN.decay(1), averaging, single, draws=16))
+    checked = st.summary(st.cross_check(RUN.decay(1), averaging, single))
     assert checked.index.unique("method").tolist() == ["averaging", "direct"]
     found = st.difference(single, Direct().identify(RUN.decay(2), LIBRARY))
     table = st.summary(found)

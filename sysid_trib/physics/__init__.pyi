@@ -1,6 +1,4 @@
 from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
-from sysid_trib.laws.calibration import with_scale_error as with_scale_error
-from sysid_trib.laws.samples import law_difference as law_difference
 from sysid_trib.physics.contact import (
     contact_stiffness as contact_stiffness,
     inertia_with_mass as inertia_with_mass,
@@ -20,6 +18,8 @@ from sysid_trib.physics.si_units import (
     physical_units as physical_units,
 )
 from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
+from sysid_trib.smooth_laws.calibration import with_scale_error as with_scale_error
+from sysid_trib.smooth_laws.samples import law_difference as law_difference
 from sysid_trib.validation.refits import sliding_coefficients as sliding_coefficients
 
 from ..results.schema import model_of as model_of

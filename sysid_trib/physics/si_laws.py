@@ -8,11 +8,11 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.laws.calibration import LAW_VARIABLES, band, slope
 from sysid_trib.physics.model_estimate import check_quantity
 from sysid_trib.physics.si_units import MU, Measured, check_length_unit, check_measured
 from sysid_trib.records.units import METRES
 from sysid_trib.results.variables import described, signal_units
+from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW, band, slope
 from sysid_trib.validation.findings import best
 
 # Group of a result that holds what `laws_in_si` returns.
@@ -79,7 +79,7 @@ def laws_in_si(
     length = 1.0 if mass is None else METRES[unit]
     size, error = known["inertia" if mass is None else "mass"]
     values: dict[str, Any] = {}
-    for law, variable in LAW_VARIABLES.items():
+    for law, variable in VARIABLE_OF_LAW.items():
         force = size * length * laws[law].values
         covariance = (size * length) ** 2 * laws[f"{law}_covariance"].values
         covariance = covariance + (error / size) ** 2 * np.outer(force, force)

@@ -7,12 +7,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from sysid_trib.laws.calibration import LAW_VARIABLES
-from sysid_trib.laws.samples import LAW_DIFFERENCE, LAW_WORDS
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, shows
 from sysid_trib.plots.style import GREY, INK
 from sysid_trib.printing.law_difference import LAWS_TITLE
+from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW
+from sysid_trib.smooth_laws.samples import LAW_DIFFERENCE, LAW_WORDS
 
 LAWS_HEIGHT = 2.4
 
@@ -31,14 +31,14 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     figure, panels = style.grid(2, 2, width, LAWS_HEIGHT)
-    for ax, law in zip(panels, LAW_VARIABLES, strict=True):
+    for ax, law in zip(panels, VARIABLE_OF_LAW, strict=True):
         _draw(ax, data, law)
-    style.letter(panels, [LAW_WORDS[law] for law in LAW_VARIABLES])
+    style.letter(panels, [LAW_WORDS[law] for law in VARIABLE_OF_LAW])
     return figure
 
 
 def _draw(ax: Axes, data: xr.Dataset, law: str) -> None:
-    variable = LAW_VARIABLES[law]
+    variable = VARIABLE_OF_LAW[law]
     places, difference = data[variable].values, data[f"{law}_difference"].values
     low, high = (data[f"{law}_difference_{end}"].values for end in ("low", "high"))
     differs = data[f"{law}_differs"].values

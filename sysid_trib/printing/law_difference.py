@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.laws.calibration import LAW_VARIABLES
-from sysid_trib.laws.samples import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
 from sysid_trib.printing import Block, layout
 from sysid_trib.results.variables import signal_units
+from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW
+from sysid_trib.smooth_laws.samples import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
 from sysid_trib.validation.samples import SIDES
 
 LAWS_TITLE = "Difference of the laws"
@@ -36,7 +36,7 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
     if LAW_DIFFERENCE not in tree.children:
         return
     data, (first, second) = tree[LAW_DIFFERENCE].to_dataset(), sample_names(tree.to_dataset())
-    for law, variable in LAW_VARIABLES.items():
+    for law, variable in VARIABLE_OF_LAW.items():
         places, unit = data[variable].values, data[variable].attrs["units"]
         p_value = layout.p_value_text(data[f"{law}_p_value"].item())
         ends = f"{np.abs(places).min():.3g} to {np.abs(places).max():.3g} {unit}"
@@ -55,7 +55,7 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
     """Return in which direction the first law differs from the second, and the places of each."""
-    places = data[LAW_VARIABLES[law]].values
+    places = data[VARIABLE_OF_LAW[law]].values
     # A larger friction is larger against the motion, whatever its direction.
     difference = np.sign(places) * data[f"{law}_difference"].values
     differs = data[f"{law}_differs"].values
@@ -80,14 +80,14 @@ def law_blocks(tree: xr.DataTree) -> list[Block]:
     )
     blocks = [Block([said], title=LAWS_TITLE)]
     names = dict(zip(SIDES, sample_names(tree.to_dataset()), strict=True))
-    for law in LAW_VARIABLES:
+    for law in VARIABLE_OF_LAW:
         caption = f"{LAW_WORDS[law].capitalize()} ({data[law + '_difference'].attrs['units']})"
         blocks.append(Block((), title=LAWS_TITLE, table=_table(data, law, names), caption=caption))
     return blocks
 
 
 def _table(data: xr.Dataset, law: str, names: dict[str, str]) -> Table:
-    variable = LAW_VARIABLES[law]
+    variable = VARIABLE_OF_LAW[law]
     unit, rows = data[variable].attrs["units"], []
     chosen = np.unique(np.linspace(0, data.sizes[variable] - 1, MOST_PLACES).round().astype(int))
     for at in chosen:
@@ -115,7 +115,7 @@ def law_difference_json(tree: xr.DataTree) -> dict[str, Any]:
         "level": NO_DIFFERENCE_LEVEL,
         "signal_units": signal_units(tree),
     }
-    for law, variable in LAW_VARIABLES.items():
+    for law, variable in VARIABLE_OF_LAW.items():
         columns = (*SIDES, "difference", "z", "differs")
         errors = {f"{name}_standard_error": f"{law}_{name}_standard_error" for name in columns[:3]}
         ends = {name: f"{law}_{name}" for name in ("difference_low", "difference_high")}

@@ -8,14 +8,14 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.records.decay import root_mean_square
-from sysid_trib.simulation.initial_conditions import BY_START, first_guess, first_zero, fit_start
+from sysid_trib.simulation.initial_conditions import BY_START, MEASURED, first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
 # Attribute of a prediction: the sensor terms that were fitted to its record.
 REFITTED_SENSORS = "refitted_sensors"
 # Steps that are tried; damping of the first, its factor after one that fails; least gain of a further step.
-MOST_TRIALS, FIRST_DAMPING, DAMPED_BY, SETTLED_RESIDUAL = 30, 1e-4, 10.0, 1e-5
+MOST_REFITS, FIRST_DAMPING, DAMPED_BY, SETTLED_RESIDUAL = 30, 1e-4, 10.0, 1e-5
 # Another run's terms are of the size of the identification's, or of some times that.
 PRIOR_SIZES = 3.0
 
@@ -45,7 +45,12 @@ def with_own_sensor(
     errors = dict(zip(result.force.values.tolist(), result.standard_error.values.tolist(), strict=True))
     symbols = [force.symbol for force in model.sensors if errors.get(force.symbol, 0.0) > 0.0]
     checksum = str(record.attrs.get("record_checksum", ""))
-    if not symbols or (checksum and checksum in np.ravel(result.attrs["record_checksum"]).tolist()):
+    # Of a rate or an acceleration the angle is not what a sensor showed.
+    if (
+        not symbols
+        or MEASURED in record
+        or (checksum and checksum in np.ravel(result.attrs["record_checksum"]).tolist())
+    ):
         return model, record
     time, angle = record.time.values.astype(float)[fitted], record.angle.values.astype(float)[fitted]
     try:
@@ -103,7 +108,7 @@ def _refitted(model: Model, symbols: list[str], errors: dict[str, float], time: 
     towards[:, sensors] = np.diag(noise / sizes)
     best, damping = fit(np.array([start.angle, start.rate, *own, start.offset])), FIRST_DAMPING
     scales = np.maximum(np.linalg.norm(best.columns, axis=0), 1e-300)
-    for _ in range(MOST_TRIALS):
+    for _ in range(MOST_REFITS):
         columns = best.columns / scales
         normal = columns.T @ columns + damping * np.eye(len(scales))
         step = np.linalg.solve(normal, columns.T @ best.residual) / scales

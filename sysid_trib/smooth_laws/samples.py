@@ -13,11 +13,11 @@ from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import System
-from sysid_trib.laws import bands
-from sysid_trib.laws.calibration import LAW_VARIABLES, band
-from sysid_trib.laws.laws import laws
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.results.variables import described, signal_units
+from sysid_trib.smooth_laws import bands
+from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation.findings import best
 from sysid_trib.validation.samples import SIDES
 
@@ -69,11 +69,11 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
         raise UsageError("The samples are in different units; read all records in one (--units).")
     values: dict[str, Any] = {}
     places: dict[str, Any] = {}
-    for law, variable in LAW_VARIABLES.items():
+    for law, variable in VARIABLE_OF_LAW.items():
         common = _common_places(samples, variable)
         values |= _of_law(samples, law, common)
         places |= {variable: common, f"other_{variable}": common}
-    differing = [LAW_WORDS[law] for law in LAW_VARIABLES if values[f"{law}_differs"].any()]
+    differing = [LAW_WORDS[law] for law in VARIABLE_OF_LAW if values[f"{law}_differs"].any()]
     verdict = "both laws differ" if len(differing) == 2 else f"{''.join(differing)} differs"
     attrs: dict[str, Any] = {"verdict": verdict if differing else "no difference"}
     for name, sample in zip(SIDES, samples, strict=True):
@@ -111,7 +111,7 @@ def _of_law(samples: list[xr.Dataset], law: str, common: Array) -> dict[str, Any
     """Return a law of both samples at common places, its difference and the tests of it."""
     laws, covariances, values = [], [], dict[str, Any]()
     for name, sample in zip(SIDES, samples, strict=True):
-        weights = _interpolation(sample[LAW_VARIABLES[law]].values, common)
+        weights = _interpolation(sample[VARIABLE_OF_LAW[law]].values, common)
         laws.append(weights @ sample[law].values)
         covariances.append(weights @ sample[f"{law}_covariance"].values @ weights.T)
         values[f"{law}_{name}"] = laws[-1], np.sqrt(np.diag(covariances[-1]))
@@ -206,7 +206,7 @@ def laws_held_against(
     """
     groups: dict[str, xr.Dataset] = {}
     results = []
-    dimensions = [f"{other}{variable}" for variable in LAW_VARIABLES.values() for other in ("", "other_")]
+    dimensions = [f"{other}{variable}" for variable in VARIABLE_OF_LAW.values() for other in ("", "other_")]
     for name, runs in zip(SIDES, (first, second), strict=True):
         tell(f"the laws of the {name} sample")
         tree = laws(

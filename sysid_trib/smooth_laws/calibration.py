@@ -4,12 +4,12 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.laws.bands import simultaneous_factor
 from sysid_trib.results import references
 from sysid_trib.results.variables import described
+from sysid_trib.smooth_laws.bands import simultaneous_factor
 
 # Laws and the variable of the motion that each is a function of.
-LAW_VARIABLES = {"friction": "speed", "restoring": "displacement"}
+VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
 
 
 def with_scale_error(result: references.Result, relative_error: float) -> references.Result:
@@ -49,7 +49,7 @@ def with_scale_error(result: references.Result, relative_error: float) -> refere
 
 
 def _with_laws(result: xr.Dataset, relative_error: float) -> xr.Dataset:
-    for law, variable in LAW_VARIABLES.items():
+    for law, variable in VARIABLE_OF_LAW.items():
         if f"{law}_covariance" not in result:
             continue
         places, values = result[variable].values, result[law].values

@@ -1,0 +1,258 @@
+"""From a law to formulas: the simplest sums of library forces that stay within its band."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import EFFECTS
+from sysid_trib.results import schema, signal_scale
+from sysid_trib.results.variables import described
+
+# Most terms of a formula, and most formulas that are listed.
+MOST_TERMS, MOST_LISTED = 3, 6
+# Values at which a shape parameter is tried first, evenly in the logarithm over the visited range.
+SHAPE_VALUES = 16
+SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5
+# Directions of a law's covariance below this part of the largest tell nothing but rounding.
+SMALLEST_VARIANCE = 1e-5
+LAW_VARIABLES = {"friction": ("speed", "v"), "restoring": ("displacement", "x")}
+
+
+@signal_scale.in_units_of_the_motion
+def formulas(result: xr.Dataset, law: str = "friction", candidates: ForceLibrary | None = None) -> xr.Dataset:
+    """List the simplest sums of library forces that stay within the band of a law.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification by `laws`.
+    law : {"friction", "restoring"}
+    candidates : ForceLibrary, optional
+        Forces to choose from: those of speed alone, or of displacement alone. By default those of
+        `contact_forces` and `candidate_effects`.
+
+    Returns
+    -------
+    Dataset
+        Over `alternative`, all with the fewest terms that suffice, and `force` the `coefficient`, nan of
+        a force that is not in the formula, and its `standard_error`; `chi_square`, `information` (Akaike's,
+        less the least), `largest_deviation` from the law over the half width of its band. Empty over
+        `alternative` where no formula of up to three terms stays inside. The fitted value of a shape
+        parameter is in the force's `formula`.
+
+    Raises
+    ------
+    UsageError
+        Not a law, or no candidate of its variable.
+    DecayError
+        The identification holds no law.
+
+    Notes
+    -----
+    Every sum is solved by `WhitenedLeastSquares`, an optimiser of pysindy, on the features of
+    `ForceFeatures`, in the metric of the law's covariance.
+    """
+    if law not in LAW_VARIABLES:
+        raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
+    if law not in result:
+        raise DecayError("This identification holds no laws; make one by laws.")
+    variable, of = LAW_VARIABLES[law]
+    part = result.isel({variable: np.flatnonzero(result[f"{variable}_visited"].values)})
+    places = part[variable].values
+    w = result.reference_frequency.item()
+    at = np.flatnonzero(result[f"{variable}_visited"].values)
+    problem = _LawProblem(
+        places=places,
+        of=of,
+        frequency=w,
+        target=part[law].values - (w**2 * places if of == "x" else 0.0),
+        half=0.5 * (part[f"{law}_high"].values - part[f"{law}_low"].values),
+        whitening=_whitening(result[f"{law}_covariance"].values[np.ix_(at, at)]),
+    )
+    return _as_dataset(problem.formulas_inside(_candidates(candidates, of)), law)
+
+
+def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
+    """Return the forces of one variable that a formula may hold."""
+    if candidates is None:
+        shipped = (*load_library(), *load_library(EFFECTS))
+        candidates = ForceLibrary("candidates of formulas", tuple({f.symbol: f for f in shipped}.values()))
+    kept = [
+        force
+        for force in candidates
+        if force.kind == "force"
+        and force.memoryless
+        and not force.holds_time
+        and not force.channels
+        and {"x", "v"} & set(force.formula.names) == {of}
+        and force.parity != "even"
+        and not force.matches("x")
+        and len(force.shape) < 2
+    ]
+    if not kept:
+        raise UsageError(f"The candidates hold no force of {of} alone; offer some.")
+    return kept
+
+
+@dataclass(frozen=True)
+class LawFormula:
+    """A sum of forces that stays within the band of a law.
+
+    Attributes
+    ----------
+    forces : sequence of Force
+        Shape parameters are written into their formulas.
+    coefficients, errors : (force,) array of float
+    chi_square : float
+        Of the law minus the formula, in the metric of the law's covariance.
+    deviation : float
+        Largest deviation from the law, over the half width of its band.
+    """
+
+    forces: Sequence[Force]
+    coefficients: Array
+    errors: Array
+    chi_square: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class _LawProblem:
+    """A law over its visited range, and how sums of forces are held against it.
+
+    Attributes
+    ----------
+    places : (place,) array of float, rad/s or rad
+    of : {"v", "x"}
+    frequency : float, rad/s
+        w.
+    target, half : (place,) array of float, rad/s^2
+        The law without w^2 x, and the half width of its band.
+    whitening : (direction, place) array of float
+    """
+
+    places: Array
+    of: str
+    frequency: float
+    target: Array
+    half: Array
+    whitening: Array
+
+    def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
+        """Return the sums of the fewest terms within the band, one of them with a shape parameter at most."""
+        for count in range(1, MOST_TERMS + 1):
+            chosen = [
+                forces
+                for forces in itertools.combinations(offered, count)
+                if sum(bool(force.shape) for force in forces) <= 1
+            ]
+            inside = [formula for formula in map(self.best_of, chosen) if formula.deviation <= 1.0]
+            if inside:
+                # Longer ones hold these.
+                return sorted(inside, key=lambda formula: formula.chi_square)
+        return []
+
+    def best_of(self, forces: Sequence[Force]) -> LawFormula:
+        """Return the sum of forces that is nearest to the law, the shape parameter fitted too."""
+        shaped = [at for at, force in enumerate(forces) if force.shape]
+        if not shaped:
+            return self.solved(forces)
+        ((name, shape),) = forces[shaped[0]].shape.items()
+        largest = float(np.max(np.abs(self.places))) / (self.frequency if self.of == "v" else 1.0)
+        low, high = max(shape.low, SMALLEST_SHAPE * largest), min(shape.high, LARGEST_SHAPE * largest)
+        if not low < high:
+            low, high = shape.low, shape.high
+
+        def at_value(logarithm: float) -> LawFormula:
+            written = [
+                _with_value(force, name, np.exp(logarithm)) if force.shape else force for force in forces
+            ]
+            return self.solved(written)
+
+        grid = np.linspace(np.log(low), np.log(high), SHAPE_VALUES)
+        squares = [at_value(value).chi_square for value in grid]
+        nearest = int(np.argmin(squares))
+        ends = grid[max(0, nearest - 1)], grid[min(SHAPE_VALUES - 1, nearest + 1)]
+        fitted = scipy.optimize.minimize_scalar(
+            lambda value: at_value(value).chi_square, bounds=ends, method="bounded", options={"xatol": 1e-3}
+        )
+        return at_value(float(fitted.x))
+
+    def solved(self, forces: Sequence[Force]) -> LawFormula:
+        """Return the sum of forces that is nearest to the law."""
+        # Here, since importing pysindy takes as long as twenty identifications.
+        from sysid_trib.likelihood.pysindy_features import ForceFeatures, WhitenedLeastSquares
+
+        states = np.zeros((len(self.places), 2))
+        states[:, 0 if self.of == "x" else 1] = self.places / (self.frequency if self.of == "v" else 1.0)
+        features = ForceFeatures(ForceLibrary("terms of a formula", tuple(forces)))
+        columns = self.frequency**2 * np.asarray(features.fit(states).transform(states), dtype=float)
+        if self.of == "x":
+            # The frequency is fitted with each formula.
+            columns = np.column_stack([columns, self.frequency**2 * self.places])
+        white, white_target = self.whitening @ columns, self.whitening @ self.target
+        coefficients = WhitenedLeastSquares().fit(white, white_target).coef_[0]
+        residual = white_target - white @ coefficients
+        errors = np.sqrt(np.diag(np.linalg.pinv(white.T @ white)))
+        deviation = np.abs(columns @ coefficients - self.target) / self.half
+        count = len(forces)
+        return LawFormula(
+            forces, coefficients[:count], errors[:count], float(residual @ residual), float(deviation.max())
+        )
+
+
+def _with_value(force: Force, name: str, value: float) -> Force:
+    """Return a force with its shape parameter written into the formula."""
+    number = f"{value:.4g}"
+    written = force.with_instead(name, number)
+    return replace(written, name=f"{force.name}, {name} = {number}", shape={})
+
+
+def _whitening(covariance: Array) -> Array:
+    """Return the matrix that makes a law's errors independent of unit variance, (direction, place)."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > SMALLEST_VARIANCE * values.max()
+    return np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None])
+
+
+def _as_dataset(inside: Sequence[LawFormula], law: str) -> xr.Dataset:
+    """Return the formulas by their distance from the law, over the forces that they hold."""
+    listed = inside[:MOST_LISTED]
+    forces: dict[str, Force] = {}
+    names: list[list[str]] = []
+    for formula in listed:
+        of_formula = []
+        for force in formula.forces:
+            # The same force with another value of its shape parameter is another one.
+            same = (name for name, other in forces.items() if other.formula.text == force.formula.text)
+            symbol = next(same, "")
+            if not symbol:
+                count = sum(name.split("__")[0] == force.symbol for name in forces)
+                symbol = f"{force.symbol}__{count + 1}" if count else force.symbol
+                forces[symbol] = replace(force, symbol=symbol)
+            of_formula.append(symbol)
+        names.append(of_formula)
+    values, errors = np.full((2, len(listed), len(forces)), np.nan)
+    for at, (formula, of_formula) in enumerate(zip(listed, names, strict=True)):
+        places = [list(forces).index(symbol) for symbol in of_formula]
+        values[at, places], errors[at, places] = formula.coefficients, formula.errors
+    information = np.array([formula.chi_square + 2.0 * len(formula.forces) for formula in listed])
+    data = {
+        "coefficient": values,
+        "standard_error": errors,
+        "chi_square": [formula.chi_square for formula in listed],
+        "information": information - information.min() if len(listed) else information,
+        "largest_deviation": [formula.deviation for formula in listed],
+    }
+    library = ForceLibrary("forces of formulas", tuple(forces.values()))
+    coords = {"force": list(forces), **schema.force_labels(library.forces)}
+    attrs = {"law": law, "library": library.to_toml() if forces else ""}
+    return xr.Dataset(described("law_formulas", data), coords, attrs)
