@@ -159,7 +159,7 @@ def simultaneous_factor(covariance: Array) -> float:
 
 
 def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, Variables]:
-    """Return the variables of laws with their bands, and their coordinates.
+    """Return the variables of laws with their bands, and their coordinates with their units.
 
     Parameters
     ----------
