@@ -13,11 +13,11 @@ from sysid_trib.plots.figure import LEGEND, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BLUE, ORANGE
 
 # Inch: a column of a journal, and the height.
-ONE_COLUMN, MU_HEIGHT = 3.46, 2.5
+MU_WIDTH, MU_HEIGHT = 3.46, 2.5
 
 
 @shows("laws", block="Friction against speed", groups=(LAWS_SI,))
-def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
+def friction_coefficient(data: xr.Dataset, *, width: float = MU_WIDTH) -> Figure:
     """Coefficient of friction against sliding speed, or the friction where no load is known.
 
     The band holds the whole law over the visited range in 95 of 100 cases. Dashed: the continuation of the
