@@ -5,6 +5,7 @@ from sysid_trib.cycles.signatures import signature as signature
 from sysid_trib.discovery.discover import discover as discover
 from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound as cramer_rao_bound
+from sysid_trib.printing.numbers import summary as summary
 from sysid_trib.records.free_decay import free_decay as free_decay
 from sysid_trib.records.half_sines import envelope as envelope
 from sysid_trib.records.read import read_record as read_record
@@ -57,4 +58,5 @@ __all__ = [
     "report",
     "save",
     "simulate",
+    "summary",
 ]

@@ -11,6 +11,7 @@ import xarray as xr
 import sysid_trib as st
 from sysid_trib.errors import DecayError
 from sysid_trib.methods import Averaging, Direct, FrequencyShift, LogarithmicDecrement, Trajectory
+from sysid_trib.validation import driven
 
 SIX = st.load_library("contact_forces")
 LIBRARY = replace(SIX, forces=(*SIX.forces, *st.load_library("candidate_effects").forces))
@@ -80,3 +81,66 @@ def test_the_command_line_takes_forces_and_terms_of_the_libraries_that_come_alon
     for method in methods.values():
         term = method["coefficients"]["sensor_curve"]
         assert abs(term["value"] - truth["sensor_curve"]) < 4.0 * term["standard_error"]
+
+
+# Another run: its sensor terms are its own.
+
+OTHER_TERMS = {"sensor_curve": -0.03, "sensor_cubic": 0.02, "shutter": -0.01}
+
+
+def without_refit(monkeypatch, result, other):
+    """The prediction with the sensor terms of the other record's run imposed."""
+    with monkeypatch.context() as patch:
+        patch.setattr(driven, "with_own_sensor", lambda result, model, record, fitted: (model, record))
+        return st.predict(result, other)
+
+
+@pytest.mark.parametrize("warm_up", [None, 20.0])
+def test_a_prediction_fits_the_sensor_to_its_record(monkeypatch, warm_up):
+    result = Direct().identify(record(0), LIBRARY.select(TRUTH | TERMS))
+    other = record(5, truth=TRUTH | OTHER_TERMS)
+    found = st.predict(result, other, warm_up=warm_up)
+    assert found.attrs["refitted_sensors"] == "sensor_curve, sensor_cubic, shutter"
+    assert found.residual_rms < 1.5 * NOISE
+    assert without_refit(monkeypatch, result, other).residual_rms > 5.0 * NOISE
+
+
+def test_sensor_terms_stay_where_they_are_held_or_of_the_own_record():
+    own, other = record(0), record(5, truth=TRUTH | OTHER_TERMS)
+    held = Direct(constraints=TERMS).identify(own, LIBRARY.select(TRUTH | TERMS))
+    assert "refitted_sensors" not in st.predict(held, other).attrs
+    known = own.assign_attrs(record_checksum="a1")
+    result = Direct().identify(known, LIBRARY.select(TRUTH | TERMS))
+    assert "refitted_sensors" not in st.predict(result, known).attrs
+    plain = Direct().identify(own, LIBRARY.select(TRUTH))
+    assert "refitted_sensors" not in st.predict(plain, other).attrs
+
+
+def test_each_runs_own_sensor_terms_are_fitted_too():
+    runs = [record(0), record(1, truth=TRUTH | OTHER_TERMS)]
+    result = Direct(own=tuple(TERMS)).identify(runs, LIBRARY.select(TRUTH | TERMS))
+    third = {"sensor_curve": 0.0, "sensor_cubic": 0.03, "shutter": 0.015}
+    found = st.predict(result, record(7, truth=TRUTH | third))
+    assert found.attrs["refitted_sensors"].startswith("sensor_curve_1")
+    assert found.residual_rms < 1.5 * NOISE
+
+
+@pytest.mark.slow
+def test_another_film_has_a_camera_of_its_own(monkeypatch, data_folder):
+    """The string pendulum on two films: forces of one predict the other, its sensor fitted to it."""
+    folder = data_folder / "string_pendulum"
+    low, high = (
+        st.free_decay(st.read_record(folder / name, angle=1, units="rad"))
+        for name in ("run_1.txt", "run_high.txt")
+    )
+    # The bob is still held before.
+    high = high.sel(time=slice(0.3, None))
+    forces = ["gravity", "zeta", "delta", "epsilon"]
+    results = [
+        Direct(constraints={"gravity": 1.0}).identify(low, LIBRARY.select(names))
+        for names in (forces, [*forces, "shutter", "sensor_curve"])
+    ]
+    without, fitted = (st.predict(result, high).residual_rms.item() for result in results)
+    imposed = without_refit(monkeypatch, results[1], high).residual_rms.item()
+    assert fitted < 0.8 * imposed
+    assert fitted < without

@@ -9,22 +9,23 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
-from sysid_trib.commands.asked import asked_model, asked_search, driving_of
+from sysid_trib.commands.asked import asked_constraints, asked_model, asked_search, driving_of
 from sysid_trib.commands.next_step import keep_next
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
 from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
-from sysid_trib.printing.campaign import difference_blocks
-from sysid_trib.printing.layout import mapped
+from sysid_trib.printing.campaign import difference_blocks, difference_json
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
 from sysid_trib.results.variables import record_groups
+from sysid_trib.smooth_laws.samples import laws_held_against
 from sysid_trib.validation import findings, profiles, refits
 from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
@@ -239,9 +240,28 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
     method = with_random_force(usual[-1], asked.random_force)
     how = {"constraints": asked.constraints, "tell": tell}
     tree = held_against(first, second, asked.library, method, **how)
+    if given.laws:
+        for name, group in laws_of_samples(first, second, given, asked, tell).items():
+            tree[name] = xr.DataTree(group)
     blocks = partial(difference_blocks, tree, [*of_first, *of_second])
-    says = blocks, partial(mapped, tree.to_dataset(), "difference")
+    says = blocks, partial(difference_json, tree)
     return deliver(given, tell, says, tree, _texts(given, tree))
+
+
+def laws_of_samples(
+    first: Sequence[xr.Dataset], second: Sequence[xr.Dataset], given: Asked, asked: Asked, tell: Tell
+) -> dict[str, xr.Dataset]:
+    """Return the laws of both samples and their difference, with what is held of the forces."""
+    return laws_held_against(
+        first,
+        second,
+        system=given.system,
+        constraints=asked_constraints(given.fix, given.bound, given.tie).table,
+        library=load_library(given.library),
+        # The laws find by themselves whether a random force helps.
+        random_force="off" if asked.random_force == "auto" else asked.random_force,
+        tell=tell,
+    )
 
 
 def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:

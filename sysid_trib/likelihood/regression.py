@@ -134,7 +134,8 @@ class RunRegression:
     @cached_property
     def gain(self) -> Array:
         """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
-        pairs = zip(self.library, self.coefficients.tolist(), strict=True)
+        own = [force.run in (None, self.run) for force in self.library]
+        pairs = zip(self.library, np.where(own, self.coefficients, 0.0).tolist(), strict=True)
         terms = ((force, c, self.shapes) for force, c in pairs)
         return 1.0 + derivatives_along(terms, (self.elapsed, self.x, self.v), kind="sensor")[0]
 
@@ -188,7 +189,10 @@ class RunRegression:
             force = self.library.forces[at]
             columns[:, at] = value_along(force, motion, self.frequency, self.shapes, self.given, known)
         for at in np.flatnonzero(self.of_sensor):
-            columns[:, at] = self.library.forces[at].value(x, v, self.elapsed, shapes=self.shapes)
+            term = self.library.forces[at]
+            # Terms of another run's own show nothing here.
+            if term.run in (None, self.run):
+                columns[:, at] = term.value(x, v, self.elapsed, shapes=self.shapes)
         return columns
 
     def along_own_path(self) -> "RunRegression":

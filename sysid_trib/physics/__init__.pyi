@@ -11,15 +11,15 @@ from sysid_trib.physics.force_weights import (
     weights as weights,
 )
 from sysid_trib.physics.model_estimate import arrest_time as arrest_time
+from sysid_trib.physics.si_laws import law_table as law_table, laws_in_si as laws_in_si
 from sysid_trib.physics.si_units import (
     in_si_units as in_si_units,
     per_input as per_input,
     physical_units as physical_units,
 )
-from sysid_trib.results.references import (
-    with_contactless_frequency as with_contactless_frequency,
-    with_scale_error as with_scale_error,
-)
+from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
+from sysid_trib.smooth_laws.calibration import with_scale_error as with_scale_error
+from sysid_trib.smooth_laws.samples import law_difference as law_difference
 from sysid_trib.validation.refits import sliding_coefficients as sliding_coefficients
 
 from ..results.schema import model_of as model_of

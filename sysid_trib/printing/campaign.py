@@ -4,7 +4,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,13 @@ from rich.table import Table
 
 from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
+from sysid_trib.printing.law_difference import (
+    law_blocks,
+    law_difference_json,
+    law_sentences,
+    sample_name,
+    sample_names,
+)
 from sysid_trib.printing.verdict import error_parts_sentence
 from sysid_trib.results.effects import at_bound, sufficient_forces
 from sysid_trib.results.files import identifications_of
@@ -171,31 +177,26 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
         f"found with a probability of {POWER_STATED:g}, at the level {data.attrs['level']:g}."
     )
     return [
+        Block([*law_sentences(tree)], ALWAYS),
         Block([_first_sentence(tree)], ALWAYS),
         Block([*_stiffness_and_warnings(tree)]),
         Block(record),
         Block([said], title="Coefficients", table=_table(tree, True)),
+        *law_blocks(tree),
         Block([*_details(tree)], Layer.EXPLAIN, "Samples"),
         Block(layers=Layer.QUIET, table=_table(tree, False)),
     ]
 
 
-def _names(data: xr.Dataset) -> list[str]:
-    """What the samples are called: their files, or first and second where these are called alike."""
-    names = [_name(data.attrs[f"{side}_record"], side) for side in SIDES]
-    return list(SIDES) if names[0] == names[1] else names
-
-
-def _name(sources: Sequence[str], otherwise: str) -> str:
-    """A short name of records that are files."""
-    names = [Path(source).name for source in sources if source]
-    return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else "".join(names) or otherwise
+def difference_json(tree: xr.DataTree) -> dict[str, Any]:
+    """Return the difference of two samples as plain data, with that of their laws where it was asked for."""
+    return layout.mapped(tree.to_dataset(), "difference") | law_difference_json(tree)
 
 
 def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
     """The identifications of all runs, with the names of their files."""
     results = identifications_of(tree).items()
-    return [(_name(run.attrs["record_source"], label.replace("_", " ")), run) for label, run in results]
+    return [(sample_name(run.attrs["record_source"], label.replace("_", " ")), run) for label, run in results]
 
 
 def _details(tree: xr.DataTree) -> Iterator[str]:
@@ -261,7 +262,7 @@ def _sufficient(tree: xr.DataTree) -> str:
 
 def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
     """The ratio of the frequencies, as stiffness; what the errors allow for, and methods that differ."""
-    data, (first, second) = tree.to_dataset(), _names(tree.to_dataset())
+    data, (first, second) = tree.to_dataset(), sample_names(tree.to_dataset())
     value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
     z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
     yield f"Stiffness of {first} over that of {second}, less 1: {layout.value_with_error(value, error)}{z}."
@@ -289,7 +290,7 @@ def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
 def _table(tree: xr.DataTree, between: bool) -> Table:
     """A row each force: both samples, difference, how sure, and what would be found."""
     data, rows = tree.to_dataset(), []
-    names = dict(zip(SIDES, _names(data), strict=True))
+    names = dict(zip(SIDES, sample_names(data), strict=True))
     factor = scipy.stats.norm.isf(
         0.5 * float(data.attrs["level"]) / data.sizes["force"]
     ) + scipy.stats.norm.isf(1.0 - POWER_STATED)

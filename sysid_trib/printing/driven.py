@@ -13,6 +13,7 @@ from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
+from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
     "Errors: where what is left is white, by its size; with a random force that explains the record, by both "
@@ -138,6 +139,8 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
             f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
+        if terms := record.attrs.get(REFITTED_SENSORS):
+            sentences.append(f"The errors of its sensor ({terms}) are its own: they were fitted to it too.")
         if note := record.attrs.get("note"):
             sentences.append(f"{note}.")
     return Block(sentences, ALWAYS)
@@ -148,8 +151,8 @@ def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     rows = []
     for record in predicted:
         row = layout.mapped(record, "prediction", {"source": record.attrs.get("source", "")})
-        note = record.attrs.get("note", "")
-        rows.append(row | ({"note": note} if note else {}))
+        said = {name: record.attrs.get(name, "") for name in ("note", REFITTED_SENSORS)}
+        rows.append(row | {name: text for name, text in said.items() if text})
     return {"test": rows} if rows else {}
 
 

@@ -123,6 +123,25 @@ def _evaluated(
     return law(w), 0.5 * (covariance + covariance.T)
 
 
+def largest_of_draws(covariance: Array) -> Array:
+    """Return the largest |z| along a curve of zero mean in each of many draws; empty if it has no error.
+
+    Parameters
+    ----------
+    covariance : (place, place) array of float
+        Of the curve.
+    """
+    errors = np.sqrt(np.diag(covariance))
+    known = np.flatnonzero(errors > 0.0)
+    if not len(known):
+        return np.zeros(0)
+    correlation = covariance[np.ix_(known, known)] / np.outer(errors[known], errors[known])
+    values, vectors = np.linalg.eigh(correlation)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(0).standard_normal((DRAWS, len(values))) @ root.T
+    return np.asarray(np.max(np.abs(draws), axis=1))
+
+
 def simultaneous_factor(covariance: Array) -> float:
     """Return by how many standard errors a band must reach to hold at all places at once, in 95 %.
 
@@ -135,19 +154,12 @@ def simultaneous_factor(covariance: Array) -> float:
     The quantile of the largest of correlated normal variables, from draws (Ruppert, Wand & Carroll 2003,
     Sec. 6.5).
     """
-    errors = np.sqrt(np.diag(covariance))
-    known = np.flatnonzero(errors > 0.0)
-    if not len(known):
-        return 0.0
-    correlation = covariance[np.ix_(known, known)] / np.outer(errors[known], errors[known])
-    values, vectors = np.linalg.eigh(correlation)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = np.random.default_rng(0).standard_normal((DRAWS, len(values))) @ root.T
-    return float(np.quantile(np.max(np.abs(draws), axis=1), BAND_PROBABILITY))
+    draws = largest_of_draws(covariance)
+    return float(np.quantile(draws, BAND_PROBABILITY)) if len(draws) else 0.0
 
 
-def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, dict[str, Array]]:
-    """Return the variables of laws with their bands, and their coordinates.
+def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, Variables]:
+    """Return the variables of laws with their bands, and their coordinates with their units.
 
     Parameters
     ----------
@@ -156,7 +168,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         Covariance of the error of the model, of each law.
     """
     values: dict[str, object] = {}
-    places: dict[str, Array] = {}
+    places: dict[str, object] = {}
     for law, added in zip(laws, of_model, strict=True):
         covariance = law.covariance + added
         error = np.sqrt(np.diag(covariance))
@@ -170,7 +182,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         values[f"{law.variable}_visited"] = law.visited
         places[law.variable] = law.places
         places[f"other_{law.variable}"] = law.places
-    return described("laws", values), places
+    return described("laws", values), described("laws", places)
 
 
 def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:

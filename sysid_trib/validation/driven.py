@@ -37,6 +37,7 @@ from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
+from sysid_trib.validation.sensor_refit import with_own_sensor
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
@@ -311,7 +312,8 @@ def predict(
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor shows it, `residual(time)`; scalars
         `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s), and
-        `note`, a sentence where the prediction is worse than no motion.
+        `note`, a sentence where the prediction is worse than no motion, `refitted_sensors`, the sensor terms
+        that were fitted to the record as its start and zero are: they belong to the run.
 
     Raises
     ------
@@ -384,6 +386,7 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
+    model, record = with_own_sensor(result, model, record, fitted)
     # A spline knows nothing of what is in a gap.
     gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
     before = slice(gaps[0] + 1 if gaps.size else None)

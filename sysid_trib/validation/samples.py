@@ -111,7 +111,14 @@ def _difference(
         attrs[f"{name}_record"] = [source for result in side for source in result.attrs["record_source"]]
         attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(member.attrs["method"]) for member in side))
     variables |= described("difference", stated | {"reference_frequency": reference})
-    return xr.Dataset(variables, {"force": symbols, "other_force": symbols}, attrs)
+    units = {symbol: unit for member in members for symbol, unit in _units(member).items()}
+    coords = {"force": symbols, "other_force": symbols, "unit": ("force", [units[s] for s in symbols])}
+    return xr.Dataset(variables, coords, attrs)
+
+
+def _units(result: xr.Dataset) -> dict[str, str]:
+    """Return the unit of each force's coefficient."""
+    return dict(zip(result.force.values.tolist(), result.unit.values.tolist(), strict=True))
 
 
 def _stiffness_difference(values: Array, covariances: Array, damping: Array) -> tuple[float, float]:

@@ -1,0 +1,56 @@
+"""The laws of two samples and their difference, with the places where it counts."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from sysid_trib.plots import style
+from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, shows
+from sysid_trib.plots.style import GREY, INK
+from sysid_trib.printing.law_difference import LAWS_TITLE
+from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW
+from sysid_trib.smooth_laws.samples import LAW_DIFFERENCE, LAW_WORDS
+
+LAWS_HEIGHT = 2.4
+
+
+@shows("difference", block=LAWS_TITLE, groups=(LAW_DIFFERENCE,))
+def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
+    """Difference of the laws of two samples, first minus second, with a band that holds everywhere.
+
+    The band is of 95 % at all places together. Dark: where it excludes zero. Forces are over the inertia.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of `physics.law_difference`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
+    """
+    figure, panels = style.grid(2, 2, width, LAWS_HEIGHT)
+    for ax, law in zip(panels, VARIABLE_OF_LAW, strict=True):
+        _draw(ax, data, law)
+    style.letter(panels, [LAW_WORDS[law] for law in VARIABLE_OF_LAW])
+    return figure
+
+
+def _draw(ax: Axes, data: xr.Dataset, law: str) -> None:
+    variable = VARIABLE_OF_LAW[law]
+    places, difference = data[variable].values, data[f"{law}_difference"].values
+    low, high = (data[f"{law}_difference_{end}"].values for end in ("low", "high"))
+    differs = data[f"{law}_differs"].values
+    # A line across zero would join the two sides of a jump.
+    for side in (places < 0.0, places > 0.0):
+        if side.any():
+            ax.fill_between(places[side], low[side], high[side], color=GREY, alpha=0.25, linewidth=0)
+            ax.plot(places[side], difference[side], color=GREY, linewidth=1.0)
+            marked = np.where(differs[side], difference[side], np.nan)
+            ax.plot(places[side], marked, color=INK, linewidth=2.0)
+    band = Patch(color=GREY, alpha=0.25, linewidth=0, label="95 % band")
+    ax.legend(handles=[band, Line2D([], [], color=INK, linewidth=2.0, label="differs")], **LEGEND, ncols=2)
+    ax.axhline(0.0, color=INK, linewidth=0.6)
+    of_law = style.unit_label(data[f"{law}_difference"].attrs["units"])
+    ax.set(xlabel=f"{variable} ({data[variable].attrs['units']})", ylabel=f"difference ({of_law})")

@@ -1,0 +1,68 @@
+"""The figure that a tribologist publishes: the coefficient of friction against sliding speed."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sysid_trib.physics.si_laws import LAWS_SI
+from sysid_trib.physics.si_units import MU
+from sysid_trib.plots.figure import LEGEND, TWO_COLUMNS, new_figure, shows
+from sysid_trib.plots.style import BLUE, ORANGE
+
+# Inch: a column of a journal, and the height.
+MU_WIDTH, MU_HEIGHT = 3.46, 2.5
+
+
+@shows("laws", block="Friction against speed", groups=(LAWS_SI,))
+def friction_coefficient(data: xr.Dataset, *, width: float = MU_WIDTH) -> Figure:
+    """Coefficient of friction against sliding speed, or the friction where no load is known.
+
+    The band holds the whole law over the visited range in 95 of 100 cases. Dashed: the continuation of the
+    law beyond the speeds of the record.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of `physics.laws_in_si`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
+    """
+    name = MU if MU in data else "friction"
+    figure = new_figure(min(width, TWO_COLUMNS), MU_HEIGHT)
+    ax = figure.subplots()
+    speed = data.speed.values
+    sides = {"forward": speed > 0.0, "backward": speed < 0.0}
+    sides = {label: side for label, side in sides.items() if side.any()}
+    for (label, side), colour in zip(sides.items(), (BLUE, ORANGE), strict=False):
+        _law(ax, data.isel(speed=np.flatnonzero(side)), name, colour, label if len(sides) > 1 else "law")
+    along = data["sliding_speed" if MU in data else "speed"]
+    what = "coefficient of friction" if name == MU else f"friction ({data.friction.attrs['units']})"
+    ax.set(xlabel=f"{'sliding ' * (name == MU)}speed ({along.attrs['units']})", ylabel=what)
+    low, high = ax.get_ylim()
+    ax.set(xlim=(0.0, float(np.abs(along).max())), ylim=(min(0.0, low), max(0.0, high)))
+    ax.legend(**LEGEND, ncols=3)
+    return figure
+
+
+def _law(ax: Axes, data: xr.Dataset, name: str, colour: str, label: str) -> None:
+    """Draw a law of one direction of motion: its band over the visited range, dashed beyond it."""
+    data = data.sortby(np.abs(data.speed))
+    along = np.abs(data["sliding_speed" if name == MU else "speed"].values)
+    sign, visited = np.sign(data.speed.values), data.speed_visited.values
+    values, low, high = (sign * data[f"{name}{end}"].values for end in ("", "_low", "_high"))
+    look: dict[str, Any] = {"color": colour, "linewidth": 1.2}
+    ax.fill_between(
+        along[visited], low[visited], high[visited], color=colour, alpha=0.25, linewidth=0, label="95 % band"
+    )
+    ax.plot(along[visited], values[visited], label=label, **look)
+    not_visited = ~visited | (along >= along[visited].max(initial=0.0))
+    ax.plot(
+        along[not_visited],
+        values[not_visited],
+        linestyle="--",
+        label="not visited",
+        **look | {"linewidth": 0.9},
+    )

@@ -1,0 +1,131 @@
+"""The laws of two samples in words: at which speeds and displacements they differ."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from rich.table import Table
+
+from sysid_trib.printing import Block, layout
+from sysid_trib.results.variables import signal_units
+from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW
+from sysid_trib.smooth_laws.samples import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
+from sysid_trib.validation.samples import SIDES
+
+LAWS_TITLE = "Difference of the laws"
+# Rows of a table of a law.
+MOST_PLACES = 8
+
+
+def sample_names(data: xr.Dataset) -> list[str]:
+    """Return what the samples are called: their files, or first and second where these are called alike."""
+    names = [sample_name(data.attrs[f"{side}_record"], side) for side in SIDES]
+    return list(SIDES) if names[0] == names[1] else names
+
+
+def sample_name(sources: Sequence[str], otherwise: str) -> str:
+    """Return a short name of records that are files."""
+    names = [Path(source).name for source in sources if source]
+    return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else "".join(names) or otherwise
+
+
+def law_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Say of each law where the samples differ, and how surely; nothing where no laws were asked for."""
+    if LAW_DIFFERENCE not in tree.children:
+        return
+    data, (first, second) = tree[LAW_DIFFERENCE].to_dataset(), sample_names(tree.to_dataset())
+    for law, variable in VARIABLE_OF_LAW.items():
+        places, unit = data[variable].values, data[variable].attrs["units"]
+        p_value = layout.p_value_text(data[f"{law}_p_value"].item())
+        ends = f"{np.abs(places).min():.3g} to {np.abs(places).max():.3g} {unit}"
+        if not data[f"{law}_differs"].any():
+            yield (
+                f"No difference was found in the {LAW_WORDS[law]} of {first} and {second}, at any "
+                f"{variable} that both visit ({ends}; p {p_value})."
+            )
+            continue
+        parts = [f"{way} at {where}" for way, where in _directions(data, law) if where]
+        yield (
+            f"The {LAW_WORDS[law]} of {first} is {' and '.join(parts)} {unit} than that of {second} "
+            f"(simultaneous 95 % band over the {variable}s of both, {ends}; p {p_value})."
+        )
+
+
+def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
+    """Return in which direction the first law differs from the second, and the places of each."""
+    places = data[VARIABLE_OF_LAW[law]].values
+    # A larger friction is larger against the motion, whatever its direction.
+    difference = np.sign(places) * data[f"{law}_difference"].values
+    differs = data[f"{law}_differs"].values
+    ways = {"larger": differs & (difference > 0.0), "smaller": differs & (difference < 0.0)}
+    return [(way, ", ".join(map(_range_text, ranges_of(places, chosen)))) for way, chosen in ways.items()]
+
+
+def _range_text(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.3g}" if ends[0] == ends[1] else f"{ends[0]:.3g} to {ends[1]:.3g}"
+
+
+def law_blocks(tree: xr.DataTree) -> list[Block]:
+    """Return the tables of both laws: each sample, the difference and its band, at some places."""
+    if LAW_DIFFERENCE not in tree.children:
+        return []
+    data = tree[LAW_DIFFERENCE].to_dataset()
+    percent = f"{100.0 * (1.0 - NO_DIFFERENCE_LEVEL):g} %"
+    said = (
+        f"Forces are over the inertia. Bands of differences hold at all places together, in {percent}; a "
+        "difference counts where its band excludes zero. If the second sample has no contact, the difference "
+        "is what the contact adds."
+    )
+    blocks = [Block([said], title=LAWS_TITLE)]
+    names = dict(zip(SIDES, sample_names(tree.to_dataset()), strict=True))
+    for law in VARIABLE_OF_LAW:
+        caption = f"{LAW_WORDS[law].capitalize()} ({data[law + '_difference'].attrs['units']})"
+        blocks.append(Block((), title=LAWS_TITLE, table=_table(data, law, names), caption=caption))
+    return blocks
+
+
+def _table(data: xr.Dataset, law: str, names: dict[str, str]) -> Table:
+    variable = VARIABLE_OF_LAW[law]
+    unit, rows = data[variable].attrs["units"], []
+    chosen = np.unique(np.linspace(0, data.sizes[variable] - 1, MOST_PLACES).round().astype(int))
+    for at in chosen:
+        row = data.isel({variable: at})
+        low, high = (row[f"{law}_difference_{end}"].item() for end in ("low", "high"))
+        rows.append(
+            {
+                f"{variable} ({unit})": f"{row[variable].item():.3g}",
+                **{name: layout.quantity(row, f"{law}_{side}") for side, name in names.items()},
+                "difference": layout.quantity(row, f"{law}_difference"),
+                "95 % band": f"{low:.3g} to {high:.3g}",
+                "differs": "yes" if row[f"{law}_differs"].item() else "no",
+            }
+        )
+    return layout.text_table(rows, ("differs",))
+
+
+def law_difference_json(tree: xr.DataTree) -> dict[str, Any]:
+    """Return the difference of the laws as plain data, at the key `laws`; empty where none was asked for."""
+    if LAW_DIFFERENCE not in tree.children:
+        return {}
+    data = tree[LAW_DIFFERENCE].to_dataset()
+    made: dict[str, Any] = {
+        "verdict": data.attrs["verdict"],
+        "level": NO_DIFFERENCE_LEVEL,
+        "signal_units": signal_units(tree),
+    }
+    for law, variable in VARIABLE_OF_LAW.items():
+        columns = (*SIDES, "difference", "z", "differs")
+        errors = {f"{name}_standard_error": f"{law}_{name}_standard_error" for name in columns[:3]}
+        ends = {name: f"{law}_{name}" for name in ("difference_low", "difference_high")}
+        keys = {name: f"{law}_{name}" for name in columns} | errors | ends
+        places = data[variable].values
+        made[law] = {
+            "p_value": data[f"{law}_p_value"].item(),
+            "units": data[f"{law}_difference"].attrs["units"],
+            variable: places,
+            f"{variable}_units": data[variable].attrs["units"],
+            "differs_at": ranges_of(places, data[f"{law}_differs"].values),
+        } | {key: data[name].values for key, name in keys.items()}
+    return {"laws": made}

@@ -1,0 +1,90 @@
+"""Numbers of any result as one table: value, standard error, interval and unit, by method and quantity."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pandas as pd
+import scipy
+import xarray as xr
+
+from sysid_trib.errors import UsageError
+from sysid_trib.printing import layout
+from sysid_trib.results.files import kind_of
+from sysid_trib.results.schema import library_of
+from sysid_trib.validation.findings import given_results
+from sysid_trib.validation.samples import SIDES
+
+NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
+# Of a normal interval: 95 %.
+QUANTILE = float(scipy.stats.norm.ppf(0.975))
+DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
+
+
+def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
+    """Return the numbers of a result as a table.
+
+    Parameters
+    ----------
+    result : Dataset or DataTree
+        Of `identify`, `laws`, `compare`, `discover`, `difference` or a method.
+
+    Returns
+    -------
+    DataFrame
+        A row for each coefficient, shape parameter and frequency, by `method` (of `discover` by `model`, of
+        `difference` by `sample`) and `quantity`: `value`, `standard_error`, `low` and `high` (a normal
+        interval of 95 %) and `unit`. What is held has no error. The parts of curves are left out: `friction`
+        and `restoring` of the identification are the laws.
+
+    Raises
+    ------
+    UsageError
+        No such result.
+    """
+    rows: Iterator[dict[str, Any]]
+    by = "method"
+    tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
+    kind = kind_of(tree)
+    if kind == "difference":
+        by, rows = "sample", _of_difference(tree)
+    elif kind:
+        by = "model" if kind == "discover" else "method"
+        named = {str(tree.attrs["method"]): tree.to_dataset()} if kind == "identify" else given_results(tree)
+        rows = _of_identifications(named)
+    else:
+        raise UsageError(
+            "summary wants a result of identify, laws, compare, discover or difference, or of a method."
+        )
+    table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
+    return table.rename(columns={"by": by}).set_index([by, "quantity"])
+
+
+def _of_identifications(named: Mapping[str, xr.Dataset]) -> Iterator[dict[str, Any]]:
+    """Coefficients, shape parameters and frequencies of each identification."""
+    for name, result in named.items():
+        parts = {force.symbol for force in library_of(result) if force.curve}
+        for row in layout.quantities(result):
+            if row["quantity"].partition(".")[0] not in parts:
+                yield {"by": name} | row
+
+
+def _of_difference(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
+    """Coefficients of both samples, their difference, and that of the stiffnesses."""
+    data = tree.to_dataset()
+    for name in (*SIDES, DIFFERENCE_ROW):
+        error = "standard_error" if name == DIFFERENCE_ROW else f"{name}_standard_error"
+        for symbol, row in layout.by_label(data, "force").items():
+            numbers = {"value": row[name].item(), "standard_error": row[error].item()}
+            yield {"by": name, "quantity": symbol, "unit": row["unit"].item()} | numbers
+    numbers = {
+        "value": data[STIFFNESS_ROW].item(),
+        "standard_error": data[f"{STIFFNESS_ROW}_standard_error"].item(),
+    }
+    yield {"by": DIFFERENCE_ROW, "quantity": STIFFNESS_ROW, "unit": "1"} | numbers
+
+
+def _with_interval(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row with the ends of its interval."""
+    value, error = float(row["value"]), float(row.get("standard_error", 0.0))
+    half = QUANTILE * error
+    return {"unit": "1"} | dict(row) | {"standard_error": error, "low": value - half, "high": value + half}
