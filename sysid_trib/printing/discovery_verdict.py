@@ -84,8 +84,8 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
     )
     if refused := tree.attrs.get("refused_by_laws"):
         yield (
-            f"Unknown effect: {residual}. The names {refused} predict the held-out part worse than smooth laws "
-            "of friction and restoring force, which need no name: they were not added."
+            f"Unknown effect: {residual}. The names {refused} predict the held-out part worse than smooth "
+            "laws of friction and restoring force, which need no name: they were not added."
         )
         yield from _unexplained(tree)
     elif misnamed := misnamed_effects(tree):
