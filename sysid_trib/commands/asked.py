@@ -61,7 +61,7 @@ def asked_model(given: app.Asked) -> app.Asked:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
     shapes = held_shapes(given.set_, offered)
-    constraints = _constraints(given.fix, given.bound, given.tie)
+    constraints = asked_constraints(given.fix, given.bound, given.tie)
     unconstrained = set(offered.symbols) - set(constraints.names)
     always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
@@ -71,7 +71,7 @@ def asked_model(given: app.Asked) -> app.Asked:
     return given.but(**asked, contactless=contactless, random_force=random_force)
 
 
-def _constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:
+def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:
     """Constraints as options write them: `lambda=0`; `zeta=0:1`, either side empty; `nu=-2.356*delta`."""
     form = "LOW:HIGH, of which one side may be empty"
     texts = app.texts_by_name(bound, "--bound", "of the form zeta=0:1")

@@ -25,8 +25,8 @@ NextStep = tuple[str, str, Mapping[str, str | None]]
 
 
 def next_step(tree: xr.DataTree) -> NextStep:
-    """The command that follows from a result of `cross_check`, `compare` or `discover`."""
-    after = {"discover": _after_discovery, "compare": _after_comparison}
+    """The command that follows from a result of `cross_check`, `laws`, `compare` or `discover`."""
+    after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
     return after.get(kind_of(tree), _after_identification)(tree)
 
 
@@ -38,6 +38,16 @@ def _after_identification(tree: xr.DataTree) -> NextStep:
     if fewer := findings.fewer_forces(tree):
         return "identify", "the fewest forces that suffice", {"forces": ",".join(fewer[0])}
     return "compare", "every method, and how it predicts a part that is held out", {}
+
+
+def _after_laws(tree: xr.DataTree) -> NextStep:
+    if tree["comparison"].attrs["reason"]:
+        return "identify", "coefficients of named forces: the record decides no curve", {}
+    if findings.verdict_of(tree) == "explained":
+        if not tree[record_groups(tree)[0]].attrs.get("record_checksum"):
+            return "compare", "named forces by every method, and how they predict a part that is held out", {}
+        return "laws", f"whether {SECOND_RECORD} follows these laws", {"test": SECOND_RECORD}
+    return "discover", "tests for what is not a function of speed or displacement alone", {}
 
 
 def _after_nothing(result: xr.Dataset) -> NextStep:

@@ -80,7 +80,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
     library = schema.library_of(result)
     laws = []
     for name, variable, of in (("friction", "speed", "v"), ("restoring", "displacement", "x")):
-        forces = [force for force in library if _depends_on(force, of)]
+        forces = [force for force in library if depends_on(force, of)]
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
         values, covariance = _evaluated(result, library, forces, of, places)
@@ -88,7 +88,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
     return laws
 
 
-def _depends_on(force: Force, of: str) -> bool:
+def depends_on(force: Force, of: str) -> bool:
     """Return True if a force is a function of x, or of v, alone."""
     if force.kind != "force" or not force.memoryless or force.channels or force.holds_time:
         return False
@@ -146,8 +146,8 @@ def simultaneous_factor(covariance: Array) -> float:
     return float(np.quantile(np.max(np.abs(draws), axis=1), BAND_PROBABILITY))
 
 
-def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, dict[str, Array]]:
-    """Return the variables of laws with their bands, and their coordinates.
+def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, Variables]:
+    """Return the variables of laws with their bands, and their coordinates with their units.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         Covariance of the error of the model, of each law.
     """
     values: dict[str, object] = {}
-    places: dict[str, Array] = {}
+    places: dict[str, object] = {}
     for law, added in zip(laws, of_model, strict=True):
         covariance = law.covariance + added
         error = np.sqrt(np.diag(covariance))
@@ -170,7 +170,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         values[f"{law.variable}_visited"] = law.visited
         places[law.variable] = law.places
         places[f"other_{law.variable}"] = law.places
-    return described("laws", values), places
+    return described("laws", values), described("laws", places)
 
 
 def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:

@@ -26,7 +26,7 @@ from sysid_trib.results.variables import group_names, record_groups
 Draw = TypeVar("Draw", bound=Callable[..., Figure])
 # What `kind_of` says of results, and commands that show what is no result.
 RESULT_KINDS = (
-    *("cross_check", "driven", "compare", "difference", "discover"),
+    *("cross_check", "laws", "driven", "compare", "difference", "discover"),
     *("look", "backbone", "plan", "response"),
 )
 NO_CAPTIONS: Mapping[str, str] = MappingProxyType({})
