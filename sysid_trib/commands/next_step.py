@@ -40,12 +40,20 @@ def _after_identification(tree: xr.DataTree) -> NextStep:
     return "compare", "every method, and how it predicts a part that is held out", {}
 
 
+# After laws that a second record has tested, or where there can be none.
+BY_NAME: NextStep = (
+    "compare",
+    "named forces by every method, and how they predict a part that is held out",
+    {},
+)
+
+
 def _after_laws(tree: xr.DataTree) -> NextStep:
     if tree["comparison"].attrs["reason"]:
         return "identify", "coefficients of named forces: the record decides no curve", {}
     if findings.verdict_of(tree) == "explained":
         if not tree[record_groups(tree)[0]].attrs.get("record_checksum"):
-            return "compare", "named forces by every method, and how they predict a part that is held out", {}
+            return BY_NAME
         return "laws", f"whether {SECOND_RECORD} follows these laws", {"test": SECOND_RECORD}
     return "discover", "tests for what is not a function of speed or displacement alone", {}
 
@@ -136,4 +144,6 @@ def keep_next(tree: xr.DataTree, given: Asked) -> None:
     if command == "discover" and given.system is None and _swings_unexplained(tree):
         options = {"system": PENDULUM}
         reason = "amplitude and frequency are those of a pendulum under gravity"
+    if command == "laws" and given.test is not None:
+        command, reason, options = BY_NAME
     tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"

@@ -91,12 +91,43 @@ def curve_of(result: xr.Dataset, law: str) -> Curve:
     )
 
 
-def curves_of(results: Mapping[str, xr.Dataset], law: str) -> dict[str, Curve]:
-    """Return a law by each identification, on both sides where one of them is not odd."""
+def curves_of(
+    results: Mapping[str, xr.Dataset], law: str, answer: str, *, mirrored: bool = False
+) -> dict[str, Curve]:
+    """Return a law by each identification, as far as it can be held against that of the preferred one.
+
+    Parameters
+    ----------
+    results : mapping of str to Dataset
+        Identifications by name.
+    law : {"friction", "restoring"}
+    answer : str
+        The preferred one. Of other ones the odd part is taken where its law is odd.
+    mirrored : bool
+        Whether an odd law stands on both sides beside one that is not odd; else it is left out.
+    """
     curves = {name: curve_of(result, law) for name, result in results.items()}
-    if any(np.any(curve.places < 0.0) for curve in curves.values()):
-        curves = {name: curve.on_both_sides() for name, curve in curves.items()}
-    return curves
+    sides = {name: bool(np.any(curve.places < 0.0)) for name, curve in curves.items()}
+    if len(set(sides.values())) < 2:
+        return curves
+    if not sides.get(answer, True):
+        return {name: _odd_curve(results[name], law) for name in curves}
+    if mirrored:
+        return {name: curve.on_both_sides() for name, curve in curves.items()}
+    return {name: curve for name, curve in curves.items() if sides[name]}
+
+
+def _odd_curve(result: xr.Dataset, law: str) -> Curve:
+    """The odd part of a law, with a band as wide as that of the law in standard errors."""
+    whole, odd = curve_of(result, law), bands.odd_part(result, law)
+    at = whole.places > 0.0
+    values, errors = odd[law].values, odd[f"{law}_standard_error"].values
+    width = float(
+        np.nanmax((whole.high - whole.values)[at] / np.where(whole.errors > 0.0, whole.errors, np.nan)[at])
+    )
+    return Curve(
+        whole.places[at], values, errors, values - width * errors, values + width * errors, whole.visited[at]
+    )
 
 
 def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
@@ -144,9 +175,9 @@ def difference_over_error(first: Curve, second: Curve) -> Array:
     return np.divide(difference, error, out=np.zeros_like(difference), where=error > 0.0)
 
 
-def apart(curves: Mapping[str, Curve]) -> tuple[Array, Array]:
-    """Return the visited places of both methods' curves, and their difference over the errors of both."""
-    first, second = curves.values()
+def apart(results: Mapping[str, xr.Dataset], law: str) -> tuple[Array, Array]:
+    """Return visited places, and the difference of both methods' odd parts there over the errors of both."""
+    first, second = (_odd_curve(result, law) for result in results.values())
     common = second.visited & first.visited
     return second.places[common], difference_over_error(first, second)[common]
 

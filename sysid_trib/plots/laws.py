@@ -32,10 +32,11 @@ NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
 
 @shows("laws", block="Friction against speed")
 def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
-    """Friction against speed, and the restoring force minus its straight line against displacement.
+    """Friction against speed, and the restoring force without what is known of it against displacement.
 
-    Lines are the laws by each method, bands hold the whole law in the visited range with a probability of
-    95 %. Grey: not visited by the record; the dashed lines there are continuations.
+    Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
+    by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
+    visited by the record; the dashed lines there are continuations.
 
     Parameters
     ----------
@@ -52,28 +53,30 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     held = shown.known_part(main, np.zeros(1))[1]
     symbol = r"\theta" if unit == "rad" else "x"
     for ax, law in zip(panels, shown.VARIABLES, strict=True):
-        curves = shown.curves_of(results, law)
+        curves = shown.curves_of(results, law, answer, mirrored=True)
         if law == "restoring":
             curves = {
                 n: curve.without(shown.known_part(main, curve.places)[0]) for n, curve in curves.items()
             }
-        _draw(ax, curves, answer)
+        odd = {name for name in curves if np.all(results[name][shown.VARIABLES[law]] > 0.0)}
+        _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
     panels[0].set(xlabel=f"speed ({unit}/s)")
     panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")
     panels[1].set(xlabel=f"displacement ({unit})")
-    known = " and ".join([f"$w^2{symbol}$", *held])
-    panels[1].set(ylabel=f"restoring force / {inertia} beyond {known} ({unit}/s²)")
+    known = " \N{MINUS SIGN} ".join([f"$w^2{symbol}$", *held])
+    panels[1].set(ylabel=f"restoring force \N{MINUS SIGN} {known} ({unit}/s²)")
     panels[0].legend(**LEGEND, ncols=2)
     style.letter(panels)
     return figure
 
 
-def _draw(ax: Axes, curves: dict[str, Curve], answer: str) -> None:
-    """The curves of each method with their bands, and where the record does not reach."""
+def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
+    """The curves of each method with their bands, those in `odd` mirrored, and where the record ends."""
     ends: list[float] = []
     looks = LOOKS[-len(curves) :] if curves else ()
     for (name, curve), look in zip(curves.items(), looks, strict=True):
         label = f"{name} (preferred)" if name == answer and len(curves) > 1 else name
+        label += " (odd part)" * (name in odd)
         for side in _sides(curve):
             seen = side.visited
             # A continuation begins at the last visited place.

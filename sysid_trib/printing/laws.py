@@ -18,7 +18,7 @@ from sysid_trib.validation import findings
 
 FRICTION, RESTORING = "Friction against speed", "Restoring force against displacement"
 SURENESS = "How sure"
-# Where a law is shown, in parts of the largest visited speed or displacement; on each side where it is not odd.
+# Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
 PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
 # A motion that is larger by more leaves the visited range.
 BEYOND = 1.02
@@ -28,8 +28,8 @@ MISSING = (
 )
 EVEN = (
     "The record asks for laws that are not odd: friction differs between the directions of motion, or the "
-    "restoring force between the sides. The tables show both signs. Averages over a cycle do not see the "
-    "difference."
+    "restoring force between the sides. Averages over a cycle see the odd parts alone, by which the methods "
+    "are compared."
 )
 FED = (
     "A passive contact cannot do that: it is the sign of an error of the sensor within the cycle, or of "
@@ -150,12 +150,12 @@ def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> d
 
 def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
     """The law by each method at the places that are shown."""
-    curves = shown.curves_of(findings.kept_results(tree), law)
-    if not curves:
+    answer = findings.answer_of(tree)
+    curves = shown.curves_of(findings.kept_results(tree), law, answer)
+    if answer not in curves:
         return {}
-    main = curves.get(findings.answer_of(tree), next(iter(curves.values())))
-    both = bool(np.any(main.places < 0.0))
-    places = shown.places_shown(main, SIDE_PARTS if both else PARTS)
+    both = bool(np.any(curves[answer].places < 0.0))
+    places = shown.places_shown(curves[answer], SIDE_PARTS if both else PARTS)
     return {name: curve.at(places) for name, curve in curves.items()}
 
 
@@ -243,8 +243,7 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     """Where both methods' laws differ by more than their errors."""
     largest: dict[str, float] = {}
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
-        curves = shown.curves_of(findings.kept_results(tree), law)
-        places, z = shown.apart(curves)
+        places, z = shown.apart(findings.kept_results(tree), law)
         far = shown.stretches(places, np.abs(z) > APART)
         largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
         if far:
