@@ -49,9 +49,9 @@ BY_NAME: NextStep = (
 
 
 def _after_laws(tree: xr.DataTree) -> NextStep:
-    if tree["comparison"].attrs["reason"]:
-        return "identify", "coefficients of named forces: the record decides no curve", {}
     if findings.verdict_of(tree) == "explained":
+        if tree["comparison"].attrs["reason"]:
+            return "identify", "coefficients of named forces: the record decides no curve", {}
         if not tree[record_groups(tree)[0]].attrs.get("record_checksum"):
             return BY_NAME
         return "laws", f"whether {SECOND_RECORD} follows these laws", {"test": SECOND_RECORD}

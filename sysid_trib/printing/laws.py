@@ -10,6 +10,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.laws import shown
+from sysid_trib.laws.laws import NO_BETTER
 from sysid_trib.laws.shown import APART, Curve
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
 from sysid_trib.results.schema import library_of
@@ -69,7 +70,8 @@ def verdict_sentence(tree: xr.DataTree) -> str:
             f"{findings.residual_over_noise(tree, answer):.3g} times the noise"
         )
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
-    return f"{name} {how}: {near}." + f" {MISSING}" * curves
+    # Where curves follow it no better.
+    return f"{name} {how}: {near}." + f" {MISSING}" * (curves or checked.attrs["reason"] == NO_BETTER)
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
