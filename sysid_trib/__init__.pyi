@@ -3,7 +3,6 @@ from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelo
 from sysid_trib.cycles.backbone import backbone as backbone
 from sysid_trib.cycles.signatures import signature as signature
 from sysid_trib.discovery.discover import discover as discover
-from sysid_trib.laws.laws import laws as laws
 from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound as cramer_rao_bound
 from sysid_trib.records.free_decay import free_decay as free_decay
@@ -12,6 +11,7 @@ from sysid_trib.records.read import read_record as read_record
 from sysid_trib.reporting.page import report as report
 from sysid_trib.results.files import load as load, save as save
 from sysid_trib.simulation.simulate import simulate as simulate
+from sysid_trib.smooth_laws.laws import laws as laws
 from sysid_trib.validation.cross_check import cross_check as cross_check
 from sysid_trib.validation.findings import best as best
 from sysid_trib.validation.samples import difference as difference

@@ -17,7 +17,7 @@ ROOT = PACKAGE.parent
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
     errors _version _lazy arrays forces records simulation results cycles likelihood motion_fit
-    methods validation laws discovery physics control campaigns printing plots reporting commands cli
+    methods validation smooth_laws discovery physics control campaigns printing plots reporting commands cli
 """)
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(

@@ -9,10 +9,10 @@ import pytest
 from command_line import run, write_csv
 
 import sysid_trib as st
-from sysid_trib.laws import bands, shown
 from sysid_trib.printing.laws import laws_blocks, laws_csv, laws_json, laws_latex
 from sysid_trib.reporting.page import page
 from sysid_trib.results.files import kind_of
+from sysid_trib.smooth_laws import bands, shown
 
 FREQUENCY, AMPLITUDE, NOISE = 9.0, 0.3, 1e-4
 TIME = np.arange(0.0, 12.0, 0.02)

@@ -16,8 +16,8 @@ from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
-from sysid_trib.laws.laws import laws as identified
 from sysid_trib.printing import Block, driven, laws as printed
+from sysid_trib.smooth_laws.laws import laws as identified
 from sysid_trib.validation.driven import predict
 from sysid_trib.validation.findings import best
 

@@ -8,25 +8,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Mask
-from sysid_trib.laws import shown
-from sysid_trib.laws.shown import Curve
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND, shows
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
 from sysid_trib.results.variables import signal_units
+from sysid_trib.smooth_laws import shown
+from sysid_trib.smooth_laws.shown import Curve
 from sysid_trib.validation import findings
 
 # Of a column of a journal (88 mm), and of a panel, inch.
-ONE_COLUMN, HEIGHT = 3.46, 2.3
+ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
 # The first method lies below the second, wider: both show where they agree.
-LOOKS: tuple[dict[str, Any], ...] = (
+LAW_LOOKS: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linewidth": 2.2, "alpha": 0.75, "zorder": 3},
     {"color": BLUE, "linewidth": 1.0, "zorder": 4},
 )
 # Room above and below, and that of a continuation, in parts of what the visited range takes.
-MARGIN, CONTINUED = 0.06, 0.45
+LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
-BAND, FAINT = 0.25, 0.12
+BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
 
 
@@ -45,20 +45,20 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure, panels = style.grid(2, 2, width, HEIGHT)
+    figure, panels = style.grid(2, 2, width, LAW_HEIGHT)
     unit = signal_units(tree)
     inertia = "inertia" if unit == "rad" else "mass"
     results, answer = findings.kept_results(tree), findings.answer_of(tree)
     main = tree[answer].to_dataset()
     held = shown.known_part(main, np.zeros(1))[1]
     symbol = r"\theta" if unit == "rad" else "x"
-    for ax, law in zip(panels, shown.VARIABLES, strict=True):
+    for ax, law in zip(panels, shown.LAW_PLACES, strict=True):
         curves = shown.curves_of(results, law, answer, mirrored=True)
         if law == "restoring":
             curves = {
                 n: curve.without(shown.known_part(main, curve.places)[0]) for n, curve in curves.items()
             }
-        odd = {name for name in curves if np.all(results[name][shown.VARIABLES[law]] > 0.0)}
+        odd = {name for name in curves if np.all(results[name][shown.LAW_PLACES[law]] > 0.0)}
         _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
     panels[0].set(xlabel=f"speed ({unit}/s)")
     panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")
@@ -73,19 +73,21 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
 def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
     """The curves of each method with their bands, those in `odd` mirrored, and where the record ends."""
     ends: list[float] = []
-    looks = LOOKS[-len(curves) :] if curves else ()
+    looks = LAW_LOOKS[-len(curves) :] if curves else ()
     for (name, curve), look in zip(curves.items(), looks, strict=True):
         label = f"{name} (preferred)" if name == answer and len(curves) > 1 else name
         label += " (odd part)" * (name in odd)
         for side in _sides(curve):
             seen = side.visited
             # A continuation begins at the last visited place.
-            beyond = ~seen | _at_edge(seen)
-            for at, alpha in ((seen, BAND), (beyond, FAINT)):
+            continued = ~seen | _at_edge(seen)
+            for at, alpha in ((seen, BAND_OPACITY), (continued, FAINT_OPACITY)):
                 band = {"color": look["color"], "alpha": alpha, "linewidth": 0, "zorder": 2}
                 ax.fill_between(side.places, side.low, side.high, where=at, **band)
             ax.plot(side.places, np.where(seen, side.values, np.nan), label=label, **look)
-            ax.plot(side.places, np.where(beyond, side.values, np.nan), **look | {"linestyle": (0, (3, 2))})
+            ax.plot(
+                side.places, np.where(continued, side.values, np.nan), **look | {"linestyle": (0, (3, 2))}
+            )
             label = ""
         visited_values = curve.values[curve.visited]
         ends += [visited_values.min(), visited_values.max()]
@@ -103,7 +105,7 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
         ax.axvline(0.0, color=GREY, linewidth=BAR_WIDTH, zorder=1)
     low, high = min(*ends, 0.0), max(*ends, 0.0)
     # A continuation may go anywhere: it is cut.
-    room, most = MARGIN * (high - low), CONTINUED * (high - low)
+    room, most = LAW_MARGIN * (high - low), CONTINUED * (high - low)
     low = min(low, max(float(main.values.min()), low - most)) - room
     high = max(high, min(float(main.values.max()), high + most)) + room
     ax.set(xlim=(-last if both else 0.0, last), ylim=(low, high))

@@ -9,30 +9,30 @@ import pandas as pd
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.laws import shown
-from sysid_trib.laws.laws import NO_BETTER
-from sysid_trib.laws.shown import APART, Curve
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
+from sysid_trib.smooth_laws import shown
+from sysid_trib.smooth_laws.fits import NO_BETTER
+from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 from sysid_trib.validation import findings
 
-FRICTION, RESTORING = "Friction against speed", "Restoring force against displacement"
-SURENESS = "How sure"
+FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
+SURENESS_TITLE = "How sure"
 # Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
-PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
+SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
 # A motion that is larger by more leaves the visited range.
-BEYOND = 1.02
-MISSING = (
+LARGER_MOTION = 1.02
+REMAINING = (
     "What is left is not a function of speed or of displacement alone: a force with memory, one that changes "
     "with time or depends on both, or an error of the sensor. sysid-trib discover tests for these."
 )
-EVEN = (
+NOT_ODD = (
     "The record asks for laws that are not odd: friction differs between the directions of motion, or the "
     "restoring force between the sides. Averages over a cycle see the odd parts alone, by which the methods "
     "are compared."
 )
-FED = (
+ACTIVE_FRICTION = (
     "A passive contact cannot do that: it is the sign of an error of the sensor within the cycle, or of "
     "another force."
 )
@@ -45,11 +45,11 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         Block([verdict_sentence(tree)], ALWAYS),
         Block(sources),
         Block([*_no_curve(tree), *_method_sentences(tree)], ALWAYS),
-        Block((), ALWAYS, FRICTION, law_table(tree, "friction"), _caption(tree, "friction")),
-        Block([*_energy_sentences(tree)], ALWAYS, FRICTION),
-        Block((), ALWAYS, RESTORING, law_table(tree, "restoring"), _caption(tree, "restoring")),
-        Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS),
-        Block([*_details(tree)], details, SURENESS),
+        Block((), ALWAYS, FRICTION_TITLE, law_table(tree, "friction"), _caption(tree, "friction")),
+        Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
+        Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), _caption(tree, "restoring")),
+        Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
+        Block([*_details(tree)], details, SURENESS_TITLE),
     ]
 
 
@@ -71,7 +71,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
         )
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
     # Where curves follow it no better.
-    return f"{name} {how}: {near}." + f" {MISSING}" * (curves or checked.attrs["reason"] == NO_BETTER)
+    return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
@@ -90,9 +90,9 @@ def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
     if len(results) == 2:
         yield f"Preferred: {findings.answer_of(tree)}, {_why(tree)}."
     noise = layout.in_small_units(findings.record_noise(tree), signal_units(tree))
-    left = " and ".join(f"{name} {findings.residual_over_noise(tree, name):.3g}" for name in results)
-    if left:
-        yield f"Residuals (RMS): {left} times the noise, which is {noise}."
+    ratios = " and ".join(f"{name} {findings.residual_over_noise(tree, name):.3g}" for name in results)
+    if ratios:
+        yield f"Residuals (RMS): {ratios} times the noise, which is {noise}."
 
 
 def _ended(text: str) -> str:
@@ -124,19 +124,21 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
     answer, curves = findings.answer_of(tree), _chosen_curves(tree, law)
     if not curves:
         return layout.text_table([])
-    main, beyond = curves[answer], _beyond_known(tree, law, curves)
+    main, deviations = curves[answer], _beyond_known(tree, law, curves)
     scale = 10.0 ** _power(tree, law)
     z = shown.difference_over_error(*curves.values()) if len(curves) == 2 else None
     rows = []
     for at, place in enumerate(main.places):
-        row = {shown.VARIABLES[law]: f"{place:.3g}"}
+        row = {shown.LAW_PLACES[law]: f"{place:.3g}"}
         if law == "restoring":
             row["whole"] = f"{main.values[at]:.4g}"
-        for name, curve in beyond.items():
+        for name, curve in deviations.items():
             row[name] = layout.value_with_error(curve.values[at] / scale, curve.errors[at] / scale)
         if z is not None:
             row["difference / error"] = f"{z[at]:+.1f}"
-        row[f"95 % band of {answer}"] = _band(beyond[answer].low[at] / scale, beyond[answer].high[at] / scale)
+        row[f"95 % band of {answer}"] = _band(
+            deviations[answer].low[at] / scale, deviations[answer].high[at] / scale
+        )
         row["range"] = "visited" if main.visited[at] else "extrapolated"
         rows.append(row)
     return layout.text_table(rows, ("range",), ("range",))
@@ -157,7 +159,7 @@ def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
     if answer not in curves:
         return {}
     both = bool(np.any(curves[answer].places < 0.0))
-    places = shown.places_shown(curves[answer], SIDE_PARTS if both else PARTS)
+    places = shown.places_shown(curves[answer], SIDE_PARTS if both else SHOWN_PARTS)
     return {name: curve.at(places) for name, curve in curves.items()}
 
 
@@ -216,7 +218,8 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Where friction feeds energy in."""
     spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
-        yield f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band. {FED}"
+        said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
+        yield f"{said} {ACTIVE_FRICTION}"
     if spans["seemingly"]:
         yield (
             f"Friction is negative at {_spans(spans['seemingly'], unit)}, but its band holds positive "
@@ -236,7 +239,7 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
         yield from _differences(tree)
     attrs = tree["comparison"].attrs
     if attrs["even"]:
-        yield EVEN
+        yield NOT_ODD
     if attrs["sensor"]:
         yield _sensor_sentence(tree, attrs["sensor"].split(", "))
 
@@ -246,7 +249,7 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     largest: dict[str, float] = {}
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
         places, z = shown.apart(findings.kept_results(tree), law)
-        far = shown.stretches(places, np.abs(z) > APART)
+        far = shown.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
         largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
         if far:
             unit = _words(tree, law)[1]
@@ -254,7 +257,7 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
                 f"The methods disagree in {word} at {_spans(far, unit)}, by up to {np.max(np.abs(z)):.3g} "
                 "standard errors of both."
             )
-    if max(largest.values()) <= APART:
+    if max(largest.values()) <= LARGE_DIFFERENCE:
         texts = " and ".join(f"{size:.2g} ({word})" for word, size in largest.items())
         yield f"Averaging and direct agree: they differ by at most {texts} standard errors of both."
     else:
@@ -275,9 +278,9 @@ def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
         values = [layout.coefficient_text(result.sel(force=name)) for name in own]
         name = library[own[0]].name if own else symbol
         texts += [f"{name} ({symbol}) {', '.join(values)}"] if own else []
-    each = ", each run with its own," if len(record_groups(tree)) > 1 else ""
+    owner = ", each run with its own," if len(record_groups(tree)) > 1 else ""
     return (
-        f"Beside the laws, direct fits errors of the sensor{each} which belong to a record: "
+        f"Beside the laws, direct fits errors of the sensor{owner} which belong to a record: "
         f"{'; '.join(texts)}."
     )
 
@@ -286,16 +289,16 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Which range the record visits, and how the laws go on."""
     result = _preferred(tree)
     reached = {}
-    for law, variable in shown.VARIABLES.items():
+    for law, variable in shown.LAW_PLACES.items():
         curve = shown.curve_of(result, law)
         reached[variable] = float(np.max(np.abs(curve.places[curve.visited])))
-    share = 1.0 - float(result.speed_visited.mean())
-    units = {law: _words(tree, law)[1] for law in shown.VARIABLES}
+    extrapolated = 1.0 - float(result.speed_visited.mean())
+    units = {law: _words(tree, law)[1] for law in shown.LAW_PLACES}
     smallest = float(np.min(np.abs(findings.amplitudes(tree))))
     yield (
         f"The record visits speeds up to {reached['speed']:.3g} {units['friction']} and displacements up to "
         f"{reached['displacement']:.3g} {units['restoring']}, with amplitudes from {smallest:.2g} "
-        f"{units['restoring']} on. Beyond, {100.0 * share:.0f} % of what is shown, the laws go on as "
+        f"{units['restoring']} on. Beyond, {100.0 * extrapolated:.0f} % of what is shown, the laws go on as "
         "straight lines and named forces: these are extrapolations."
     )
 
@@ -319,7 +322,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
         yield f"Held: {values}."
     p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
     yield f"The residual as white noise: p {p_value}."
-    for law in shown.VARIABLES:
+    for law in shown.LAW_PLACES:
         curve = shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values[curve.visited]
         if np.any(model > 0.0):
@@ -336,12 +339,12 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
     sentences = list(driven.prediction_block(predicted).sentences)
     reached = {
         variable: float(np.max(np.abs(curve.places[curve.visited])))
-        for law, variable in shown.VARIABLES.items()
+        for law, variable in shown.LAW_PLACES.items()
         for curve in [shown.curve_of(_preferred(tree), law)]
     }
     for record in predicted:
         largest = float(np.abs(record.predicted_angle - record.predicted_angle.mean()).max())
-        if largest > BEYOND * reached["displacement"]:
+        if largest > LARGER_MOTION * reached["displacement"]:
             sentences.append(
                 f"It swings up to {largest:.3g} {signal_units(tree)}, beyond the "
                 f"{reached['displacement']:.3g} {signal_units(tree)} that the laws are known for: that part "
@@ -380,7 +383,7 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """The preferred laws, a row each place."""
     result, answer = _preferred(tree), findings.answer_of(tree)
-    for law, variable in shown.VARIABLES.items():
+    for law, variable in shown.LAW_PLACES.items():
         curve = shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values
         _, unit_at, unit = _words(tree, law)
@@ -411,7 +414,7 @@ def laws_latex(tree: xr.DataTree) -> str:
     r"""The preferred laws at some places as a table (`booktabs`)."""
     answer = findings.answer_of(tree)
     tables = []
-    for law in shown.VARIABLES:
+    for law in shown.LAW_PLACES:
         curves = _chosen_curves(tree, law)
         curve = curves[answer]
         kind, unit_at, unit = _words(tree, law)
@@ -422,8 +425,8 @@ def laws_latex(tree: xr.DataTree) -> str:
             columns[f"restoring force ({_unit(unit)})"] = [f"{value:.4g}" for value in curve.values]
             curve = _beyond_known(tree, law, curves)[answer]
         held = shown.known_part(_preferred(tree), np.zeros(1))[1]
-        beyond = " and ".join([r"beyond $\omega^2 x$", *map(exported.plain_latex, held)])
-        head = "friction" if law == "friction" else beyond
+        deviation = " and ".join([r"beyond $\omega^2 x$", *map(exported.plain_latex, held)])
+        head = "friction" if law == "friction" else deviation
         numbers = layout.values_with_errors(curve.values, curve.errors)
         columns[f"{head} ({_unit(unit)})"] = [exported.in_latex(number) for number in numbers]
         pairs = zip(curve.low, curve.high, strict=True)

@@ -7,12 +7,12 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.laws import bands
 from sysid_trib.results import schema
+from sysid_trib.smooth_laws import bands
 
-VARIABLES = {"friction": "speed", "restoring": "displacement"}
+LAW_PLACES = {"friction": "speed", "restoring": "displacement"}
 # More standard errors of both methods than this are a difference.
-APART = 3.0
+LARGE_DIFFERENCE = 3.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def curve_of(result: xr.Dataset, law: str) -> Curve:
         With `friction(speed)` and `restoring(displacement)`.
     law : {"friction", "restoring"}
     """
-    variable = VARIABLES[law]
+    variable = LAW_PLACES[law]
     return Curve(
         result[variable].values,
         result[law].values,
@@ -190,12 +190,12 @@ def feeding(result: xr.Dataset) -> dict[str, list[tuple[float, float]]]:
     curve = curve_of(result, "friction")
     certain, seeming = bands.feeds_energy(result)
     feeds = (np.sign(curve.places) * curve.values < 0.0) & ~curve.visited
-    found = {
+    masks = {
         "certainly": np.isin(curve.places, certain),
         "seemingly": np.isin(curve.places, seeming),
         "beyond": feeds,
     }
-    return {name: stretches(curve.places, chosen) for name, chosen in found.items()}
+    return {name: stretches(curve.places, chosen) for name, chosen in masks.items()}
 
 
 def places_shown(curve: Curve, parts: Sequence[float]) -> Array:

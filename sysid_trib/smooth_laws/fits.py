@@ -1,0 +1,173 @@
+"""Fits of law models: curves where a motion bears them, sensor errors and even parts where asked for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+import xarray as xr
+
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import EFFECTS
+from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.results import schema, signal_scale
+from sysid_trib.simulation.model import Model
+from sysid_trib.smooth_laws.model import LawModel
+from sysid_trib.validation.residuals import FollowedRuns, residuals
+from sysid_trib.validation.verdict import RESIDUAL_LEVEL
+
+# Forces that differ between directions and sides, and errors that cameras, encoders and potentiometers have.
+EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
+SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
+# Level of a test that finds them; they are kept where the residual shrinks to less than this part.
+EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.95
+NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """One method's fit of a law model to runs.
+
+    Attributes
+    ----------
+    method : Direct, Averaging or Trajectory
+    model : LawModel
+    library : ForceLibrary
+        The forces of the model over the range of the runs.
+    followed : FollowedRuns
+        The identification, and its motion in each run.
+    """
+
+    method: Direct | Averaging | Trajectory
+    model: LawModel
+    library: ForceLibrary
+    followed: FollowedRuns
+
+    @property
+    def _residuals(self) -> xr.Dataset:
+        of = self.followed
+        return of.once("residual", lambda: residuals({"": of}, of.result))
+
+    @property
+    def is_white(self) -> bool:
+        """True if the residual is nothing but noise."""
+        return bool(self._residuals.residual_p_value.item() >= RESIDUAL_LEVEL)
+
+    @property
+    def residual_rms(self) -> float:
+        """RMS of record minus motion, rad; infinite without a motion."""
+        of = self.followed
+        if any(motion is None for motion in of.motions):
+            return float("inf")
+        pairs = zip(of.runs.values(), of.motions, strict=True)
+        missed = [run.angle.values - motion.offset - motion.x for run, motion in pairs if motion is not None]
+        size = root_mean_square([root_mean_square(residual) for residual in missed])
+        return size if np.isfinite(size) else float("inf")
+
+
+def _fit(
+    runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
+) -> LawFit:
+    """Fit a law model with a method as it is."""
+    library = model.library(runs, lowest, method.reference_frequency)
+    result = method.identify(one_or_all(list(runs)), library)
+    return LawFit(method, model, library, FollowedRuns(dict(enumerate(runs)), result))
+
+
+def fitted(
+    runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
+) -> LawFit:
+    """Fit curves, or only the named forces where the motion of no curve follows the record better.
+
+    What a model lacks within the cycle may be taken for a curve that no motion bears. A random force makes
+    each half period an equation of its own, which is immune to that.
+    """
+    fit = _fit(runs, method, model, lowest)
+    if fit.is_white or not model.odd:
+        return fit
+    named = _fit(runs, method, replace(model.without_curves, reason=NO_BETTER), lowest)
+    if fit.residual_rms <= named.residual_rms or method.random_force != "off":
+        return min((fit, named), key=lambda of: of.residual_rms)
+    try:
+        other = _fit(runs, replace(method, random_force="estimated"), model, lowest)
+    except (SysidTribError, np.linalg.LinAlgError):
+        return named
+    return min((other, named), key=lambda of: of.residual_rms)
+
+
+def extended(fit: LawFit) -> LawFit:
+    """Return the fit with errors of the sensor, or even parts of the laws, where the record asks for them.
+
+    An even error of the sensor looks like an even force: the one with the smaller residual is taken first.
+    """
+    whole, offered = fit, [SENSOR_TERMS] * _is_angle(fit) + [EVEN_FORCES]
+    while offered and not whole.is_white:
+        tried = [(names, other) for names in offered if (other := _with_forces(whole, names)) is not None]
+        names, best = min(tried, key=lambda pair: pair[1].residual_rms, default=((), whole))
+        if not best.residual_rms < EXTENSION_GAIN * whole.residual_rms:
+            break
+        whole, offered = best, [other for other in offered if other != names]
+    return whole
+
+
+def _is_angle(fit: LawFit) -> bool:
+    """Return True if an angle was measured, which cameras and encoders distort."""
+    return all(signal_scale.counts_angles(run) for run in fit.followed.runs.values())
+
+
+def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
+    """Return the fit with more forces, or errors of each run's sensor; None where they are not needed."""
+    runs = list(fit.followed.runs.values())
+    added = load_library(EFFECTS).select(symbols)
+    model, method = fit.model, fit.method
+    if not isinstance(method, Direct):
+        return None
+    if model.is_free_to_move:
+        # What nothing pulls back has no side.
+        added = added.select(force.symbol for force in added if "x" not in force.formula.names)
+        symbols = added.symbols
+    model = replace(model, named=replace(model.named, forces=(*model.named.forces, *added.forces)))
+    even = symbols != SENSOR_TERMS
+    if even and model.odd:
+        # Those whose odd part is a curve.
+        model = replace(model, even=tuple(f"{name}_even" for name in model.odd))
+    elif not even and len(runs) > 1:
+        method = replace(method, own=symbols)
+    try:
+        plain = _fit(runs, method, replace(model, even=()))
+        result = plain.followed.result
+        at = np.flatnonzero(np.isin([name.rsplit("_", 1)[0] for name in result.force.values], symbols))
+        at = np.union1d(at, np.flatnonzero(np.isin(result.force.values, symbols)))
+        values, covariance = result.coefficient.values[at], result.covariance.values[np.ix_(at, at)]
+        square = float(values @ np.linalg.pinv(covariance, hermitian=True) @ values)
+        if scipy.stats.chi2.sf(square, len(at)) >= EXTENSION_LEVEL:
+            return None
+        return _fit(runs, method, model) if model.even else plain
+    except (SysidTribError, np.linalg.LinAlgError):
+        return None
+
+
+def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
+    """Fit the motion itself: the named forces are free, the parts of curves are held as Direct found them."""
+    result = fit.followed.result
+    coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
+    held = {force.symbol: coefficients[force.symbol] for force in fit.library if force.curve}
+    asked = Constraints({**fit.method.constraints, **held})
+    start = Model(
+        schema.library_of(result),
+        coefficients,
+        result.reference_frequency.item(),
+        schema.shape_values_of(result),
+    )
+    method = Trajectory(
+        reference_frequency=fit.method.reference_frequency,
+        random_force="off",
+        constraints=asked.table,
+        start=start,
+    )
+    result = method.identify(one_or_all(list(runs)), fit.library)
+    return LawFit(method, fit.model, fit.library, FollowedRuns(dict(enumerate(runs)), result))

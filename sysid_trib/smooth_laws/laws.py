@@ -1,0 +1,255 @@
+"""`laws`: friction against speed and restoring force against displacement, without choosing a form."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.selection import System, load_system
+from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.methods import Averaging, Direct
+from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.results import signal_scale
+from sysid_trib.results.variables import described, group_names
+from sysid_trib.smooth_laws import bands, curves
+from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
+from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
+from sysid_trib.validation import cross_check, findings, model_error
+from sysid_trib.validation.driven import clock_of, is_driven
+from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
+from sysid_trib.validation.verdict import APPROXIMATE_PART
+
+# A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
+BELOW_SMALLEST = 0.5
+
+
+def laws(
+    decay: Decays,
+    system: str | System | None = None,
+    constraints: ConstraintTable | None = None,
+    *,
+    library: ForceLibrary | None = None,
+    random_force: RandomForceOption = "off",
+    tell: Tell = silent,
+) -> xr.DataTree:
+    """Identify friction as a function of speed and restoring force as a function of displacement.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        `angle(time)`; several runs share their laws.
+    system : str or System, optional
+        A system of `libraries/systems.toml`: what it holds, as a pendulum its gravity, stays as it is, and
+        its usual forces are outside of the penalty.
+    constraints : mapping of str to float, (float, float) or str, optional
+        Known forces: `{"gravity": 1.0}`.
+    library : ForceLibrary, optional
+        Where forces of the constraints are looked for before those of the package.
+    random_force : "off", "estimated" or float
+        As that of `methods.Direct`.
+    tell : callable
+        Called with a few words as the work goes on.
+
+    Returns
+    -------
+    DataTree
+        As that of `identify`: groups `record`, `averaging`, `direct`, `comparison`, `backbone`. Each
+        identification also holds `friction(speed)` (rad/s^2 over rad/s: the force over the inertia) and
+        `restoring(displacement)` (rad/s^2 over rad), each with `_standard_error`, `_low`, `_high` (a
+        simultaneous 95 % band over the visited range), `_error_of_model` and `_covariance`;
+        `speed_visited`, `displacement_visited`. `comparison` holds the difference of both methods' laws over
+        its error at each speed and displacement. Its attrs say the preferred method (`answer`), what was
+        decided about even parts (`even`), and `reason` where the record decides no curve.
+
+    Raises
+    ------
+    DecayError
+        The record cannot support the request.
+    UsageError
+        No such system or force, or a force of an angle for a displacement.
+
+    Notes
+    -----
+    theta'' = -w^2 (theta + K(theta) + D(theta'/w) + known forces). K and D are penalised splines in mixed
+    model form outside of whose penalty the named forces stay (Ruppert, Wand & Carroll 2003). `Direct` reads
+    them within the cycle, averaging from amplitude to amplitude.
+    """
+    moving = system if isinstance(system, System) else load_system(system)
+    model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), library)
+    runs = as_runs(decay, driven=True)
+    if not signal_scale.counts_angles(runs[0]):
+        for force in model.named:
+            if not signal_scale.scalable(force):
+                raise UsageError(
+                    f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
+                    "leave it out, or give the pendulum's length, --length M."
+                )
+    tree = _identified(decay, model, random_force, tell=tell)
+    asked = {"system": moving.name, "constraints": dict(constraints or {}), "random_force": random_force}
+    tree["comparison"].attrs["options"] = json.dumps(asked)
+    return tree
+
+
+@signal_scale.in_units_of_the_motion
+def _identified(
+    decay: Decays, model: LawModel, random_force: RandomForceOption, *, tell: Tell
+) -> xr.DataTree:
+    runs = as_runs(decay, driven=True)
+    if is_driven(runs):
+        return _identified_driven(runs, model, random_force, tell=tell)
+    amplitudes = np.concatenate([np.abs(envelope(run).extremum.values) for run in runs])
+    if reason := why_no_curve(amplitudes):
+        model = replace(model.without_curves, reason=reason)
+    tell("direct")
+    direct = fitted(runs, Direct(random_force=random_force, constraints=model.constraints), model)
+    if not reason and not direct.is_white:
+        tell("errors of the sensor, and even parts")
+        direct = extended(direct)
+    tell("averaging")
+    # Averages tell nothing of even forces, nor of what a law does far below the smallest amplitude.
+    lowest = BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
+    method = Averaging(random_force=random_force, constraints=model.constraints)
+    fits: dict[str, LawFit] = {}
+    failed = ""
+    try:
+        fits["averaging"] = fitted(runs, method, model.of_odd_forces, lowest)
+    except (SysidTribError, np.linalg.LinAlgError) as error:
+        failed = str(error)
+    fits["direct"] = direct
+    tell("errors")
+    largest = _largest(runs)
+    return _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
+
+
+def _identified_driven(
+    runs: Sequence[xr.Dataset], model: LawModel, random_force: RandomForceOption, *, tell: Tell
+) -> xr.DataTree:
+    """Identify the laws of driven records by Direct alone: they have no amplitudes to be averaged."""
+    method = Direct(random_force=random_force, constraints=model.constraints)
+    if model.is_free_to_move:
+        # Nothing swings: there is no restoring force, and the frequency is but a clock.
+        method = replace(method, reference_frequency=max(clock_of(run) for run in runs))
+        model = replace(model, odd=tuple(name for name in model.odd if name.startswith("friction")))
+    tell("direct")
+    fits = {"direct": fitted(runs, method, model)}
+    tell("errors of the sensor, and even parts")
+    fits["direct"] = extended(fits["direct"])
+    tell("trajectory")
+    failed = ""
+    try:
+        fits["trajectory"] = refitted(runs, fits["direct"])
+    except (SysidTribError, np.linalg.LinAlgError) as error:
+        failed = str(error)
+    tell("errors")
+    largest = _largest(runs)
+    followed = {name: _with_laws(fit, largest) for name, fit in fits.items()}
+    return _tree(runs, followed, fits, failed)
+
+
+def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
+    """Return the largest displacement (rad) and speed (rad/s) of the runs."""
+    w = max(clock_of(run) if is_driven([run]) else swing_frequency(run) for run in runs)
+    ranges = curves.ranges(runs, w)
+    return {"x": ranges["x"], "v": ranges["v"] * w}
+
+
+def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
+    """Return the identification with its laws, whose errors hold that of the model where one is missing."""
+    followed, result = fit.followed, fit.followed.result
+    whole_laws = bands.laws_of(result, largest)
+    of_model = [np.zeros_like(law.covariance) for law in whole_laws]
+    if not fit.is_white:
+        runs = list(followed.runs.values())
+        parts = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
+        of_parts = [bands.laws_of(part, largest) for part in parts.results]
+        if of_parts:
+            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
+        result = result.assign(described("identification", {"held_out_rms": parts.held_out_rms}))
+    values, places = bands.law_variables(whole_laws, of_model)
+    return followed.with_result(result.assign_coords(places).assign(values))
+
+
+def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
+    """Return the covariance of a law by its change between parts of the record, (place, place)."""
+    changes = [part.values - law.values for part in parts]
+    errors = [np.sqrt(np.diag(part.covariance)) for part in parts]
+    return model_error.covariance_by_parts(changes, errors, np.sqrt(np.diag(law.covariance)))
+
+
+def _tree(
+    runs: Sequence[xr.Dataset],
+    followed: Mapping[str, FollowedRuns],
+    fits: Mapping[str, LawFit],
+    failed: str,
+) -> xr.DataTree:
+    """Return the result with both methods' laws compared."""
+    names, results = list(followed), {name: of.result for name, of in followed.items()}
+    second = results[names[-1]]
+    records = with_motions(followed)
+    compared = residuals(followed, second)
+    over_motion = {"residual_over_motion": cross_check.residual_over_motion(records)}
+    compared = compared.assign(described("cross_check", over_motion))
+    compared = compared.assign(findings.failure_of_models(records))
+    if len(names) == 2:
+        compared = compared.merge(_difference(results[names[0]], second))
+    explained = cross_check.explained_by(compared)
+    answer = _preferred(results, compared, driven=is_driven(runs))
+    unexplained = compared.residual_over_motion.sel(model=answer).item()
+    approximate = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
+    compared.attrs = {
+        "laws": "yes",
+        "first": names[0],
+        "second": names[-1],
+        "answer": answer,
+        "explained": explained,
+        "verdict_on_record": "explained" if explained == "yes" else approximate,
+        "even": ", ".join(fits[names[-1]].model.even),
+        "sensor": ", ".join(s for s in SENSOR_TERMS if s in fits[names[-1]].model.named.symbols),
+        "reason": fits[answer].model.reason,
+        "averaging_failed": failed,
+    }
+    groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
+    groups |= results | {"comparison": compared}
+    if not is_driven(runs):
+        of_envelopes = [envelope(run) for run in runs]
+        groups |= dict(zip(group_names("envelope", len(runs)), of_envelopes, strict=True))
+        groups |= cross_check.backbones_of(runs, results)
+    return xr.DataTree.from_dict(groups)
+
+
+def _preferred(results: Mapping[str, xr.Dataset], compared: xr.Dataset, *, driven: bool) -> str:
+    """Return the method to be preferred: by what was held out, where a residual is more than noise."""
+    names = list(results)
+    missed = {name: float(compared.residual_rms.sel(model=name)) for name in names}
+    held_out = [float(results[name].get("held_out_rms", np.nan)) for name in names]
+    whole = all("held_out_rms" in result for result in results.values())
+    if driven or (whole and not np.all(np.isfinite(held_out))):
+        # A method whose parts predict no motion is no choice, unless neither predicts.
+        known = [name for name, rms in zip(names, held_out, strict=True) if np.isfinite(rms)]
+        return min(
+            names if driven or not known else known, key=lambda name: np.nan_to_num(missed[name], nan=np.inf)
+        )
+    return names[cross_check.better_of(*results.values())] if len(names) == 2 else names[0]
+
+
+def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Return the difference of both methods' laws over its error: of their odd parts, which both see.
+
+    Both methods saw the same noise: the sum of their variances is more than that of their difference.
+    """
+    values: dict[str, Any] = {}
+    for law in ("friction", "restoring"):
+        averaged, other = xr.align(bands.odd_part(first, law), bands.odd_part(second, law))
+        error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
+        values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")
+        values[f"{law}_z"] = ((averaged[law] - other[law]) / error).assign_attrs(units="1")
+    return xr.Dataset(values)

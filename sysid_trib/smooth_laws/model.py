@@ -1,0 +1,93 @@
+"""What is fitted as laws: named forces, curves, and what is held."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import System, is_free_to_move, with_shipped
+from sysid_trib.smooth_laws import curves
+
+# Forces outside of the penalty where no system is named, and the one that is always there: a jump at rest.
+USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
+# Fewer half periods, or amplitudes that change by less than this factor, decide no curve.
+FEWEST_OF_A_CURVE, SMALLEST_RANGE = 8, 1.15
+
+
+@dataclass(frozen=True)
+class LawModel:
+    """What is fitted: named forces, curves, and what is held.
+
+    Attributes
+    ----------
+    named : ForceLibrary
+        Forces outside of the penalty, and those that are held.
+    constraints : mapping
+        Of coefficients.
+    odd, even : tuple of str
+        Curves of `libraries/curves.toml`; none where the record decides no curve.
+    reason : str
+        Why the record decides no curve; empty where it does.
+    """
+
+    named: ForceLibrary
+    constraints: ConstraintTable
+    odd: tuple[str, ...] = curves.ODD_CURVES
+    even: tuple[str, ...] = ()
+    reason: str = ""
+
+    def library(
+        self, runs: Sequence[xr.Dataset], lowest: float = 0.0, frequency: float | None = None
+    ) -> ForceLibrary:
+        """Return all forces, the parts of the curves over the range of the runs at a frequency (rad/s)."""
+        ranges = curves.ranges(runs, frequency)
+        return curves.with_curves(self.named, (*self.odd, *self.even), ranges, lowest)
+
+    @property
+    def without_curves(self) -> "LawModel":
+        """The named forces alone."""
+        return replace(self, odd=(), even=())
+
+    @property
+    def of_odd_forces(self) -> "LawModel":
+        """The model without forces that averages over a cycle do not see."""
+        seen = self.named.select(force.symbol for force in self.named if force.parity != "even")
+        return replace(self, named=seen, even=())
+
+    @property
+    def is_free_to_move(self) -> bool:
+        """True if nothing pulls the body back."""
+        return is_free_to_move(self.named, Constraints(self.constraints).fixed)
+
+
+def law_model(system: System, asked: Constraints, library: ForceLibrary | None) -> LawModel:
+    """Return the forces outside of the penalty and what is held."""
+    whole = library or load_library()
+    symbols = list(dict.fromkeys((*(system.symbols or USUAL), *asked.names)))
+    whole = with_shipped(whole, symbols)
+    jump = whole.role(JUMP) or load_library().role(JUMP)
+    named = whole.select(symbols)
+    if jump is not None and named.role(JUMP) is None:
+        named = replace(named, forces=(jump, *named.forces))
+    held = {symbol: value for symbol, value in system.held.items() if symbol not in asked.names}
+    return LawModel(named, {**held, **asked.table})
+
+
+def why_no_curve(amplitudes: Array) -> str:
+    """Return why the amplitudes decide no curve, or nothing."""
+    if len(amplitudes) < FEWEST_OF_A_CURVE:
+        return (
+            f"{len(amplitudes)} half periods are too few for a curve (it takes {FEWEST_OF_A_CURVE}): the "
+            "laws are those of the named forces."
+        )
+    ratio = float(amplitudes.max() / max(amplitudes.min(), 1e-300))
+    if ratio < SMALLEST_RANGE:
+        return (
+            f"The amplitude changes by a factor of {ratio:.3g} only, too little for a curve (it takes "
+            f"{SMALLEST_RANGE:g}): the laws are those of the named forces."
+        )
+    return ""
