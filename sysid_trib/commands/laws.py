@@ -18,7 +18,7 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
 from sysid_trib.printing import Block, driven, laws as printed
 from sysid_trib.smooth_laws.laws import laws as identified
-from sysid_trib.validation.driven import predict
+from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.findings import best
 
 
@@ -28,14 +28,17 @@ def laws(tell: Tell, given: Asked) -> Callable[[], None]:
     random_force = parse_random_force(given.random_force)
     if random_force == "auto":
         raise UsageError("--random-force 'auto' is not for laws: give off, estimated, or a density.")
+    if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
+        raise UsageError("--warm-up is a time from 0 s of the record of --test: give both.")
     system, library = load_system(given.system), load_library(given.library)
     tell("reading")
-    decays, sources = read_decays(given)
+    decays, sources = read_decays(given, driven=True)
     tree = identified(
         decays, system, constraints.table, library=library, random_force=random_force, tell=tell
     )
     predicted = _predicted(tree, given, tell)
-    keep_next(tree, given)
+    if not is_driven(decays):
+        keep_next(tree, given)
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
     texts: dict[Path | None, Callable[[], str]] = {
         given.csv: partial(printed.laws_csv, tree),
@@ -49,8 +52,8 @@ def _predicted(tree: xr.DataTree, given: Asked, tell: Tell) -> list[xr.Dataset]:
     if given.test is None:
         return []
     tell("prediction")
-    others, _ = read_decays(given.but(records=[given.test]), as_it_is=True)
-    return [predict(best(tree), other) for other in others]
+    others, _ = read_decays(given.but(records=[given.test]), as_it_is=True, driven=True)
+    return [predict(best(tree), other, warm_up=given.warm_up) for other in others]
 
 
 def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:

@@ -45,14 +45,15 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    figure, panels = style.grid(2, 2, width, LAW_HEIGHT)
     unit = signal_units(tree)
     inertia = "inertia" if unit == "rad" else "mass"
     results, answer = findings.kept_results(tree), findings.answer_of(tree)
     main = tree[answer].to_dataset()
+    named = shown.laws_in(main)
+    figure, panels = style.grid(len(named), 2, width, LAW_HEIGHT)
     held = shown.known_part(main, np.zeros(1))[1]
     symbol = r"\theta" if unit == "rad" else "x"
-    for ax, law in zip(panels, shown.LAW_PLACES, strict=True):
+    for ax, law in zip(panels, named, strict=True):
         curves = shown.curves_of(results, law, answer, mirrored=True)
         if law == "restoring":
             curves = {
@@ -62,11 +63,13 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
         _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
     panels[0].set(xlabel=f"speed ({unit}/s)")
     panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")
-    panels[1].set(xlabel=f"displacement ({unit})")
-    known = " \N{MINUS SIGN} ".join([f"$w^2{symbol}$", *held])
-    panels[1].set(ylabel=f"restoring force \N{MINUS SIGN} {known} ({unit}/s²)")
+    if len(panels) > 1:
+        panels[1].set(xlabel=f"displacement ({unit})")
+        known = " \N{MINUS SIGN} ".join([f"$w^2{symbol}$", *held])
+        panels[1].set(ylabel=f"restoring force \N{MINUS SIGN} {known} ({unit}/s²)")
     panels[0].legend(**LEGEND, ncols=2)
-    style.letter(panels)
+    if len(panels) > 1:
+        style.letter(panels)
     return figure
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
+from sysid_trib.results.files import is_of_driven
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.smooth_laws import shown
@@ -29,9 +30,9 @@ REMAINING = (
 )
 NOT_ODD = (
     "The record asks for laws that are not odd: friction differs between the directions of motion, or the "
-    "restoring force between the sides. Averages over a cycle see the odd parts alone, by which the methods "
-    "are compared."
+    "restoring force between the sides."
 )
+ODD_COMPARED = "Averages over a cycle see the odd parts alone: the methods are compared by these."
 ACTIVE_FRICTION = (
     "A passive contact cannot do that: it is the sign of an error of the sensor within the cycle, or of "
     "another force."
@@ -47,10 +48,17 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         Block([*_no_curve(tree), *_method_sentences(tree)], ALWAYS),
         Block((), ALWAYS, FRICTION_TITLE, law_table(tree, "friction"), _caption(tree, "friction")),
         Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
-        Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), _caption(tree, "restoring")),
+        *_restoring_blocks(tree),
         Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
         Block([*_details(tree)], details, SURENESS_TITLE),
     ]
+
+
+def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """The restoring force, where anything restores."""
+    if shown.restores(_preferred(tree)):
+        caption = _caption(tree, "restoring")
+        yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
@@ -63,12 +71,12 @@ def verdict_sentence(tree: xr.DataTree) -> str:
         return f"{name} explain the record: what they leave is nothing but noise."
     part, near = float(checked.residual_over_motion.sel(model=answer)), "their motion diverges"
     if np.isfinite(part):
-        lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
-        near = (
-            f"over {lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi):.0f} periods their "
-            f"motion leaves {100.0 * part:.2g} % of the record (RMS), "
-            f"{findings.residual_over_noise(tree, answer):.3g} times the noise"
-        )
+        near = f"their motion leaves {100.0 * part:.2g} % of the record (RMS)"
+        if not is_of_driven(tree):
+            lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
+            periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
+            ratio = findings.residual_over_noise(tree, answer)
+            near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
     # Where curves follow it no better.
     return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
@@ -84,15 +92,27 @@ def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Which method is preferred and why, what each leaves, and which failed."""
     attrs, results = tree["comparison"].attrs, findings.kept_results(tree)
     if attrs["averaging_failed"]:
-        yield f"Averaging failed: {_ended(attrs['averaging_failed'])} The laws are those of direct alone."
+        name = "Trajectory" if is_of_driven(tree) else "Averaging"
+        yield f"{name} failed: {_ended(attrs['averaging_failed'])} The laws are those of direct alone."
     for name, why in findings.failures(tree).items():
         yield f"{name.capitalize()} failed: {why}. Its laws are not given."
     if len(results) == 2:
         yield f"Preferred: {findings.answer_of(tree)}, {_why(tree)}."
-    noise = layout.in_small_units(findings.record_noise(tree), signal_units(tree))
-    ratios = " and ".join(f"{name} {findings.residual_over_noise(tree, name):.3g}" for name in results)
-    if ratios:
-        yield f"Residuals (RMS): {ratios} times the noise, which is {noise}."
+    yield from _residual_sentence(tree, list(results))
+
+
+def _residual_sentence(tree: xr.DataTree, names: Sequence[str]) -> Iterator[str]:
+    """What the motion of each method leaves of the record."""
+    if not names:
+        return
+    if is_of_driven(tree):
+        parts = tree["comparison"].residual_over_motion
+        texts = [f"{name} {100.0 * parts.sel(model=name).item():.3g} %" for name in names]
+        yield f"Residuals (RMS): {' and '.join(texts)} of the motion."
+    else:
+        noise = layout.in_small_units(findings.record_noise(tree), signal_units(tree))
+        texts = [f"{name} {findings.residual_over_noise(tree, name):.3g}" for name in names]
+        yield f"Residuals (RMS): {' and '.join(texts)} times the noise, which is {noise}."
 
 
 def _ended(text: str) -> str:
@@ -103,6 +123,8 @@ def _why(tree: xr.DataTree) -> str:
     """Why the preferred one of two methods is."""
     answer, results = findings.answer_of(tree), findings.kept_results(tree)
     (other,) = (name for name in results if name != answer)
+    if is_of_driven(tree):
+        return "whose motion leaves less of the record"
     held_out = {name: float(result.get("held_out_rms", np.nan)) for name, result in results.items()}
     if np.isnan(held_out[answer]):
         at_bound = answer == tree["comparison"].attrs["second"]
@@ -238,8 +260,8 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
     if len(results) == 2:
         yield from _differences(tree)
     attrs = tree["comparison"].attrs
-    if attrs["even"]:
-        yield NOT_ODD
+    if any(np.any(_preferred(tree)[place].values < 0.0) for place in shown.LAW_PLACES.values()):
+        yield NOT_ODD + f" {ODD_COMPARED}" * ("averaging" in results)
     if attrs["sensor"]:
         yield _sensor_sentence(tree, attrs["sensor"].split(", "))
 
@@ -248,6 +270,8 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     """Where both methods' laws differ by more than their errors."""
     largest: dict[str, float] = {}
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
+        if law == "restoring" and not shown.restores(_preferred(tree)):
+            continue
         places, z = shown.apart(findings.kept_results(tree), law)
         far = shown.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
         largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
@@ -259,8 +283,8 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
             )
     if max(largest.values()) <= LARGE_DIFFERENCE:
         texts = " and ".join(f"{size:.2g} ({word})" for word, size in largest.items())
-        yield f"Averaging and direct agree: they differ by at most {texts} standard errors of both."
-    else:
+        yield f"The methods agree: they differ by at most {texts} standard errors of both."
+    elif "averaging" in findings.kept_results(tree):
         yield (
             "Direct reads a law within the cycle, averaging from amplitude to amplitude: what the model "
             "lacks misleads them differently."
@@ -293,13 +317,16 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
         curve = shown.curve_of(result, law)
         reached[variable] = float(np.max(np.abs(curve.places[curve.visited])))
     extrapolated = 1.0 - float(result.speed_visited.mean())
-    units = {law: _words(tree, law)[1] for law in shown.LAW_PLACES}
-    smallest = float(np.min(np.abs(findings.amplitudes(tree))))
+    texts = [f"speeds up to {reached['speed']:.3g} {_words(tree, 'friction')[1]}"]
+    if shown.restores(result):
+        texts.append(f"displacements up to {reached['displacement']:.3g} {signal_units(tree)}")
+    smallest = ""
+    if not is_of_driven(tree):
+        least = float(np.min(np.abs(findings.amplitudes(tree))))
+        smallest = f", with amplitudes from {least:.2g} {signal_units(tree)} on"
     yield (
-        f"The record visits speeds up to {reached['speed']:.3g} {units['friction']} and displacements up to "
-        f"{reached['displacement']:.3g} {units['restoring']}, with amplitudes from {smallest:.2g} "
-        f"{units['restoring']} on. Beyond, {100.0 * extrapolated:.0f} % of what is shown, the laws go on as "
-        "straight lines and named forces: these are extrapolations."
+        f"The record visits {' and '.join(texts)}{smallest}. Beyond, {100.0 * extrapolated:.0f} % of what is "
+        "shown, the laws go on as straight lines and named forces: these are extrapolations."
     )
 
 
@@ -322,7 +349,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
         yield f"Held: {values}."
     p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
     yield f"The residual as white noise: p {p_value}."
-    for law in shown.LAW_PLACES:
+    for law in shown.laws_in(result):
         curve = shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values[curve.visited]
         if np.any(model > 0.0):
@@ -344,7 +371,7 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
     }
     for record in predicted:
         largest = float(np.abs(record.predicted_angle - record.predicted_angle.mean()).max())
-        if largest > LARGER_MOTION * reached["displacement"]:
+        if shown.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
             sentences.append(
                 f"It swings up to {largest:.3g} {signal_units(tree)}, beyond the "
                 f"{reached['displacement']:.3g} {signal_units(tree)} that the laws are known for: that part "
@@ -383,8 +410,8 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """The preferred laws, a row each place."""
     result, answer = _preferred(tree), findings.answer_of(tree)
-    for law, variable in shown.LAW_PLACES.items():
-        curve = shown.curve_of(result, law)
+    for law in shown.laws_in(result):
+        variable, curve = shown.LAW_PLACES[law], shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values
         _, unit_at, unit = _words(tree, law)
         for at, place in enumerate(curve.places.tolist()):
@@ -414,7 +441,7 @@ def laws_latex(tree: xr.DataTree) -> str:
     r"""The preferred laws at some places as a table (`booktabs`)."""
     answer = findings.answer_of(tree)
     tables = []
-    for law in shown.LAW_PLACES:
+    for law in shown.laws_in(_preferred(tree)):
         curves = _chosen_curves(tree, law)
         curve = curves[answer]
         kind, unit_at, unit = _words(tree, law)
