@@ -8,6 +8,7 @@ classical     classical methods: calibration on decays of their own model, bias 
 pushed        coverage and errors where a random force pushes the motion, false ones where nothing does
 verdicts      random forces and forces that are left out, told apart
 agreement     false disagreements of pairs of runs that are pushed
+differences   cross-checks of right methods: false disagreements, errors of the difference
 bands         coverage of predictions 1, 3 and 10 periods ahead; --measured: measured records, and innovations
 spread        intervals of what varies between runs and laboratories
 rigs          two runs of rigs that lack an effect: differences over total errors
@@ -38,6 +39,7 @@ NAMES = {
     "verdicts": ("study.noises", 20),
     "bands": ("study.noises", 50),
     "agreement": ("study.runs", 1000),
+    "differences": ("differences", 50),
     "pairs": ("study.runs", 500),
     "rigs": ("study.runs", 200),
     "spread": ("study.runs", 2000),

@@ -3,12 +3,13 @@
 python -m benchmarks cost [--only PART] [--samples N]
 
 Each case is a process of its own; times are processor time of it and all it started, memory is the largest
-resident size of one process. samples: the command `identify` (both
-methods, cross-checked) and `Direct` alone, on decays of 100 samples a period that lose the same part of their
-amplitude, up to N samples. discover: peak memory of a search, nothing or cubic damping hidden, all candidates
-offered. terminal: time to the first word of each command and its longest silence, also in start-ups of a
-program that imports numpy, which a busy machine stretches as well. report: size of a page with a record of N
-instants, and times to make and to open it.
+resident size of one process. samples: the command `identify` (both methods, cross-checked) and `Direct`
+alone, on decays of 100 samples a period that lose the same part of their amplitude, up to N samples. over-
+imports: `identify` over the imports of its libraries, of the example and of a measured pendulum (bars: 1.7
+and, of 13,000 and 84,000 samples, 6 and 15). discover: peak memory of a search, nothing or cubic damping
+hidden, all candidates offered. terminal: time to the first word of each command and its longest silence,
+also in start-ups of a program that imports numpy, which a busy machine stretches as well. report: size of a
+page with a record of N instants, and times to make and to open it.
 """
 
 import os
@@ -26,6 +27,7 @@ import pandas as pd
 import xarray as xr
 
 import sysid_trib as st
+from benchmarks import DATA
 
 PER_PERIOD, NOISE, W = 100, 2e-4, 9.91
 # Of a decay of 500 periods; what is dissipated goes with one over the periods.
@@ -180,7 +182,26 @@ def reports(folder: Path, asked: Namespace) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=heads)
 
 
-PARTS = {"samples": samples}
+def over_imports(folder: Path, asked: Namespace) -> pd.DataFrame:
+    """Processor time of `identify` over that of its libraries' imports, the least of three."""
+    imports = ("-c", "import numpy, scipy, pandas, xarray, pysindy")
+    commands = {"the example": ("--omega0", "8.87")}
+    swing = DATA / "single_pendulum" / "free_swing.csv"
+    if swing.is_file():
+        part = folder / "part.csv"
+        table = pd.read_csv(swing)
+        table[table.time_s.between(15.0, 80.0)].iloc[::5].to_csv(part, index=False)
+        commands["pendulum, 13,000 samples"] = (str(part), "--system", "pendulum")
+        commands["pendulum, 84,000 samples"] = (str(swing), "--system", "pendulum")
+    rows = []
+    for name, given in commands.items():
+        pairs = [(spent(*imports)[0], spent("-m", "sysid_trib", "identify", *given)[0]) for _ in range(3)]
+        least, most = np.min(pairs, axis=0)
+        rows.append((name, least, most, most / least))
+    return pd.DataFrame(rows, columns=["identify", "imports (s)", "command (s)", "ratio"])
+
+
+PARTS = {"samples": samples, "over-imports": over_imports}
 PARTS |= {"discover": searches, "terminal": terminal, "report": reports}
 
 

@@ -1,10 +1,10 @@
-"""Bands and errors of the laws on simulated records whose laws are in no library, and of the paper's six forces.
+"""Bands and errors of the laws on simulated records of laws in no library, and of the paper's six forces.
 
 python -m benchmarks laws [--seeds N] [--only stribeck]
 
-40 s at 100 Hz from 0.3 rad at 9 rad/s, white noise of 3e-4, 1e-3 and 3e-3 of the amplitude. In percent of the
-seeds: the simultaneous 95 % band holds everywhere in the visited range, of friction and of the restoring force;
-median relative error of the friction over its visited speeds; processor time.
+40 s at 100 Hz from 0.3 rad at 9 rad/s, white noise of 3e-4, 1e-3 and 3e-3 of the amplitude. In percent of
+the seeds: the simultaneous 95 % band holds everywhere in the visited range, of friction and of the restoring
+force; median relative error of the friction over its visited speeds; processor time.
 """
 
 import time

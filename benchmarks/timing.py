@@ -4,7 +4,8 @@ python -m benchmarks simulator
 python -m benchmarks timing [--quick] [--only methods|random-force|discover]
 
 simulator: on the run of the paper beside scipy restarted at every switching; then its derivatives over the
-motion alone, identifications, driven motions, and what is lost over 10,000 periods; processor time.
+motion alone, its core over a plain Taylor engine, identifications, driven motions, and what is lost over
+10,000 periods; processor time.
 methods: beside pysindy in the same run.
 
 random-force: what `sysid-trib identify` does with a random force that is estimated, over the same without
@@ -13,23 +14,29 @@ duration of a motion, over one direct identification in the same process, which 
 slow code; before it, the slopes of lines through logarithms, where 1 is linear.
 """
 
+import importlib
+import sys
+import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from time import process_time
+from unittest import mock
 
+import numba
 import numpy as np
 import pandas as pd
 import xarray as xr
 from helpers import FIVE, W, decay, density_that_wanders, paper_run
 from scipy_motion import reference_motion
 
-from benchmarks import peers
+from benchmarks import DATA, peers
 from benchmarks.study.common import median_ms, timed, times
 from sysid_trib import ForceLibrary, Model, discover, load_library, simulate
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.records.inputs import KnownInput
+from sysid_trib.simulation import motions, under_way
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation.cross_check import cross_check
@@ -149,6 +156,7 @@ def simulator(asked: Namespace) -> None:
     print(f"first call (loads the engine, or compiles it)  {loading:8.2f} s")
     for friction in (FIVE["lambda"], 1e-3):
         of_the_paper(FIVE | {"lambda": friction})
+    core_over_prototype()
     methods_over_scipy()
     driven()
     conserved()
@@ -168,6 +176,51 @@ def of_the_paper(coefficients):
     plain = median_ms(lambda: trajectory(model, GRID), 101, process_time)
     whole = median_ms(lambda: trajectory(model, GRID, by=by), 31, process_time)
     print(f"  with {len(by)} derivatives {whole:.2f} ms, {whole / plain:.1f} times the motion")
+
+
+def core_over_prototype():
+    """The compiled function of the paper's motion over a plain Taylor engine, if that is beside the project.
+
+    Both of order 18, with the same events and samples, the least of many calls (bar: 1.5).
+    """
+    place = DATA.parent / "prototypes" / "taylor.py"
+    if not place.is_file():
+        print(f"no plain engine in {place}")
+        return
+    # Nothing is written beside it.
+    folder = tempfile.mkdtemp()
+    with (
+        mock.patch.object(numba.config, "CACHE_DIR", folder),
+        mock.patch.object(sys, "dont_write_bytecode", True),
+        mock.patch.object(sys, "path", [str(place.parent), *sys.path]),
+    ):
+        plain = importlib.import_module(place.stem)
+    forces = [(c, SIX[symbol].formula.text) for symbol, c in FIVE.items()]
+    program, tau = plain.program(forces), W * GRID
+    engine, given = motions._engine(), []
+
+    def noted(*arguments):
+        given.append(arguments)
+        return engine(*arguments)
+
+    model = Model(SIX.select(FIVE), FIVE, W)
+    with mock.patch.object(motions, "_engine", return_value=noted):
+        exact = trajectory(model, GRID).position
+    instructions, motion, begun, limits = given[0]
+    slots = slice(instructions.states + 1 + instructions.channels, instructions.inputs)
+
+    def core():
+        state = under_way.new_state(instructions, 0)
+        state.J[slots, 0] = state.aside[:, slots, 0] = begun.J[slots, 0]
+        engine(instructions, motion, state, limits)
+
+    def other():
+        return plain.run(*program, 0.3, 0.0, tau, 18, 1e-16)[0]
+
+    error = np.abs(other() - exact).max()
+    core()
+    ours, theirs = (1e3 * times(call, 200, process_time).min() for call in (core, other))
+    print(f"core {ours:.2f} ms, plain engine {theirs:.2f} ms: {ours / theirs:.2f}; apart {error:.1e} rad")
 
 
 def methods_over_scipy():

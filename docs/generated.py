@@ -239,7 +239,7 @@ def small_results() -> dict[str, xr.DataTree]:
     methods = (st.methods.Averaging(), st.methods.Direct())
     identified = (method.identify(decay, start) for method in methods)
     return {
-        "identify": st.cross_check(decay, *identified, draws=16),
+        "identify": st.cross_check(decay, *identified),
         "compare": st.compare(decay, start, methods),
         "discover": st.discover(decay, start, candidates, max_effects=1),
         DRIVEN: driven_result(time),

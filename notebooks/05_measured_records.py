@@ -59,7 +59,7 @@ def identified(decay: xr.Dataset, symbols: str) -> xr.DataTree:
     """Averaging and direct on the same forces, held against each other, with their residuals."""
     library = everything.select(symbols.split())
     first, second = (st.identify(decay, library, method) for method in (m.Averaging(), m.Direct()))
-    tree = st.cross_check(decay, first, second, draws=4 if QUICK else 32)
+    tree = st.cross_check(decay, first, second)
     display(tables.coefficients({"averaging": first, "direct": second}))
     checked = tree["comparison"].ds
     residuals = ", ".join(f"{ratio:.3g}" for ratio in checked.residual_over_noise.values)

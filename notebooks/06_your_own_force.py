@@ -159,13 +159,12 @@ print("In truth:", TRUTH | model.shapes)
 # must not pass unseen: the cross-check simulates both models and shows their residuals.
 
 # %%
-DRAWS = 8 if QUICK else 32
 wrong = {
     label: st.identify(decay, disc, method)
     for label, method in (("averaging", m.Averaging()), ("direct", m.Direct()))
 }
 checks = {
-    "s at the default": st.cross_check(decay, wrong["averaging"], wrong["direct"], draws=DRAWS),
+    "s at the default": st.cross_check(decay, wrong["averaging"], wrong["direct"]),
     "s as found": st.cross_check(
         decay, results["averaging, s held at that"], results["direct, s held at that"]
     ),
@@ -252,9 +251,7 @@ display(residuals.round(2).to_frame("RMS residual of the trajectory, over the no
 # is off by many of its errors, and the simulated models show it:
 
 # %%
-tree = st.cross_check(
-    cooling, found["averaging, s held at that"], found["direct, s held at that"], draws=DRAWS
-)
+tree = st.cross_check(cooling, found["averaging, s held at that"], found["direct, s held at that"])
 ratios = tree["comparison"].residual_over_noise.to_series()
 print("RMS residuals over the noise:", ", ".join(f"{label} {ratio:.3g}" for label, ratio in ratios.items()))
 

@@ -2,7 +2,6 @@ import os
 from pathlib import Path
 
 import pytest
-import quick_pairs
 from hypothesis import HealthCheck, settings
 
 # The same examples on every run, and no verdict that depends on how busy the machine is.
@@ -15,12 +14,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("deterministic")
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item):
-    quick_pairs.choose(item)
-    return (yield)
 
 
 @pytest.fixture(scope="session")

@@ -256,3 +256,22 @@ def test_rms_are_over_the_runs_and_each_ones_noise():
 def test_runs_that_no_method_takes_together():
     with pytest.raises(DecayError, match=r"these runs together\. logarithmic decrement: takes one record"):
         compare(two_runs(), FORCES, [LogarithmicDecrement()])
+
+
+def test_what_is_held_has_no_error_and_the_others_those_of_identify():
+    # Without delta the model misses the record: the errors allow for that.
+    library, held = FORCES.select(["zeta", "nu", "epsilon"]), {"nu": -0.41}
+    decay = RUN.decay(3)
+    for kind in (Averaging, Direct):
+        table = compare(decay, library, {"it": kind()}, constraints=held)["comparison"].to_dataset()
+        alone = identify(decay, library, kind(), constraints=held)
+        np.testing.assert_allclose(of(table, "it").standard_error, alone.standard_error, rtol=1e-3)
+        nu = of(table, "it").sel(force="nu")
+        assert (nu.coefficient.item(), nu.standard_error.item()) == (held["nu"], 0.0)
+
+
+def test_what_is_held_stays_as_it_is_at_the_reference_of_another_method():
+    constraints = {"nu": -0.41}
+    methods = {"averaging": Averaging(), "direct": Direct()}
+    table = compare(RUN.decay(3), FORCES.select(["zeta", "nu", "epsilon"]), methods, constraints=constraints)
+    assert set(table["comparison"].coefficient.sel(force="nu").values.tolist()) == {-0.41}

@@ -19,6 +19,7 @@ from sysid_trib.printing.comparison import comparison_json
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.identification import identification_json
+from sysid_trib.printing.laws import laws_json
 from sysid_trib.printing.layout import mapped
 from sysid_trib.validation.samples import held_against
 
@@ -62,7 +63,6 @@ def _outputs():
             yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
 
 
-@pytest.mark.simulated_pairs
 @pytest.mark.parametrize(("page", "command"), list(_outputs()))
 def test_what_a_page_says_is_printed_is_printed(page, command, generated):
     text = page.read_text(encoding="utf-8")
@@ -176,6 +176,7 @@ def test_json_keys_are_those_documented(generated):
     printed["difference"] = mapped(
         held_against(record, record, library, st.methods.Direct()).to_dataset(), "difference"
     )
+    printed["laws"] = laws_json(st.laws(results["identify"]["record"].to_dataset()))
     driven = results[generated.DRIVEN]
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
@@ -210,6 +211,7 @@ def _general(path, documented):
         (r"(?<=^methods\.)[^.]+", "METHOD"),
         (r"(?<=^coefficients\.)[^.]+", "FORCE"),
         (r"(?<=^cross_check\.models\.)[^.]+", "METHOD"),
+        (r"(?<=^comparison\.models\.)[^.]+", "METHOD"),
         (r"(?<=^cross_check\.differences\.)[^.]+", "QUANTITY"),
         (r"(?<=^per_input\.)[^.]+", "QUANTITY"),
         (r"(?<=\.coefficients\.)[^.]+", "FORCE"),

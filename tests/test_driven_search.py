@@ -29,7 +29,7 @@ def record(truth: dict[str, float], name: str = "u", seconds: float = 25.0, unit
     """A record under tones about the resonance, with white noise."""
     rng, time = np.random.default_rng(1), np.arange(0.0, seconds, 0.03)
     tones = np.outer(time, W * np.linspace(0.1, 2.0, 40)) + rng.uniform(0.0, 6.28, 40)
-    known = KnownInput(time, np.cos(tones).sum(axis=1) / 4.5)
+    known = KnownInput(time, np.cos(tones).sum(axis=1) / 4.5, "linear")
     whole = replace(INPUTS, forces=(*INPUTS, *CONTACT))
     forces = whole.select(s for s in whole.symbols if s in truth)
     motion = st.simulate(st.Model(forces, truth, W), time, 0.1, inputs={name: known})
@@ -118,7 +118,7 @@ def test_methods_of_inputs_stand_side_by_side_and_the_others_say_why_not(driven)
 def on_a_belt(friction: float, speed: float) -> xr.Dataset:
     """A mass that a force pushes on a belt: it sticks to the belt, and overtakes it."""
     rng, time = np.random.default_rng(3), np.arange(0.0, 19.0, 2.0 * np.pi / W / 40)
-    push = KnownInput(time, np.cos(np.outer(time, W * np.array([0.8, 0.95, 1.1]))).sum(axis=1))
+    push = KnownInput(time, np.cos(np.outer(time, W * np.array([0.8, 0.95, 1.1]))).sum(axis=1), "linear")
     belt = KnownInput(time, speed * W * time, "linear")
     forces = library("gain surface_friction", "zeta")
     truth = {"gain": 0.03, "surface_friction": friction, "zeta": 0.01}

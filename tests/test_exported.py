@@ -57,7 +57,7 @@ def test_the_equation_for_latex_is_balanced_and_has_no_e():
 def tree():
     record = paper_run(FIVE, sampling_rate=50.0).decay(7)
     pair = [method.identify(record, FORCES) for method in (st.methods.Averaging(), st.methods.Direct())]
-    return st.cross_check(record, *pair, draws=16)
+    return st.cross_check(record, *pair)
 
 
 def test_a_table_holds_all_digits(tree):
@@ -232,6 +232,6 @@ def test_a_paragraph_for_the_methods_has_its_numbers_and_what_it_cites(tmp_path,
     assert keys == set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
     assert f"{tree['record'].sizes['time']:,} samples" in text
     assert "of its error" in text
-    ending = run("identify", "--methods", str(tmp_path / "methods.tex"), "--quiet")
+    ending = run("identify", "--methods-text", str(tmp_path / "methods.tex"), "--quiet")
     assert ending.status == 0, ending.err
     assert (tmp_path / "methods.bib").read_text().count("@") >= 2

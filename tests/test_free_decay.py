@@ -60,6 +60,18 @@ def test_clean_record_loses_no_sample(phase, zeta, rate, periods):
     whole(free_decay(original), original, 1e-3)
 
 
+@pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("hand", ["holds", "lifts"])
+def test_what_comes_before_the_release_is_cut(hand, rate):
+    count = round(0.2 * 2.0 * np.pi / OMEGA * rate)
+    before = 1.0 if hand == "holds" else 1.0 - 0.25 * np.linspace(1.0, 0.0, count, endpoint=False) ** 2
+    free = linear(np.arange(0.0, 12.0, 1.0 / rate), 0.01)
+    angle = np.append(free[0] * np.ones(count) * before, free)
+    decay = free_decay(record(np.arange(angle.size) / rate, angle))
+    assert decay.time.values[0] * rate >= count - 0.5
+    assert "before the first free extremum" in decay.attrs["free_decay"]
+
+
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(phase=st.floats(-np.pi, np.pi), seed=st.integers(0, 1000), offset=st.floats(-3, 3))
 def test_noise_at_1_khz_makes_no_half_periods(phase, seed, offset):

@@ -5,8 +5,6 @@ import pytest
 from benchmarks.golden.answers import answer, differences, kept_answers
 from benchmarks.golden.cases import CASES
 
-# What users are told, with all that it takes.
-pytestmark = pytest.mark.simulated_pairs
 MARKS = {"fast": (), "slow": (pytest.mark.slow,)}
 
 

@@ -126,9 +126,10 @@ def test_no_circle_of_imports():
 
 
 def test_every_definition_is_reached_from_the_doors():
-    """Public names, the program, and what typer and scikit-learn call: tests keep nothing alive."""
+    """Public names, the program, and what typer, scikit-learn and numba call: tests keep nothing alive."""
     stubs = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.pyi")]
     doors = {"app", "main", "format_epilog", "format_options", "get_feature_names"}
+    doors |= {"load_overload", "save_overload"}
     assert not unreachable(doors.union(*map(words_of, stubs)))
 
 

@@ -17,7 +17,7 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.physics.si_units import per_input
-from sysid_trib.records.inputs import KnownInput
+from sysid_trib.records.inputs import KnownInput, inputs_of
 from sysid_trib.simulation.steps import expected_steps
 from sysid_trib.validation.driven import identified_driven
 
@@ -215,8 +215,7 @@ def test_inputs_are_read_with_the_record_or_from_another_file(table, tmp_path) -
     apart = st.read_record(table, input=f"{other}:b", angle="angle")
     assert apart.u.dims == ("u_time",)
     assert apart.sizes["u_time"] == len(time)
-    linear = st.read_record(table, input="drive", angle="angle", between="linear")
-    result = st.identify(linear, DRIVEN, st.methods.Direct())
+    result = st.identify(same, DRIVEN, st.methods.Direct())
     assert result.coefficient.sel(force="gain").item() == pytest.approx(0.02, rel=1e-3)
 
 
@@ -236,7 +235,7 @@ def test_the_command_identifies_predicts_and_draws(table, tmp_path) -> None:
     read = ("--angle", "angle", "--input", "drive")
     asked = ("identify", table, *read, "--forces", "gain,zeta,epsilon,lambda")
     drawn = ("--json", "--plot", tmp_path / "figures")
-    ending = run(*asked, "--between", "linear", "--test", table, *drawn)
+    ending = run(*asked, "--test", table, *drawn)
     assert ending.status == 0, ending.err
     said = json.loads(ending.out)
     assert said["answer"] in said["methods"]
@@ -327,7 +326,7 @@ def record_file(tmp_path: Path) -> Path:
 
 
 def test_a_unit_keeps_its_capitals_and_the_coefficient_is_over_all_of_it(record_file: Path) -> None:
-    record = st.read_record(record_file, input="torque", between="linear")
+    record = st.read_record(record_file, input="torque")
     assert record.u.attrs["units"] == "N*m"
     result = st.methods.Direct().identify(record, DRIVEN.select(["gain", "zeta"]))
     gain = result.sel(force="gain")
@@ -480,3 +479,31 @@ def test_an_input_that_is_no_acceleration_is_refused(units: str | None) -> None:
     record.input.attrs = {} if units is None else {"units": units}
     with pytest.raises(UsageError, match=r"rad/s\^2"):
         st.identify(record, FREE, st.methods.Direct())
+
+
+STEPPED = np.repeat(np.random.default_rng(1).standard_normal(40), 30)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "between"),
+    [
+        ("tones", tones(TIME), "smooth"),
+        ("coarse step of the sensor", np.round(tones(TIME), 2), "smooth"),
+        ("pulse of a hammer", np.where(abs(TIME - 3.0) < 0.05, np.cos(31.4 * (TIME - 3.0)), 0.0), "smooth"),
+        ("one step", np.where(TIME > 2.0, 1.0, 0.0), "smooth"),
+        ("square wave", np.sign(np.sin(3.0 * TIME + 0.1)), "held"),
+        ("converter", STEPPED, "held"),
+    ],
+)
+def test_an_input_is_smooth_between_its_samples_unless_it_moves_in_steps(
+    name: str, values: np.ndarray, between: str, tmp_path: Path
+) -> None:
+    """In memory, in files, and in a simulation alike."""
+    time = TIME[: len(values)]
+    record = xr.Dataset({"angle": ("time", tones(time)), "u": ("time", values, {"role": "input"})})
+    assert inputs_of(record.assign_coords(time=time))["u"].between == between, name
+    path = write_table(tmp_path / "run.csv", "time (s),torque,angle (rad)", time, values, tones(time))
+    assert st.read_record(path, input="torque").u.attrs["between"] == between
+    assert st.read_record(path, input="torque", between="linear").u.attrs["between"] == "linear"
+    moved = st.simulate(st.Model(DRIVEN, {"gain": 0.02}, W), time[:100], 0.1, inputs={"u": values[:100]})
+    assert between == "held" or moved.u.attrs["between"] == "smooth"

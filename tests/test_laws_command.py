@@ -119,8 +119,7 @@ def test_a_table_shows_speeds_up_to_the_range_and_one_beyond(folder):
     assert ending.out.count("visited     ") == 14
     assert ending.out.count("extrapolated") == 2
     assert "The methods agree" in ending.out
-    assert "\nNext: sysid-trib laws " in ending.out
-    assert "--test SECOND_RECORD.csv" in ending.out
+    assert "\nNext: sysid-trib compare " in ending.out
 
 
 def test_a_prediction_that_leaves_the_range_says_so(folder):

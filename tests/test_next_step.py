@@ -4,6 +4,7 @@ import dataclasses
 import json
 import pickle
 import shlex
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -13,8 +14,9 @@ from command_line import run, write_csv
 from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
-from sysid_trib.commands.app import Asked, command_after, options_of
-from sysid_trib.commands.next_step import keep_next, next_step
+from sysid_trib.commands import next_step as steps
+from sysid_trib.commands.app import COMMANDS, Asked, command_after, options_of
+from sysid_trib.commands.next_step import NEXT_COMMANDS, keep_next, next_step
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.validation.findings import holds
 from sysid_trib.validation.identify import usual_methods
@@ -25,7 +27,7 @@ RUN = paper_run(FIVE, sampling_rate=50.0)
 
 def checked(record, library=FORCES, **options):
     methods = (st.methods.Averaging(**options), st.methods.Direct(**options))
-    return st.cross_check(record, *(st.identify(record, library, method) for method in methods), draws=16)
+    return st.cross_check(record, *(st.identify(record, library, method) for method in methods))
 
 
 @cache
@@ -117,6 +119,65 @@ def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors
     assert "Averaging and direct agree as a whole; zeta differs by 2.8 errors." in text
     tree["comparison"].z[:] = 1.9
     assert "agree within their errors" in " ".join(sentences_of(identification_blocks(tree)))
+
+
+def test_every_state_leads_to_a_command_of_the_program_and_the_graph_ends():
+    assert {command for command, _ in NEXT_COMMANDS.values()} <= {"", *COMMANDS}
+    for state, (command, reason) in NEXT_COMMANDS.items():
+        assert bool(command) == bool(reason), state
+
+
+def test_a_placeholder_is_marked_and_never_the_only_step(monkeypatch):
+    monkeypatch.setattr(steps, "_tied", lambda tree: ["quintic", "epsilon"])
+    tree = searched_in_vain().copy()
+    keep_next(tree, Asked(options_of("records", "start", "search"), records=[Path("a.csv")]))
+    (with_record,) = [line for line in tree.attrs["alternatives"].splitlines() if "CSV" in line.upper()]
+    assert with_record.startswith("With the record that separates quintic and epsilon")
+    assert with_record.endswith("discover a.csv '<SECOND_RECORD.csv>'")
+    assert "<" not in tree.attrs["next"]
+
+
+def test_an_effect_that_no_candidate_names_does_not_lead_to_the_same_search():
+    tree = searched_in_vain().copy()
+    given = Asked(options_of("records", "start", "search", "shown"), forces="zeta", plot=Path("figures"))
+    keep_next(tree, given)
+    assert tree.attrs["verdict"] == "unknown effect"
+    assert not tree.attrs["next"].startswith("sysid-trib discover")
+
+
+@cache
+def searched_in_vain():
+    """A search among candidates of which none is in the record."""
+    truth = {"zeta": 0.01, "nu": -0.4}
+    decay = paper_run(truth, sampling_rate=50.0, duration=12.0).decay(3)
+    return st.discover(decay, FORCES.select(["zeta"]), FORCES.select(["lambda"]), max_effects=1)
+
+
+def test_paths_and_numbers_are_written_as_they_were_given(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["sysid-trib", "look", "./data//swing.csv"])
+    given = Asked(options_of("records"), records=[Path("data/swing.csv")], sampling_rate=10000.0)
+    assert command_after("identify", {}, given) == (
+        "sysid-trib identify ./data//swing.csv --sampling-rate 10000"
+    )
+
+
+def test_a_refusal_names_a_command_that_takes_the_record(tmp_path):
+    path = write_csv(tmp_path / "short.csv", time=np.arange(0.0, 1.3, 0.01))
+    for command in ("look", "backbone"):
+        ending = run(command, path)
+        assert ending.status != 0
+        assert ending.err.rstrip().endswith(f"take it as it is by sysid-trib identify {path} --forces zeta.")
+    assert "such as --forces zeta" in run("identify", path).err
+    assert run("identify", path, "--forces", "zeta").status == 0
+    # What no command takes is sent to none.
+    shorter = write_csv(tmp_path / "shorter.csv", time=np.arange(0.0, 0.9, 0.01))
+    assert run("look", shorter).err.rstrip().endswith("record longer or widen the window.")
+
+
+def test_a_short_record_is_refused_with_the_forces_that_it_decides(tmp_path):
+    path = write_csv(tmp_path / "short.csv", time=np.arange(0.0, 1.95, 0.01))
+    ending = run("identify", path)
+    assert ending.err.rstrip().endswith("give a longer record or fewer, such as --forces zeta.")
 
 
 # Methods that break down.

@@ -30,7 +30,7 @@ PANELS = 9
 def tree():
     record = paper_run(FIVE, sampling_rate=50.0).decay(7)
     pair = [method.identify(record, FORCES) for method in (st.methods.Averaging(), st.methods.Direct())]
-    return st.cross_check(record, *pair, draws=16)
+    return st.cross_check(record, *pair)
 
 
 def texts(figure):

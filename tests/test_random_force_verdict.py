@@ -10,6 +10,8 @@ import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.printing.identification import identification_blocks, identification_json
 from sysid_trib.printing.verdict import verdict_sentence
+from sysid_trib.validation import verdict as decisions
+from sysid_trib.validation.residuals import fitted_motion
 
 W, NOISE = 8.87, 2e-4
 FORCES = st.load_library("contact_forces").select(["zeta", "delta", "epsilon"])
@@ -32,6 +34,36 @@ def identified(decay, forces=FORCES, random_force="estimated"):
 def pushed():
     decay = pushed_record(MODEL, 5.0, 3)
     return decay, identified(decay)
+
+
+def amplitude_p_value(decay, forces):
+    """Of the fit without a random force, by the averages over half periods."""
+    result = st.identify(decay, forces, st.methods.Direct(random_force="off"))
+    motion = fitted_motion(decay, result)
+    free = xr.Dataset({"angle": ("time", motion.x)}, {"time": decay.time})
+    return st.methods.Averaging().amplitude_p_value([decay], [free], forces)
+
+
+def test_averages_tell_a_missing_force_from_a_random_one():
+    time = np.arange(1200) * 2.0 * np.pi / W / 30
+    drag = st.Model(FORCES, {"zeta": 2e-3, "delta": 0.02, "epsilon": -0.1}, W)
+    # Whatever its size, a random force does not depend on the amplitude.
+    for wander in (0.0, 20.0):
+        assert amplitude_p_value(pushed_record(drag, wander, 1, time), FORCES) > 1e-3
+    assert amplitude_p_value(pushed_record(drag, 0.0, 1, time), FORCES.select(["zeta", "epsilon"])) < 1e-6
+
+
+def test_what_depends_on_the_amplitude_is_not_looked_for_as_a_random_force(monkeypatch):
+    time = np.arange(1200) * 2.0 * np.pi / W / 30
+    drag = st.Model(FORCES, {"zeta": 2e-3, "delta": 0.02, "epsilon": -0.1}, W)
+    decay = pushed_record(drag, 0.0, 1, time)
+
+    def looked_for(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(decisions, "_stochastic", looked_for)
+    result = st.identify(decay, FORCES.select(["zeta", "epsilon"]), st.methods.Direct())
+    assert "random_force_density" not in result
 
 
 @pytest.mark.in_full
@@ -83,7 +115,7 @@ def test_without_a_random_force_there_is_nothing_to_test(pushed):
 
 @pytest.fixture(scope="module")
 def checked(pushed):
-    return st.cross_check(pushed[0], identified(pushed[0], random_force="off"), pushed[1], draws=1)
+    return st.cross_check(pushed[0], identified(pushed[0], random_force="off"), pushed[1])
 
 
 @pytest.mark.slow
@@ -110,7 +142,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
     damped = st.Model(FORCES.select(["zeta", "delta"]), {"zeta": 5e-3, "delta": 5e-2}, W)
     decay = pushed_record(damped)
     library = damped.library.select(["zeta"])
-    tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library), draws=1)
+    tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library))
     assert tree["comparison"].attrs["verdict_on_record"] == "approximate"
     assert "is approximate" in verdict_sentence(tree)
     told = " ".join(sentences_of(identification_blocks(tree)))
@@ -123,7 +155,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
 def test_without_a_random_force_the_verdict_is_that_of_the_residual(pushed):
     free = pushed_record(MODEL)
     for decay, verdict in ((free, "explained"), (pushed[0], "approximate")):
-        tree = st.cross_check(decay, *[identified(decay, random_force="off")] * 2, draws=1)
+        tree = st.cross_check(decay, *[identified(decay, random_force="off")] * 2)
         data = identification_json(tree)
         assert (data["verdict"], data["random_force"], data["innovations"]) == (verdict, None, None)
         assert "random_force" not in tree.children
@@ -136,7 +168,7 @@ def coloured(model, seed, density=0.0, time=TIME):
 
 def direct_verdict(decay):
     result = st.identify(decay, FORCES, st.methods.Direct(random_force="estimated"))
-    return st.cross_check(decay, result, result, draws=1)["comparison"].attrs["verdict_on_record"]
+    return st.cross_check(decay, result, result)["comparison"].attrs["verdict_on_record"]
 
 
 @pytest.mark.parametrize(

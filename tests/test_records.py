@@ -266,12 +266,8 @@ BAD = {
     "infinite": (changed(17, angle="inf"), "row 17 of column angle is infinite"),
     "text": (changed(17, angle="bad"), "row 17 of column angle holds 'bad'"),
     "text in time": (changed(9, time="later"), "row 9 of column time holds 'later'"),
-    "time reversed": (
-        table(header="time,angle", time=TIME[::-1]),
-        r"2\.99 s in row 1 is followed by 2\.98 s",
-    ),
     "one sample": ("time,angle\n0,1\n", "single sample"),
-    "ragged": (changed(17, angle="0.1,5,6"), "damaged or cut off"),
+    "ragged": (changed(17, angle="0.1,5,6"), r"line 18 has 4 cells .*, the others have 2"),
     "unknown unit of time": (table(header="time (fortnights),angle"), "unit 'fortnights' .*--time-units"),
     "degrees as radians": (table(header="time,angle (rad)", angle=1000 * ANGLE), "--units deg"),
     "cut netcdf": (b"\x89HDF\r\n\x1a\n" + bytes(300), "damaged or cut off"),

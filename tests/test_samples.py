@@ -110,6 +110,17 @@ def test_a_coefficient_at_its_bound_is_pointed_out():
     assert "At a bound, where an error has but one side and z counts too much: zeta in " in text
 
 
+def test_no_test_rests_on_a_coefficient_at_its_bound():
+    below = {"zeta": (None, 0.5 * FIVE["zeta"])}
+    bounded, free = (identify(RUN.decay(1), LIBRARY, Direct(), constraints=c) for c in (below, {}))
+    found = difference(bounded, free)
+    zeta = found.sel(force="zeta")
+    assert abs(zeta.z.item()) > 2.0
+    assert not zeta.differs.item()
+    assert found.attrs["at_a_bound"] == "zeta"
+    assert found.degrees_of_freedom.item() == found.sizes["force"] - 1
+
+
 @pytest.mark.slow
 def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     for name, run, seed in (("a.csv", RUN, 1), ("b.csv", MORE_FRICTION, 2), ("c.csv", MORE_FRICTION, 3)):

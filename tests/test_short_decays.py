@@ -47,9 +47,7 @@ def test_what_proves_no_decay_is_taken_where_its_forces_are_named(name):
 def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
     time, zeta, start = SHORT[name]
     decays = free_decays(swing(time, zeta, start), as_it_is=True)
-    task = st.campaigns.Task(
-        "identify", st.load_library().select(["zeta"]), read=lambda path: decays, options={"draws": 0}
-    )
+    task = st.campaigns.Task("identify", st.load_library().select(["zeta"]), read=lambda path: decays)
     (row,) = rows_of(task, ["r.csv"])
     assert row["status"] == IDENTIFIED
     assert row["verdict"] == "explained"

@@ -71,7 +71,7 @@ def p_value(decay: xr.Dataset, result: xr.Dataset) -> float:
 def verdict_of(decay: xr.Dataset, method) -> dict:
     """What is said of a record, and the p-value of a random force that depends on nothing (nan: none)."""
     result = st.identify(decay, OFFERED, method)
-    tree = st.cross_check(decay, result, result, draws=1)
+    tree = st.cross_check(decay, result, result)
     p = tree["random_force"].p_value.item() if "random_force" in tree.children else np.nan
     return {"verdict": tree["comparison"].attrs["verdict_on_record"], "p": p}
 

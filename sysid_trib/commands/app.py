@@ -5,6 +5,7 @@ What works is imported when it runs.
 
 import re
 import shlex
+import sys
 import tomllib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -51,7 +52,7 @@ def _parameter(name: str, row: Mapping[str, Any]) -> Parameter:
         # What cannot be read is refused where it is read.
         read = typer.Argument(show_default=row["default"] != [], readable=False, **usual)
     else:
-        flags = ("-o", "--output") if row["flag"] == "-o" else (row["flag"],)
+        flags = ("-o", "--output") if row["flag"] == "-o" else (row["flag"], *row.get("formerly", ()))
         read = typer.Option(*flags, min=row.get("least"), **usual)
     kind, absent = PYTHON_TYPES[row["kind"]], row["default"]
     kind = kind | None if absent is None else kind
@@ -113,19 +114,25 @@ def command_after(command: str, others: Mapping[str, str | None], given: Asked) 
     if "candidates" not in known and "library" in changed and not given.changed(["library"]):
         # Forces that the package ships are known to every command, one's own candidates by their file.
         changed["library"] = changed.get("candidates") or changed["library"]
-    # A dash at the beginning of a word would be an option.
-    files = map(str, changed.pop(RECORDS, []))
+    # As the user wrote them. A dash at the beginning of a word would be an option.
+    written = {Path(word): word for word in sys.argv[1:]}
+    files = [written.get(file, str(file)) for file in changed.pop(RECORDS, [])]
     words = [f"./{file}" if file.startswith("-") else file for file in files]
     words += [file for name, file in others.items() if name == RECORDS and file]
     for name, value in changed.items():
         if name in known and name.strip("_") not in others and value != options[name]["default"]:
             for item in value if isinstance(value, list | tuple) else [value]:
                 # A switch is its flag alone.
-                words += [options[name]["flag"], *([] if isinstance(item, bool) else [str(item)])]
+                words += [options[name]["flag"], *([] if isinstance(item, bool) else [_as_given(item)])]
     for name, value in others.items():
         if value is not None and name != RECORDS:
             words += [f"--{name.replace('_', '-')}", *filter(None, [value])]
     return readable(shlex.join(["sysid-trib", command, *words]))
+
+
+def _as_given(value: Any) -> str:
+    """A value of an option as one writes it: 10000, not 10000.0."""
+    return str(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
 def check_between(value: float | None, option: str, low: float, high: float, units: str = "") -> None:

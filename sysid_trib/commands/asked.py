@@ -14,6 +14,7 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
+from sysid_trib.records.inputs import named_inputs
 from sysid_trib.results.files import kind_of
 from sysid_trib.validation.findings import main_result
 
@@ -60,6 +61,9 @@ def asked_model(given: app.Asked) -> app.Asked:
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
+    if given.forces is None:
+        # An input that is named acts, as in `discover`.
+        offered = selection.with_inputs_acting(offered, driving_of(given))
     shapes = held_shapes(given.set_, offered)
     constraints = asked_constraints(given.fix, given.bound, given.tie)
     unconstrained = set(offered.symbols) - set(constraints.names)
@@ -69,6 +73,12 @@ def asked_model(given: app.Asked) -> app.Asked:
     random_force = parse_random_force(given.random_force)
     asked = {"library": offered, "shapes": shapes, "constraints": constraints.table}
     return given.but(**asked, contactless=contactless, random_force=random_force)
+
+
+def driving_of(given: app.Asked) -> dict[str, str | int]:
+    """Return the columns of inputs by their names."""
+    text = vars(given).get("input_")
+    return named_inputs(text and text.split(","))
 
 
 def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:

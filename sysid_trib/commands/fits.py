@@ -1,6 +1,7 @@
 """What `sysid-trib identify`, `discover`, `compare` and `difference` do: fits, and what they lack."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,14 +9,15 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
-from sysid_trib.commands.asked import asked_model, asked_search
+from sysid_trib.commands.asked import asked_model, asked_search, driving_of
 from sysid_trib.commands.next_step import keep_next
-from sysid_trib.commands.record_inputs import calibration_of, driving_of, read_decays
+from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method, with_random_force
-from sysid_trib.physics.si_units import SI, check_length_unit, check_measured, in_si_units
+from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks
 from sysid_trib.printing.layout import mapped
@@ -28,6 +30,9 @@ from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.identify import identify as identified, usual_methods
 from sysid_trib.validation.samples import held_against
+
+# The end of a refusal by `identify`.
+OR_FEWER = "give a longer record or fewer."
 
 
 def names_in(text: str | None) -> list[str]:
@@ -56,24 +61,27 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
-    if driven and (measured or given.methods):
-        raise UsageError("SI units and --methods are of free decays; leave them out of a driven record.")
+    if driven and (measured or given.methods_text):
+        raise UsageError("SI units and --methods-text are of free decays; leave them out of a driven record.")
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
+    if "inertia" in measured:
+        check_angle_unit(unit_of_signal(decays[0]))
     if given.warm_up is not None and not (given.warm_up >= 0.0 and (driven or given.test)):
         raise UsageError(
             "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
         )
     own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
     usual = usual_methods(decays, wanted.library, wanted.reference_frequency, wanted.shapes, own, warm_up)
-    tree = identified(
-        decays,
-        wanted.library,
-        [with_random_force(method, wanted.random_force) for method in usual],
-        constraints=wanted.constraints,
-        contactless=wanted.contactless,
-        tell=tell,
-    )
+    with _fewer_forces_named(wanted.library):
+        tree = identified(
+            decays,
+            wanted.library,
+            [with_random_force(method, wanted.random_force) for method in usual],
+            constraints=wanted.constraints,
+            contactless=wanted.contactless,
+            tell=tell,
+        )
     predicted = []
     if given.test is not None:
         tell("prediction")
@@ -88,14 +96,26 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         # What has a covariance of forces is an identification.
         converted = in_si_units(result, **measured).drop_dims("other_force")
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
-    if not driven:
-        keep_next(tree, given)
+    keep_next(tree, given)
     texts = _texts(given, tree)
-    if given.methods is not None:
-        texts[given.methods] = partial(exported.methods_text, tree)
-        texts[given.methods.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
+    if given.methods_text is not None:
+        texts[given.methods_text] = partial(exported.methods_text, tree)
+        texts[given.methods_text.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
     return deliver(given, tell, says, tree, texts)
+
+
+@contextmanager
+def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
+    """Name the force that a short record decides, where one is refused that cannot decide all of them."""
+    try:
+        yield
+    except DecayError as error:
+        viscous = next(iter(library.damping_factors), "")
+        if not str(error).endswith(OR_FEWER) or not viscous:
+            raise
+        choice = f"{str(error).removesuffix('.')}, such as --forces {viscous}."
+        raise DecayError(choice) from None
 
 
 def _measured(given: Asked) -> dict[str, tuple[float, float]]:
@@ -148,8 +168,7 @@ def discover(tell: Tell, given: Asked) -> Callable[[], None]:
     tree = searched(seen, start, offered, holdout=held, tell=tell, **options)
     if said:
         tree.attrs["held_out"] = said
-    if not driving:
-        keep_next(tree, given)
+    keep_next(tree, given)
     stretches = tree.attrs["stretches"]
     sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
     says = partial(discovery.discovery_blocks, tree, sentences), partial(discovery.discovery_json, tree)

@@ -1,11 +1,16 @@
 """What to do after a result: the next command, and why."""
 
+import shlex
 from collections.abc import Mapping
 
 import xarray as xr
 
 from sysid_trib.commands.app import Asked, command_after
 from sysid_trib.cycles.look import PENDULUM, pointers
+from sysid_trib.errors import readable
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects, files
 from sysid_trib.results.files import identifications_of, kind_of
@@ -13,8 +18,8 @@ from sysid_trib.results.schema import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
 from sysid_trib.validation import findings
 
-# A file that the user is to measure first.
-SECOND_RECORD = "SECOND_RECORD.csv"
+# Stands for a file that the user is to measure first: marked, so that nobody takes it for one that is there.
+SECOND_RECORD = "<SECOND_RECORD.csv>"
 # More effects than were asked for, where candidates still stand out.
 MORE_EFFECTS = 2
 
@@ -23,88 +28,160 @@ MORE_EFFECTS = 2
 # switch has an empty value, what is left out has None; `records` is one more.
 NextStep = tuple[str, str, Mapping[str, str | None]]
 
+# The order of next steps: from each state of a result the command that follows, and what it is for. An empty
+# command is an end. A chain of these ends within four commands, and none of them comes twice.
+NEXT_COMMANDS: dict[str, tuple[str, str]] = {
+    # After identify.
+    "explained": ("compare", "every method, and how it predicts a part that is held out"),
+    "explained, no coefficient is known by itself": ("identify", "the fewest forces that suffice"),
+    "approximate": ("discover", "names what is missing"),
+    "not explained": ("discover", "names what is missing"),
+    "not explained, swings as a pendulum": (
+        "discover",
+        "amplitude and frequency are those of a pendulum under gravity",
+    ),
+    # With effects that are in no usual library: a search has named them before.
+    "approximate with named effects": (
+        "backbone",
+        "frequency and damping against amplitude, without a model",
+    ),
+    # After identify or discover.
+    "undetermined": ("identify", "fewer forces, and all of the record"),
+    "undetermined by the viscous force alone": ("", ""),
+    # After laws.
+    "laws explain": ("compare", "named forces by every method, and how they predict a part that is held out"),
+    "laws without a curve explain": ("identify", "coefficients of the named forces"),
+    "laws do not explain": ("discover", "tests for what is not a function of speed or displacement alone"),
+    # After compare.
+    "compared, explained": ("", ""),
+    "compared, not explained": ("discover", "names what is missing"),
+    # After discover.
+    "out of time": ("discover", "the same to its end"),
+    "named": ("identify", "two methods, held against each other"),
+    "nothing missing": ("plan", "which further run makes the errors smaller"),
+    "nothing missing of a driven record": ("identify", "two methods, held against each other"),
+    "unknown effect": ("backbone", "frequency and damping against amplitude, without a model"),
+    "unknown effect of a driven record": ("", ""),
+}
 
-def next_step(tree: xr.DataTree) -> NextStep:
-    """The command that follows from a result of `cross_check`, `laws`, `compare` or `discover`."""
+
+def next_step(tree: xr.DataTree) -> NextStep | None:
+    """The command that follows from a result; None at an end."""
     after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
-    return after.get(kind_of(tree), _after_identification)(tree)
+    state, options = after.get(kind_of(tree), _after_identification)(tree)
+    command, reason = NEXT_COMMANDS[state]
+    return (command, reason, options) if command else None
 
 
-def _after_identification(tree: xr.DataTree) -> NextStep:
-    if findings.verdict_of(tree) == "undetermined":
-        return _after_nothing(findings.second_of(tree))
-    if not findings.verdict_of(tree).startswith("explained"):
-        return _search(tree, "names what is missing")
+# A state of `NEXT_COMMANDS`, and options of the command that follows.
+State = tuple[str, Mapping[str, str | None]]
+
+
+def _after_identification(tree: xr.DataTree) -> State:
+    verdict = findings.verdict_of(tree)
+    if verdict == "undetermined":
+        return _undetermined(findings.second_of(tree))
+    if not verdict.startswith("explained"):
+        library = _largest_library(tree)
+        # A driven record has no backbone.
+        named = _effects_named(library) and not files.is_of_driven(tree)
+        state = "approximate with named effects" if named else verdict
+        return state, {} if named else _search_options(library)
     if fewer := findings.fewer_forces(tree):
-        return "identify", "the fewest forces that suffice", {"forces": ",".join(fewer[0])}
-    return "compare", "every method, and how it predicts a part that is held out", {}
+        return "explained, no coefficient is known by itself", {"forces": ",".join(fewer[0])}
+    return "explained", {}
 
 
-# After laws that a second record has tested, or where there can be none.
-BY_NAME: NextStep = (
-    "compare",
-    "named forces by every method, and how they predict a part that is held out",
-    {},
-)
-
-
-def _after_laws(tree: xr.DataTree) -> NextStep:
-    if findings.verdict_of(tree) == "explained":
-        if tree["comparison"].attrs["reason"]:
-            return "identify", "coefficients of named forces: the record decides no curve", {}
-        if not tree[record_groups(tree)[0]].attrs.get("record_checksum"):
-            return BY_NAME
-        return "laws", f"whether {SECOND_RECORD} follows these laws", {"test": SECOND_RECORD}
-    return "discover", "tests for what is not a function of speed or displacement alone", {}
-
-
-def _after_nothing(result: xr.Dataset) -> NextStep:
+def _undetermined(result: xr.Dataset) -> State:
     """After a record that decides none of its forces: with fewer of them."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
-        options = {"forces": viscous[0], "window": None}
-        return "identify", "fewer forces, and all of the record", options
-    reason = f"{SECOND_RECORD}: a longer motion, from a larger amplitude"
-    return "identify", reason, {"records": SECOND_RECORD, "window": None}
+        return "undetermined", {"forces": viscous[0], "window": None}
+    return "undetermined by the viscous force alone", {}
 
 
-def _after_comparison(tree: xr.DataTree) -> NextStep:
-    table = tree["comparison"].to_dataset()
-    reason = "tests further effects" if ratio_of_best(table) <= findings.LARGE else "names what is missing"
-    return _search(tree, reason)
+def _after_laws(tree: xr.DataTree) -> State:
+    if findings.verdict_of(tree) != "explained":
+        return "laws do not explain", {}
+    without = tree["comparison"].attrs["reason"]
+    return "laws without a curve explain" if without else "laws explain", {}
 
 
-def _search(tree: xr.DataTree, reason: str) -> NextStep:
+def _after_comparison(tree: xr.DataTree) -> State:
+    if ratio_of_best(tree["comparison"].to_dataset()) <= findings.LARGE:
+        return "compared, explained", {}
+    return "compared, not explained", _search_options(_largest_library(tree))
+
+
+def _largest_library(tree: xr.DataTree) -> ForceLibrary:
+    """The forces of an identification. Methods for two forces hold no others."""
+    return library_of(max(identifications_of(tree).values(), key=lambda result: result.sizes["force"]))
+
+
+def _search_options(library: ForceLibrary) -> dict[str, str]:
     """What is missing beside the forces that were given; terms of the sensor are candidates alone."""
-    # Methods for two forces hold no others.
-    library = library_of(max(identifications_of(tree).values(), key=lambda result: result.sizes["force"]))
     forces = [force.symbol for force in library if force.kind != "sensor"]
-    return "discover", reason, {"forces": ",".join(forces)} if len(forces) < len(library) else {}
+    return {"forces": ",".join(forces)} if len(forces) < len(library) else {}
 
 
-def _after_discovery(tree: xr.DataTree) -> NextStep:
+def _effects_named(library: ForceLibrary) -> bool:
+    """True if a model has effects that only a search, or its user, can have named."""
+    of_systems = (symbol for system in load_systems().values() for symbol in system.symbols)
+    usual = {*load_library().symbols, *of_systems}
+    return bool(set(library.symbols) & set(load_library(EFFECTS).symbols) - usual)
+
+
+def _after_discovery(tree: xr.DataTree) -> State:
     if tree.attrs.get("out_of_time"):
-        return "discover", "the same to its end", {"time_limit": None}
-    if tied := _tied(tree):
-        reason = f"{SECOND_RECORD}: the measurement that separates {' and '.join(tied[:2])}, see above"
-        return "discover", reason, {"records": SECOND_RECORD}
-    after = tree["after"].to_dataset()
-    if tree.attrs["verdict"] == "unknown effect":
-        outstanding = bool(tree["ranking"].significant.isel(selection_step=-1).any())
-        most = tree.attrs["max_effects"]
-        if outstanding and tree["steps"].attrs["count"] >= most:
-            return "discover", "adds further effects", {"max_effects": str(most + MORE_EFFECTS)}
-        return "discover", "story shows the force that no candidate names", {"plot": "figures"}
+        return "out of time", {"time_limit": None}
+    after, driven = tree["after"].to_dataset(), files.is_of_driven(tree)
+    unexplained = tree.attrs["verdict"] == "unknown effect"
+    if unexplained and not driven:
+        return "unknown effect", {}
     if not effects.determines(after):
-        return _after_nothing(after)
-    if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
-        return "discover", "fits the same forces to the whole record", {"refit": ""}
+        return _undetermined(after)
     forces = ",".join(after.force.values.tolist())
     shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())
     options = {"forces": forces} | ({"set": shapes} if shapes else {})
-    if not tree["steps"].attrs["count"] and not files.is_of_driven(tree):
-        return "plan", "which further run makes the errors smaller", options
-    return "identify", "two methods, held against each other", options
+    if tree["steps"].attrs["count"]:
+        return "named", options
+    if unexplained:
+        return "unknown effect of a driven record", {}
+    return "nothing missing of a driven record" if driven else "nothing missing", options
+
+
+def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
+    """Further commands that may follow, each after the words that say when: none of them is needed."""
+    made = list[tuple[str, str, Mapping[str, str | None]]]()
+    if kind_of(tree) == "discover":
+        if tied := _tied(tree):
+            when = f"With the record that separates {' and '.join(tied[:2])}, see above"
+            made.append((when, "discover", {"records": SECOND_RECORD}))
+        outstanding = bool(tree["ranking"].significant.isel(selection_step=-1).any())
+        most = tree.attrs["max_effects"]
+        if outstanding and tree["steps"].attrs["count"] >= most > 0:
+            made.append(("For further effects", "discover", {"max_effects": str(most + MORE_EFFECTS)}))
+        if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
+            made.append(("To fit the same forces to the whole record", "discover", {"refit": ""}))
+    elif kind_of(tree) == "laws":
+        # A simulated record has no rig to make another one.
+        if vars(given).get("test") is None and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
+            when = "To see whether another record of the rig follows these laws"
+            made.append((when, "laws", {"test": SECOND_RECORD}))
+    elif scale := _scale_error(tree, given):
+        when = "If the scale of the film or encoder is off, as the frequency at large amplitudes says"
+        made.append((when, "identify", {"scale": scale}))
+    return [f"{when}: {command_after(command, options, given)}" for when, command, options in made]
+
+
+def _scale_error(tree: xr.DataTree, given: Asked) -> str:
+    """The factor on the signal that a pendulum's frequency wants; empty if it wants none, or has one."""
+    unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
+    groups = record_groups(tree)
+    if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
+        return ""
+    pointed = pointers(tree[groups[0]].to_dataset())
+    return pointed["points_to_scale"] if pointed["points_to_system"] == PENDULUM else ""
 
 
 def _tied(tree: xr.DataTree) -> list[str]:
@@ -130,8 +207,45 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
+# Where a result goes that is to be kept.
+KEPT = "result.nc"
+
+
+def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
+    """The step after a driven identification, or the whole command; None where it is that of any other.
+
+    A model that explains the record is kept, and shown once it is. A body without a restoring force is
+    searched for no further force.
+    """
+    if not (_moves_freely(tree) or findings.verdict_of(tree).startswith("explained")):
+        return None
+    if (output := vars(given).get("output")) is not None:
+        page = output.with_suffix(".html")
+        words = ["sysid-trib", "report", str(output), "-o", str(page)]
+        return f"{readable(shlex.join(words))} # figures and tables on one page"
+    taken = {name: _as_text(vars(given)[name]) for name in ("test", "warm_up") if vars(given).get(name)}
+    return "identify", "keeps the result, for report and response", {**taken, "output": KEPT}
+
+
+def _moves_freely(tree: xr.DataTree) -> bool:
+    """True if the body of a driven record has no restoring force; a search weighs forces by that."""
+    result = findings.main_result(tree)
+    if result is None or not files.is_of_driven(tree):
+        return False
+    held = {
+        symbol: result.coefficient.sel(force=symbol).item()
+        for symbol in result.force.values.tolist()
+        if result.standard_error.sel(force=symbol).item() == 0.0
+    }
+    return is_free_to_move(library_of(result), held)
+
+
+def _as_text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def keep_next(tree: xr.DataTree, given: Asked) -> None:
-    """Keep the command that follows from a result as its attribute `next`.
+    """Keep the command that follows from a result as its attribute `next`, and others as `alternatives`.
 
     Parameters
     ----------
@@ -140,10 +254,18 @@ def keep_next(tree: xr.DataTree, given: Asked) -> None:
     given : Asked
         What the command was given; the next command takes over the options that it knows.
     """
-    command, reason, options = next_step(tree)
-    if command == "discover" and given.system is None and _swings_unexplained(tree):
-        options = {"system": PENDULUM}
-        reason = "amplitude and frequency are those of a pendulum under gravity"
-    if command == "laws" and given.test is not None:
-        command, reason, options = BY_NAME
-    tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
+    step = next_step(tree)
+    if kind_of(tree) == "driven" and (after := _after_driven(tree, given)) is not None:
+        if isinstance(after, str):
+            tree.attrs["next"] = after
+            return
+        step = after
+    elif step and step[0] == "discover" and _moves_freely(tree):
+        step = "identify", "keeps the result, for report and response", {"output": KEPT}
+    if step and step[0] == "discover" and given.system is None and _swings_unexplained(tree):
+        step = (*NEXT_COMMANDS["not explained, swings as a pendulum"], {"system": PENDULUM})
+    if step:
+        command, reason, options = step
+        tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
+    if others := alternatives(tree, given):
+        tree.attrs["alternatives"] = "\n".join(others)

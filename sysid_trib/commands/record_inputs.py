@@ -9,11 +9,15 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, parse_number, parse_value_with_error, parse_window
+from sysid_trib.commands.app import Asked, command_after, parse_number, parse_value_with_error, parse_window
+from sysid_trib.commands.asked import driving_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
+from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
+from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
-from sysid_trib.records.inputs import driven_part, named_inputs
+from sysid_trib.records.free_motion_checks import AS_IT_IS
+from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.smoothing import swing_frequency
@@ -165,11 +169,6 @@ def calibration_of(given: Asked) -> tuple[float, float]:
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
-def driving_of(given: Asked) -> dict[str, str | int]:
-    """Columns of inputs by their names."""
-    return named_inputs(given.input_ and given.input_.split(","))
-
-
 def _read(given: Asked, record: Path | None) -> RunsOfFile:
     """The runs of a file, or the embedded example, and what they are."""
     how = {name: getattr(given, name) for name in READING}
@@ -181,8 +180,9 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
         return record, [_multiplied(example, factor)], source
     try:
-        usual, inputs = load_system(given.system).signal, driving_of(given)
-        runs = read_records(record, Reading(**how, usual=usual, inputs=inputs, between=given.between))
+        system = load_system(given.system)
+        how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
+        runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -204,14 +204,36 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
 def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None:
-        return [driven_part(record, limits)]
+        return driven_parts(record, limits, keep_outliers=given.keep_outliers)
     centre: float | str = given.equilibrium
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))
         centre = parse_number(given.equilibrium, "--equilibrium") * (unit.factor if unit else 1.0)
         centre *= calibration_of(given)[0]
     how = {"keep_outliers": given.keep_outliers, "as_it_is": as_it_is}
-    return free_decays(record, window=limits, equilibrium=centre, **how)
+    try:
+        return free_decays(record, window=limits, equilibrium=centre, **how)
+    except DecayError as error:
+        if AS_IT_IS not in str(error):
+            raise
+        message = str(error)
+    raise DecayError(message.replace(f", or {AS_IT_IS}", _as_it_is(given, record, limits, centre)))
+
+
+def _as_it_is(
+    given: Asked, record: xr.Dataset, limits: tuple[float | None, float | None], centre: float | str
+) -> str:
+    """How to take a record as it is that is no decay; empty if it is too short for that, too."""
+    try:
+        for decay in free_decays(record, window=limits, equilibrium=centre, as_it_is=True):
+            envelope(decay)
+    except DecayError:
+        return ""
+    viscous = next(iter(load_library().damping_factors))
+    if "forces" in given.options:
+        return f", or name the forces that act, such as --forces {viscous}, to take it as it is"
+    # This command has no such option: another one takes the record.
+    return f", or take it as it is by {command_after('identify', {'forces': viscous}, given)}"
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: Mapping[str, Any]) -> None:

@@ -13,16 +13,18 @@ from sysid_trib.commands.record_inputs import decays_within, read_decays, read_s
 from sysid_trib.commands.terminal import check_output, deliver, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
 from sysid_trib.cycles.look import look as facts
-from sysid_trib.errors import DecayError, RecordError, Tell, UsageError
+from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
 from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.printing import equation, exported, looked
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.files import load, save, write_file
 from sysid_trib.results.variables import group_names
 from sysid_trib.simulation.model import Model, check_shapes
 from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS, simulate as motion_of
+from sysid_trib.validation import drive
 
 
 def backbone(tell: Tell, given: Asked) -> Callable[[], None]:
@@ -40,18 +42,78 @@ def backbone(tell: Tell, given: Asked) -> Callable[[], None]:
 def look(tell: Tell, given: Asked) -> Callable[[], None]:
     """What is in files."""
     tell("reading")
+    if given.input_ is not None:
+        return _look_at_driven(tell, given)
     sources = read_sources(given)
     records = [run for _, runs, _ in sources for run in runs]
     sentences = [sentence for _, runs, sentence in sources for _ in runs]
+    with_drive = _with_its_drive(given, records)
     try:
-        tree = facts(records, [decay for source in sources for decay in decays_within(given, source)[0]])
+        decays = [decay for source in sources for decay in decays_within(given, source)[0]]
+        tree = facts(records, decays)
     except DecayError as error:
+        if with_drive is not None:
+            return _look_at_driven(tell, with_drive)
         # What was understood helps to see why.
         return partial(_refuse, [] if given.as_json else sentences, error)
-    asked = looked.pointed_options(tree, given.system is not None)
+    if with_drive is not None and _is_driven_within(with_drive, decays):
+        return _look_at_driven(tell, with_drive)
+    asked = looked.pointed_options(tree, given.system)
     command = command_after("identify", asked, given)
     says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
     return deliver(given, tell, says, tree, kind="look")
+
+
+def _with_its_drive(given: Asked, records: list[xr.Dataset]) -> Asked | None:
+    """Return what was given with the columns of signal and drive named; None where no column drives."""
+    acting = list(records[0].attrs.get("drives", ()))
+    if not acting or len(records) > 1:
+        return None
+    angle = given.angle or str(records[0].attrs["angle_column"])
+    return given.but(angle=angle, input_=acting[0])
+
+
+# A drive that changes within a decay by less than this part of its range is switched off there.
+STILL = 0.02
+# Part of a force's correlation with the signal from which it is the reaction of a spring, measured with it.
+REACTION = 0.9
+
+
+def _is_driven_within(given: Asked, decays: list[xr.Dataset]) -> bool:
+    """Return whether a drive acts within what was taken for decays."""
+    try:
+        (_, (record, *_), _), *_ = read_sources(given, driven=True)
+    except SysidTribError:
+        return False
+    (known,) = inputs_of(record).values()
+    whole = float(np.ptp(known.values))
+    for decay in decays:
+        time = decay.time.values - float(record.time.values[0])
+        values = known.of(time)
+        alike = abs(float(np.corrcoef(values, decay.angle.values)[0, 1])) if np.ptp(values) > 0.0 else 0.0
+        if np.ptp(values) > STILL * whole and alike < REACTION:
+            return True
+    return False
+
+
+def _look_at_driven(tell: Tell, given: Asked) -> Callable[[], None]:
+    """What is in driven records, and which forces fit them."""
+    sources = read_sources(given, driven=True)
+    runs = [run for source in sources for run in decays_within(given, source)[0]]
+    sentences = [sentence for _, of_file, sentence in sources for _ in of_file]
+    if not given.changed(["between"]):
+        between = drive.between_of(runs[0])
+        given = given.but(between=between)
+        runs = [drive.with_between(run, between) for run in runs]
+    tell("which forces fit")
+    models = drive.fitting_models(runs)
+    command = command_after("identify", looked.fitting_options(models, given.system), given)
+    tree = xr.DataTree.from_dict(dict(zip(group_names("record", len(runs)), runs, strict=True)))
+    says = (
+        partial(looked.driven_look_blocks, tree, sentences, models, command),
+        partial(looked.driven_look_json, tree, models, command),
+    )
+    return deliver(given, tell, says, tree, kind="driven look")
 
 
 def _refuse(sentences: list[str], error: DecayError) -> None:

@@ -172,8 +172,8 @@ def check_values(given: Asked) -> None:
             check_between(values[name], option["flag"], *option["within"])
         if "ending" in option:
             check_output(values[name], option["ending"], reads=reads, flag=option["flag"])
-    if values.get("methods") and "plot" in values:
-        check_output(values["methods"].with_suffix(".bib"), ".bib", reads=reads, flag="--methods")
+    if place := values.get("methods_text"):
+        check_output(place.with_suffix(".bib"), ".bib", reads=reads, flag="--methods-text")
     check_folder(values.get("plot"))
 
 
@@ -250,14 +250,17 @@ def deliver(
         _draw(tree, kind, given.plot, given.width / INCH, tell)
     tell("what is to be said")
     whole = "explain" in given.options
-    following = tree.attrs.get("next", "")
+    following = str(tree.attrs.get("next", ""))
+    others = str(tree.attrs.get("alternatives", "")).splitlines()
     if given.as_json:
-        return partial(print_json, data_of() | ({"next": following} if whole else {}))
+        further = {"next": following, **({"alternatives": others} if others else {})}
+        return partial(print_json, data_of() | (further if whole else {}))
     options = vars(given)
     layer = (
         Layer.QUIET if options.get("quiet") else Layer.EXPLAIN if options.get("explain") else Layer.DEFAULT
     )
     ends = ["More: --explain."] if whole and layer is Layer.DEFAULT else []
+    ends += map(printable, others)
     ends += [f"Next: {printable(following)}"] if following else []
     return partial(print_blocks, [*blocks_of()], layer, ends, (output, *written, given.plot))
 

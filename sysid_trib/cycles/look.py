@@ -1,96 +1,15 @@
 """What a record holds before any fit, and which forces its backbone points to."""
 
-from collections.abc import Mapping
-from itertools import combinations
-
 import numpy as np
 import scipy
 import xarray as xr
-from scipy.optimize import lsq_linear, nnls
-from scipy.special import ellipk
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.backbone import backbone, half_width
-from sysid_trib.cycles.signatures import averages
-from sysid_trib.errors import DecayError
-from sysid_trib.forces.force import Force
-from sysid_trib.forces.library import load_library
-from sysid_trib.records import equilibrium, half_periods, half_sines, sensor, signal, smoothing
-from sysid_trib.results.signal_scale import counts_angles
+from sysid_trib.cycles.pointing import ElasticModel, pointed_to
+from sysid_trib.records import equilibrium, half_periods, half_sines, modes, sensor, signal, smoothing
 from sysid_trib.results.variables import Variables, group_names, variable
 
-# By formula, as libraries may name them otherwise; in words.
-FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "drag"}
-ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
-
-
-def pointed_to(curves: xr.Dataset, forces: Mapping[str, Force], *, angle: bool) -> tuple[list[str], bool]:
-    """The forces that a backbone points to, by their formulas, and whether it is that of a pendulum.
-
-    Parameters
-    ----------
-    curves : Dataset
-        Of `backbone`.
-    forces : mapping of str to Force
-        Those of `FRICTION` and `ELASTIC` by their formulas.
-    angle : bool
-        Whether the signal is an angle in rad: else nothing is a pendulum.
-
-    Notes
-    -----
-    Of damping the fewest of dry friction, viscous friction and drag, none negative, that stay within the
-    band; all that have a part in the best sum where none do. Of frequency nothing where a constant stays
-    within the band; a pendulum where w0 pi/(2 K(sin(a/2))) does; else the fewest elastic forces.
-    """
-    a = curves.amplitude.values
-    damping = {formula: -averages(forces[formula], a, {})[0] / a for formula in FRICTION}
-    shifts = {formula: averages(forces[formula], a, {})[1] / a for formula in ELASTIC}
-    frequency, half = curves.frequency.values, half_width(curves, "frequency")
-    shift = np.abs(frequency - np.average(frequency, weights=half**-2.0))
-    ratio = curves.damping_ratio.values
-    # Decrements go with the square of the period: averages of first order leave that open.
-    width = half_width(curves, "damping_ratio") + 2.0 * shift / frequency * np.abs(ratio)
-    # A curve that is nowhere known better than so says nothing.
-    known = np.min(width / np.abs(ratio)) < 0.5
-    friction = _fewest(damping, ratio, width, []) if known else []
-    constant = np.ones(len(a))
-    if _fit([constant], frequency, half)[0] <= 1.0:
-        return friction, False
-    swing = np.pi / (2.0 * ellipk(np.sin(0.5 * np.minimum(a, 3.1)) ** 2))
-    # Besides the band, of a shift of the frequency: what a pendulum's third harmonic and a string that gives
-    # leave open.
-    half = half + 0.1 * shift
-    if angle and a[-1] < np.pi and _fit([swing], frequency, half)[0] <= 1.0:
-        return friction, True
-    return [*friction, *_fewest(shifts, frequency, half, [constant])], False
-
-
-def _fewest(columns: Mapping[str, Array], curve: Array, half: Array, always: list[Array]) -> list[str]:
-    """The fewest columns whose sum stays within the band; those of the best sum where none do."""
-    for count in range(1, len(columns) + 1):
-        deviations = {
-            names: _fit([*(columns[name] for name in names), *always], curve, half, bool(always))[0]
-            for names in combinations(columns, count)
-        }
-        best = min(deviations, key=deviations.__getitem__)
-        if deviations[best] <= 1.0:
-            return list(best)
-    _, weights = _fit([*columns.values(), *always], curve, half, bool(always))
-    return [name for name, weight in zip(columns, weights, strict=False) if weight]
-
-
-def _fit(columns: list[Array], curve: Array, half: Array, free: bool = True) -> tuple[float, Array]:
-    """Largest deviation of the best sum in half widths, and weights; none negative if they are not free."""
-    table = np.column_stack(columns) / half[:, None]
-    weights = lsq_linear(table, curve / half).x if free else nnls(table, curve / half)[0]
-    return float(np.max(np.abs(table @ weights - curve / half))), weights
-
-
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
-USUAL_LIBRARY, PENDULUM = "contact_forces", "pendulum"
+PENDULUM = "pendulum"
 # Points of a spectrum that are kept: it is drawn, not computed with.
 SPECTRUM_POINTS = 2000
 FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
@@ -115,7 +34,8 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
         `drift` (of the middle; 0
         within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`, and
         `spectrum(frequency_line)`. Units are those of the record. attrs `points_to_forces`,
-        `points_to_system`, `points_to`: what the backbone points to, empty if nothing.
+        `points_to_system`, `points_to`: what the backbone points to, empty if nothing; `modes`, where several
+        swing at once.
 
     Raises
     ------
@@ -133,16 +53,14 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     curve = half_sines.envelope(decay)
     time, angle = decay.time.values, decay.angle.values
     unit = signal.unit_of_signal(decay)
-    frequency = float(np.median(curve.frequency))
+    frequency = _median_frequency(curve)
     period = 2.0 * np.pi / frequency
     amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
     # What was resampled or integrated since has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
-    # Instants at either end from which the rate of decay there is taken.
-    count = min(8, max(2, len(instants) // 2))
-    ends = slice(count), slice(len(instants) - count, None)
-    first, last = (_damping(instants[part], amplitude[part], frequency) for part in ends)
+    first = _damping(instants, amplitude, frequency)
+    last = -_damping(-instants[::-1], amplitude[::-1], frequency)
     step = sensor.sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well. Many samples are
     # taken by a motion from one step to the next at most.
@@ -164,7 +82,9 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     }
     kept = curve[["instant_time", "frequency"]].assign(amplitude=curve.amplitude.copy(data=amplitude))
     facts = kept.assign({**scalars, **_spectrum(time, angle, unit)})
-    return facts.assign_attrs({**decay.attrs, **pointers(decay)})
+    several = modes.modes(measured.time.values, measured.to_numpy())
+    said = modes.listed(several) if len(several) > 1 else ""
+    return facts.assign_attrs({**decay.attrs, **pointers(decay), "modes": said})
 
 
 def pointers(decay: xr.Dataset) -> dict[str, str]:
@@ -178,26 +98,33 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        `points_to_forces`, their symbols; `points_to_system`; `points_to`, both in words.
+        `points_to_forces`, their symbols; `points_to_system`; `points_to`, both in words; `predicted_by`,
+        what each model leaves of the change of the frequency with amplitude; `columns_point_to_system`, the
+        columns that say the system; `points_to_scale`, a factor on the signal that the system needs, and its
+        error.
     """
-    library = load_library(USUAL_LIBRARY)
-    roles = {formula: library.role(formula) for formula in (*FRICTION, *ELASTIC)}
-    forces = {formula: force for formula, force in roles.items() if force is not None}
-    try:
-        formulas, pendulum = pointed_to(backbone(decay), forces, angle=counts_angles(decay))
-    except DecayError:
-        formulas, pendulum = [], False
-    friction, elastic = ([words[f] for f in formulas if f in words] for words in (FRICTION, ELASTIC))
-    parts = [f"damping as of {_listed(friction)}"] if friction else []
-    if pendulum:
-        parts.append("amplitude and frequency as of a pendulum under gravity")
-    elif elastic:
-        parts.append(f"frequency as of {_listed(elastic)}")
+    pointed = pointed_to(decay)
+    scale = pointed.scale
     return {
-        "points_to_forces": ",".join(forces[formula].symbol for formula in formulas),
-        "points_to_system": PENDULUM if pendulum else "",
-        "points_to": "; ".join(parts),
+        "points_to_forces": ",".join(pointed.forces),
+        "points_to_system": pointed.system,
+        "points_to": pointed.words,
+        "predicted_by": _ranked(pointed.ranking),
+        "columns_point_to_system": pointed.columns,
+        "points_to_scale": f"{scale.factor:.3g}" if scale else "",
+        "points_to_scale_error": f"{scale.error:.1g}" if scale else "",
     }
+
+
+def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
+    """What models leave of the change of the frequency, in words; empty if none predicts it."""
+    parts = list[str]()
+    for at, model in enumerate(ranking):
+        # The first is the one that is offered. Part of the forces of a system makes no alternative.
+        if model.remains < 1.0 and (at == 0 or model.systems):
+            systems = f" ({', '.join(model.systems)})" if model.systems else ""
+            parts.append(f"{model.words}{' leaves' * (not parts)} {100.0 * model.remains:.2g} %{systems}")
+    return ", ".join(parts)
 
 
 def _without_drift(amplitude: Array) -> Array:
@@ -224,12 +151,36 @@ def _drift(curve: xr.Dataset) -> float:
     return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
 
 
+# Instants at an end of a decay that give its rate there, and the part of it by which it may be wrong.
+INSTANTS, KNOWN_RATE = 8, 0.1
+# Parts of a long decay in which its frequency is taken; periods one by one are too noisy.
+FREQUENCY_PARTS = 100
+
+
+def _median_frequency(curve: xr.Dataset) -> float:
+    """Median of the frequency (rad/s) of some periods each."""
+    time = curve.extremum_time.values
+    halves = max(2, len(time) // FREQUENCY_PARTS)
+    return float(np.median(halves * np.pi / (time[halves:] - time[:-halves])))
+
+
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
-    """Logarithmic rate of the amplitude over w."""
+    """Logarithmic rate of the amplitude at the first times, over w: by so many that it is known."""
     good = amplitude > 0.0
-    if np.count_nonzero(good) < 2:
+    time, level = time[good], np.log(amplitude[good])
+    if time.size < 2:
         return float("nan")
-    return -float(np.polyfit(time[good], np.log(amplitude[good]), 1)[0]) / frequency
+    most = max(2, time.size // 2)
+    count = min(INSTANTS, most)
+    while True:
+        at = time[:count] - time[:count].mean()
+        squares = float(np.sum(at**2))
+        slope = float(np.sum(at * level[:count])) / squares
+        rest = level[:count] - level[:count].mean() - slope * at
+        error = np.sqrt(float(np.sum(rest**2)) / max(count - 2, 1) / squares)
+        if error <= KNOWN_RATE * abs(slope) or count == most:
+            return -slope / frequency
+        count = min(2 * count, most)
 
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:

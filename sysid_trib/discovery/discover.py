@@ -12,13 +12,21 @@ import xarray as xr
 
 from sysid_trib.discovery import parts, to_xarray
 from sysid_trib.discovery.fits import Fits, evidence
+from sysid_trib.discovery.free_motion import free_motions
+from sysid_trib.discovery.plain_start import PlainStart, plain_start, residual_of_motions
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.discovery.unseen import RecordPart, predicted, search_parts, start_forces
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import further_forces, is_free_to_move, offered_forces, viscous_model
+from sysid_trib.forces.selection import (
+    further_forces,
+    is_free_to_move,
+    known_coefficients,
+    offered_forces,
+    viscous_model,
+)
 from sysid_trib.likelihood import start_model
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.trials import DEFAULTS, Settings
@@ -61,7 +69,7 @@ def discover(
         w, held; else it is fitted.
     constraints : mapping of str to float
         Coefficients of forces of the model that are always there, as a pendulum's `{"gravity": 1.0}`. A
-        search bounds and ties none.
+        search bounds and ties none. Those that a library of one's own states are held too.
     max_effects : int, optional
         Effects added at most, in the place of the settings'.
     holdout : xr.Dataset or sequence of xr.Dataset
@@ -116,6 +124,7 @@ def discover(
     inputs = inputs_of(as_runs(decay, driven=True)[0])
     model_forces = viscous_model(load_library(), inputs) if model_forces is None else model_forces
     candidates = further_forces(load_library(), model_forces, inputs) if candidates is None else candidates
+    constraints = known_coefficients(model_forces) | constraints
     if is_free_to_move(model_forces, Constraints(constraints).fixed):
         raise UsageError(
             "A candidate is weighed by the restoring force, which this body has none of; identify it with "
@@ -125,6 +134,8 @@ def discover(
     return _discovery(decay, model_forces, candidates, constraints, holdout, how)
 
 
+# Part of the residual of the search's own start model below which that of the plain one stands for it.
+NEARER = 0.95
 # Frequency that is held, whether models are refitted, time limit, settings, and whom to tell.
 _How = tuple[float | None, bool, float, Settings, Tell]
 
@@ -158,7 +169,9 @@ def _discovery(
     # Each with the noise of what was seen of its run.
     noises = [max(at for at, part in enumerate(learnt) if part.run == unseen.run) for unseen in later]
     predict = partial(predicted, parts=later, runs=noises, frequency=start.rows[0].path.frequency)
+    nearer = partial(_nearer_start, library=model, constraints=constraints, frequency=reference_frequency)
     fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
+    fits.plain = None if fits.is_complete(start) else nearer(start, seen)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
     closing = parts.closing_effect(done)
     if refit and not unseen:
@@ -166,11 +179,10 @@ def _discovery(
         done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
         seen = runs
     tell("where model and record differ")
-    groups = to_xarray.groups_of(seen, done, offered)
+    plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
+    groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
-    for name, at in zip(variables.group_names("record", len(seen)), of_seen, strict=True):
-        groups[name].attrs["kept_window"] = whole[at].time.values[[0, -1]]
-    tree = xr.DataTree.from_dict(groups)
+    tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
     options |= {"refit": refit, "reference_frequency": reference_frequency, "constraints": dict(constraints)}
     third = f"the last third{' of each run' * (len(whole) > 1)}"
@@ -198,6 +210,26 @@ def _discovery(
     return tree
 
 
+def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
+    """The groups of a result; each record says between which times (s) its run was kept."""
+    for name, run in zip(variables.group_names("record", len(runs)), runs, strict=True):
+        groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
+    return groups
+
+
+def _nearer_start(
+    start: FittedModel,
+    seen: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    constraints: ConstraintTable,
+    frequency: float | None,
+) -> PlainStart | None:
+    """The start model fitted without a random force, where its motion is clearly nearer to the records."""
+    plain = plain_start(seen, library, Constraints(constraints).fixed, frequency, start)
+    nearer = plain is not None and plain.residual < NEARER * residual_of_motions(free_motions(start))
+    return plain if nearer else None
+
+
 def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
     """What of long records the models are fitted to; empty where that is all of them."""
     ends = [part.record.time.values[[0, -1]] for part in learnt]
@@ -214,6 +246,11 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
         tell("hold-out")
         predictions = [fits.foretold(model) for model in steps.models]
         fewer = int(np.argmin([np.nan_to_num(rms, nan=np.inf) for _, rms in predictions]))
+        # Nothing is named on top of a start model that fits worse than that of `identify`.
+        while fewer and not fits.is_complete(steps.models[-1]):
+            if fits.beats_plain_start(steps.models[fewer]):
+                break
+            fewer -= 1
         if fewer == len(done.effects) or fits.is_complete(steps.models[-1]):
             noise_p_value = np.nan if done.out_of_time else fits.noise_p_value(steps.models[-1])
             return replace(steps, predictions=predictions, noise_p_value=noise_p_value)
@@ -250,6 +287,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     else:
         return done
     other_fits = Fits(coloured, fits.candidates, fits.deadline, runs=fits.runs, predict=fits.predict)
+    other_fits.plain = fits.plain
     again = search(other_fits, begin=begin, growing=True, tell=tell)
     fewer = outside * (len(again.effects) < len(done.effects))
     return again if with_colour(again.models[-1]) < with_colour(last) + fewer else done

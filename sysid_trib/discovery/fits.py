@@ -10,6 +10,8 @@ from scipy.special import log_ndtr, softmax
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discovery import single_columns, unseen
+from sysid_trib.discovery.free_motion import free_motions
+from sysid_trib.discovery.plain_start import PlainStart, residual_of_motions
 from sysid_trib.discovery.screen import Screening, screen
 from sysid_trib.forces.force import Force
 from sysid_trib.likelihood import model_fit, start_model
@@ -126,6 +128,8 @@ class Fits:
         How a model predicts what was held out.
     best : FittedModel or None
         Of the models that a search came to by adding the one that predicts best.
+    plain : PlainStart or None
+        The start model fitted without a random force, where its motion is nearer to the records.
     """
 
     start: FittedModel
@@ -139,6 +143,7 @@ class Fits:
     runs: Sequence[xr.Dataset] = ()
     predict: Callable[[FittedModel], unseen.Prediction] | None = None
     best: FittedModel | None = None
+    plain: PlainStart | None = None
     # Whether a model of these forces goes on, models in a row that did not predict better than the best one,
     # and its RMS; by the coefficients predictions and p-values of noise.
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
@@ -258,6 +263,10 @@ class Fits:
             if better:
                 self.best, self._least_rms = model, rms
         return self._known[symbols]
+
+    def beats_plain_start(self, model: FittedModel) -> bool:
+        """True if a model's motion is no farther from the records than that of the plain start model."""
+        return self.plain is None or residual_of_motions(free_motions(model)) <= self.plain.residual
 
     def noise_p_value(self, model: FittedModel) -> float:
         """`noise_p_value` of a model, once."""

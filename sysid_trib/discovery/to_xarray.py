@@ -13,6 +13,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
+from sysid_trib.discovery.plain_start import PlainStart
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.decay import root_mean_square
@@ -24,9 +25,16 @@ TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(enco
 Motions = Sequence[Sequence[free_motion.FreeMotion]]
 
 
-def groups_of(seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary) -> dict[str, xr.Dataset]:
-    """What `discover` returns, group by group; `seen` : what the models are fitted to."""
+def groups_of(
+    seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary, plain: PlainStart | None = None
+) -> dict[str, xr.Dataset]:
+    """What `discover` returns, group by group.
+
+    `seen` : what the models are fitted to. `plain` : the start model in the place of that of the search.
+    """
     motions = [free_motion.free_motions(model) for model in search.models]
+    if plain is not None:
+        motions[0] = plain.motions
     # Where the final model leaves more than noise, sets and errors allow for how names and coefficients move
     # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
@@ -44,6 +52,9 @@ def groups_of(seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary)
         errors = search.screenings[at].widening, error if at else None
         model = search.models[at], motions[at]
         groups[name] = free_motion.model_identification(*model, seen, *errors)
+    if plain is not None:
+        # Without an effect the start model is the final one.
+        groups |= dict.fromkeys(["before"] if search.effects else ["before", "after"], plain.result)
     groups["ranking"] = _ranking(search, offered)
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)

@@ -26,7 +26,6 @@ from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_f
 from sysid_trib.validation.holdout import first_held_out, up_to_held_out
 from sysid_trib.validation.random_force_test import dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns
-from sysid_trib.validation.simulated_pairs import stretches
 
 # Mean logarithm of the predictive density of the rows of each period of all parts, given those before; and
 # the RMS residual (rad) of the free motion, its start and the sensor's zero fitted.
@@ -126,7 +125,15 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
     if time[-1] - time[0] > 4.0 * duration:
         # Where a record begins it is not known what forces remember: a few periods tell.
         part = part.sel(time=slice(time[0] + 0.1 * duration, None))
-    yield from stretches(part, duration, 3.0 * duration)
+    time = part.time.values
+    whole = time[-1] - time[0]
+    if whole <= 3.0 * duration:
+        yield part
+        return
+    starts = time[0] + np.linspace(0.0, 1.0, 3) * (whole - duration)
+    ends = starts + duration
+    bounds = zip(np.searchsorted(time, starts), np.searchsorted(time, ends, side="right"), strict=True)
+    yield from (part.isel(time=slice(int(first), int(last))) for first, last in bounds)
 
 
 def predicted(

@@ -3,11 +3,12 @@
 import itertools
 import math
 import os
+import re
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sysid_trib.errors import DecayError, LibraryError, UsageError, did_you_mean
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -20,11 +21,18 @@ SYSTEMS_FILE = "systems.toml"
 # What a system's signal can be.
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
 SYMBOL_LISTS = ("forces", "impossible", "not_negative")
+COLUMN_NAMES = "columns"
+# Words of the name of a column.
+NAME_WORDS = re.compile(r"[^\W\d_]+")
 SYSTEM_KEYS: Checks = {
     "name": TEXT,
     "meaning": TEXT,
     "signal": (lambda v: v in QUANTITIES, f"one of {', '.join(QUANTITIES)}"),
     **dict.fromkeys(SYMBOL_LISTS, (lambda v: isinstance(v, list), "a list of symbols")),
+    COLUMN_NAMES: (
+        lambda v: isinstance(v, list) and all(isinstance(names, str) and names.split() for names in v),
+        "a list of names of columns, those of one file with blanks between",
+    ),
     "held": (
         lambda v: isinstance(v, dict) and all(map(is_number, v.values())),
         "a table that gives a number to each force",
@@ -129,9 +137,20 @@ def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceL
     if not viscous:
         wrong = f"Library '{library.title}' has no viscous friction to start from"
         raise UsageError(f"{wrong}; name the start's forces (--forces {','.join(library.symbols[:2])}).")
+    return replace(library, forces=(*first_of_inputs(inputs), viscous[0]))
+
+
+def first_of_inputs(inputs: Collection[str]) -> list[Force]:
+    """Return the first force of each input in the library of inputs: `gain` of `u`."""
     driving = {force.inputs: force for force in reversed([*load_library(INPUTS)]) if force.inputs}
-    first = (force for held, force in driving.items() if set(held) <= set(inputs))
-    return replace(library, forces=(*first, viscous[0]))
+    return [force for held, force in driving.items() if set(held) <= set(inputs)]
+
+
+def with_inputs_acting(library: ForceLibrary, inputs: Collection[str]) -> ForceLibrary:
+    """Return the library with the first force of each input that none of its forces holds."""
+    idle = [name for name in inputs if name not in library.inputs]
+    further = [force for force in first_of_inputs(idle) if force.symbol not in library.symbols]
+    return replace(library, forces=(*further, *library)) if further else library
 
 
 def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
@@ -192,6 +211,8 @@ class System:
         Symbols that are not offered.
     not_negative : tuple of str
         Symbols of forces whose coefficient physics does not let be negative.
+    columns : tuple of tuple of str
+        Names of columns by which a file is known as one of such a system, that of the signal first.
     """
 
     name: str
@@ -201,11 +222,25 @@ class System:
     held: Mapping[str, float] = field(default_factory=dict)
     impossible: tuple[str, ...] = ()
     not_negative: tuple[str, ...] = ()
+    columns: tuple[tuple[str, ...], ...] = ()
+
+    def known_columns(self, signal: str, columns: Iterable[str]) -> tuple[str, ...]:
+        """The names by which a file with these columns, one of them the signal, is one of such a system."""
+        (first,), others = _first_words([signal]), set(_first_words(columns))
+        known = (names for names in self.columns if names[0] == first and others.issuperset(names))
+        return next(known, ())
 
     @property
     def symbols(self) -> tuple[str, ...]:
         """Forces that are identified or held."""
         return (*self.forces, *self.held)
+
+    @property
+    def swings_under_gravity(self) -> bool:
+        """Return true if it is a pendulum, which gravity restores, or if nothing is said of it."""
+        shipped = [force for name in SHIPPED_LIBRARIES for force in load_library(name)]
+        held = [force for force in shipped if force.symbol in self.held]
+        return not self.name or any(force.matches("sin(x) - x") for force in held)
 
     def bounds(self, symbols: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Bounds of those of these forces whose coefficient physics does not let be negative."""
@@ -217,6 +252,11 @@ class System:
             return ",".join(self.symbols) or None
         named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
         return ",".join([*named, *(symbol for symbol in self.held if symbol not in named)])
+
+
+def _first_words(names: Iterable[str]) -> list[str]:
+    """First words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
+    return [next(iter(NAME_WORDS.findall(name.lower())), "") for name in names]
 
 
 # An oscillator of which nothing is known.
@@ -250,11 +290,86 @@ def load_system(name_or_path: str | None) -> System:
         if not os.path.isfile(path):
             raise UsageError(f"{path}: there is no such file.")
         return next(iter(_systems(path).values()))
-    known = _systems(library_folder() / SYSTEMS_FILE)
+    known = load_systems()
     if name_or_path not in known:
         offered = f"{', '.join(known)}.{did_you_mean(name_or_path, known)}"
         raise UsageError(f"There is no system '{name_or_path}'; give a TOML file or one of {offered}")
     return known[name_or_path]
+
+
+class SystemModel(NamedTuple):
+    """The forces of a system, and what is known of their coefficients: `library, constraints = system(...)`.
+
+    Attributes
+    ----------
+    library : ForceLibrary
+        The forces that are identified or held.
+    constraints : mapping of str to float or (float, float)
+        Coefficients that are held, and bounds, as `identify` and `compare` take them.
+    """
+
+    library: ForceLibrary
+    constraints: dict[str, float | tuple[float | None, float | None]]
+
+    @property
+    def held(self) -> dict[str, float]:
+        """The coefficients that are held, as `discover` takes them: a search bounds none."""
+        return {symbol: value for symbol, value in self.constraints.items() if isinstance(value, float)}
+
+
+def system(
+    name_or_path: str | Path, forces: Iterable[str] | None = None, library: ForceLibrary | None = None
+) -> SystemModel:
+    """Give the forces of a system with what is known of them, as `--system` does.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format.
+    forces : iterable of str, optional
+        Symbols in the place of the forces that are usually identified; what the system holds is added.
+    library : ForceLibrary, optional
+        Where forces are sought first; by default `contact_forces`. Others come from the libraries of the
+        package.
+
+    Returns
+    -------
+    SystemModel
+
+    Raises
+    ------
+    UsageError
+        No such system, or a force that no library has.
+    LibraryError
+        A file that is not of this format.
+    """
+    moving = load_system(str(name_or_path))
+    offered = load_library() if library is None else library
+    symbols = [*(moving.forces if forces is None else forces), *moving.held] or [*offered.symbols]
+    model = with_shipped(offered, symbols).select(symbols)
+    held = {symbol: float(value) for symbol, value in moving.held.items()}
+    return SystemModel(model, {**moving.bounds(model.symbols), **held})
+
+
+def known_coefficients(library: ForceLibrary) -> dict[str, float]:
+    """Coefficients that a library of one's own states, by symbol: they are held.
+
+    Those of the package's libraries are free where their force is asked for by name: a record then says
+    whether they hold.
+    """
+    if library.source in {f"{name}.toml" for name in SHIPPED_LIBRARIES}:
+        return {}
+    return {force.symbol: force.coefficient for force in library if force.coefficient is not None}
+
+
+def load_systems() -> dict[str, System]:
+    """The systems that come with the package, by their names."""
+    return _systems(library_folder() / SYSTEMS_FILE)
+
+
+def shipped_systems() -> list[System]:
+    """Return the systems that come with the package."""
+    return [*load_systems().values()]
 
 
 def _systems(path: Path) -> dict[str, System]:
@@ -277,4 +392,5 @@ def _checked(table: Any, source: str) -> System:
             nearest = did_you_mean(str(name), known)
             where = f"{source}: system '{table['name']}'"
             raise LibraryError(f"{where} names a force '{name}' of no library.{nearest}")
-    return System(**{**table, **lists})
+    columns = tuple(tuple(names.split()) for names in table.get(COLUMN_NAMES, []))
+    return System(**{**table, **lists, COLUMN_NAMES: columns})

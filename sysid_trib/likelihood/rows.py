@@ -250,6 +250,27 @@ def with_errors_of_dropped(solution: Solution, active: Mask, constraints: Constr
     return replace(solution, covariance=covariance)
 
 
+def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> Solution:
+    """The solution with the covariance of the fit in which the coefficients at their bounds are free.
+
+    A coefficient at its bound is not known: the errors of the others allow for what it may be.
+
+    Parameters
+    ----------
+    solution : Solution
+        With some coefficients held at a bound.
+    constraints : ConstraintMap
+        The map in which these are still free.
+    """
+    if len(solution.constraints.free) == len(constraints.free):
+        return solution
+    unbounded = np.full(len(constraints.free), np.inf)
+    free = solve(solution.rows, replace(constraints, low=-unbounded, high=unbounded))
+    # What the bounds leave in the residual is in the errors of the bounded fit.
+    widening = max(1.0, solution.noise / free.noise) if free.noise > 0.0 else 1.0
+    return replace(solution, covariance=widening**2 * free.covariance)
+
+
 def select(
     rows: Rows, constraints: ConstraintMap, optimizer: Any = None, significance: float | None = None
 ) -> Mask:

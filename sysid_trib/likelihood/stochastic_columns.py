@@ -87,7 +87,52 @@ def regress_stochastic(
     if step > 1.0:
         change = common_values(solution.runs) - common_values(solution.rows.runs)
         covariance = covariance + np.outer(change, change)
+    attenuation = _attenuation_by_noisy_input(weighed, solution)
+    covariance = covariance + np.outer(attenuation, attenuation)
     return replace(solution, runs=after, covariance=covariance), settled
+
+
+# Step of the logarithm of a ratio by which a determinant is differenced.
+LOG_RATIO_STEP = 0.05
+
+
+def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solution) -> Array:
+    """Return the bias (force + 1,) that the estimate has if the random force is noise of a measured input.
+
+    Parameters
+    ----------
+    weighed : sequence of WeighedRun
+    solution : Solution
+        Of their rows.
+
+    Returns
+    -------
+    (force + 1,) array of float
+        Of the coefficients and the reference frequency (rad/s); zero without a force of an input alone.
+
+    Notes
+    -----
+    Errors in variables (Fuller 1987): noise of an input is in its column, too, and makes the coefficient too
+    small. If all of the random force comes from it, white rows r = -theta N have the bias
+    -C E[N' r] = C n/theta, C the covariance of the estimate and n the number of rows that the random force
+    makes, d log det / d log ratio of their covariance. The record does not say whether the random force is
+    noise of the input or acts on the body: the bias is an error, and no correction is made.
+    """
+    runs, nothing = solution.runs, np.zeros(len(solution.covariance))
+    library, coefficients = runs[0].library, runs[0].coefficients
+    # What a noisy input puts into a force that holds the motion too is smaller, and changes with the motion.
+    of_input = [bool(force.inputs) and not {"x", "v"} & force.formula.names for force in library]
+    size = np.where(of_input, np.abs(coefficients) * solution.rows.rms_forces, 0.0)
+    at = int(np.argmax(size))
+    if not size[at] > 0.0:
+        return nothing
+    made_by_force = 0.0
+    for of_run in weighed:
+        if of_run.run.ratio is not None and of_run.run.ratio.ratio > 0.0:
+            rows, ratio = of_run.by_ratio(of_run.run.sensor), of_run.run.ratio.ratio
+            ends = [rows(ratio * float(np.exp(side * LOG_RATIO_STEP))) for side in (1.0, -1.0)]
+            made_by_force += (ends[0].log_determinant - ends[1].log_determinant) / (2.0 * LOG_RATIO_STEP)
+    return np.asarray(solution.covariance[:, at] * made_by_force / coefficients[at])
 
 
 def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunRegression:

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 import xarray as xr
+from numpy.polynomial import legendre
 
 from sysid_trib.arrays import Array, Index, jacobian
 from sysid_trib.cycles.signatures import averages, tabulated_averages
@@ -15,10 +17,12 @@ from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, held_ratio, rows_by_ratio, variance_ratio
 from sysid_trib.methods import half_period_equations as half_periods
-from sysid_trib.records.half_sines import EnvelopeCurve, envelope
+from sysid_trib.records.half_sines import IMPULSES, EnvelopeCurve, envelope, sample_responses
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.simulation.model import Model
 
+# Degree of the polynomials in the amplitude that a random force has no part in; instants for these at least.
+DEGREES, TESTED_INSTANTS = 4, 40
 Groups: TypeAlias = Mapping[str, half_periods.EquationSolution]
 
 
@@ -149,6 +153,33 @@ class AuxiliaryModel:
         by_error = jacobian(self.values_of, parameters, np.linalg.norm(influence, axis=1)) @ influence
         return np.asarray(by_error @ by_error.T)
 
+    def influence(
+        self, groups: Groups, measured: Sequence[xr.Dataset], decays: Sequence[xr.Dataset]
+    ) -> list[Array]:
+        """Compute how each sample moves the values, their bias left in: (value, sample) of each run.
+
+        Parameters
+        ----------
+        groups : mapping of str to EquationSolution
+            The fit to the envelopes.
+        measured : sequence of Dataset
+            The envelopes, of half-sines.
+        decays : sequence of Dataset
+            What they were measured of.
+        """
+        parameters = np.concatenate([group.parameters for group in groups.values()])
+        of_errors = np.concatenate([group.influence for group in groups.values()])
+        of_errors = jacobian(self.values_of, parameters, np.linalg.norm(of_errors, axis=1)) @ of_errors
+        by_sample, begin = [], 0
+        for envelope_of_run, decay in zip(measured, decays, strict=True):
+            errors = half_periods.errors_of_half_periods(envelope_of_run)
+            of_run = of_errors[:, begin : begin + len(errors)] / errors
+            responses = sample_responses(decay, envelope_of_run.extremum_time.values)
+            by_sample.append(np.asarray(of_run @ responses))
+            impulses = IMPULSES * (envelope_of_run.sizes["half_period"] + 1)
+            begin += len(errors) + impulses * (half_periods.DENSITY in envelope_of_run)
+        return by_sample
+
     def model(self, values: Array) -> Model:
         """The model of coefficients and, last, the frequency (rad/s)."""
         coefficients = dict(zip(self.library.symbols, values[:-1].tolist(), strict=True))
@@ -163,6 +194,21 @@ def birge_ratios(groups: Groups) -> dict[str, float]:
     return {"": whole} | of_groups
 
 
+def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Dataset:
+    """An envelope whose errors are those of white noise of the sensor, and of a random force if there is any.
+
+    Parameters
+    ----------
+    measured : Dataset
+        The envelope (see `AuxiliaryModel.measure`).
+    noise : float
+        Standard deviation of a sample, in the unit of the decay.
+    density : float
+        Of the random force, (rad/s^2)^2/Hz.
+    """
+    return _at_noise(measured, noise).assign({half_periods.DENSITY: density} if density else {})
+
+
 def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
     """An envelope whose errors are those of the sensor's noise and of a random force.
 
@@ -174,7 +220,7 @@ def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
         As `random_force_ratio` gives it.
     """
     density = RandomForce.density_of(ratio.ratio * ratio.variance, swing_frequency(measured))
-    return _at_noise(measured, float(np.sqrt(ratio.variance))).assign({half_periods.DENSITY: density})
+    return with_noises(measured, float(np.sqrt(ratio.variance)), density)
 
 
 def swing_frequency(measured: xr.Dataset) -> float:
@@ -188,6 +234,78 @@ def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
     scatters = [measured.attrs[name] for name in ("scatter_of_extrema", "scatter_of_times")]
     pairs = zip(half_periods.ENVELOPE_ERRORS, scatters, strict=True)
     return measured.assign({name: measured[name] * (noise / white / scatter) for name, scatter in pairs})
+
+
+def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset) -> float:
+    """Test whether the residual of equations depends on the amplitude, as no random force does.
+
+    Parameters
+    ----------
+    groups : sequence of HalfPeriodEquations
+        Of one run, the rate of the amplitude and the frequency at each instant.
+    measured : Dataset
+        Their envelope.
+
+    Returns
+    -------
+    float
+        P-value of the polynomials of `DEGREES` in the amplitude, of both equations; 1 of too few instants.
+
+    Notes
+    -----
+    A score test (Rao 1948): of the fit without these columns, in the noise of the sensor and of the random
+    force that is likeliest with them.
+    """
+    w = swing_frequency(measured)
+    table, noise, gram = _table_of(groups, measured)
+    # A motion that ends early leaves the last instants without equations.
+    amplitude = measured.amplitude.values[: len(table) // 2]
+    if len(amplitude) < TESTED_INSTANTS:
+        return 1.0
+    low, high = amplitude.min(), amplitude.max()
+    powers = legendre.legvander((2.0 * amplitude - low - high) / (high - low), DEGREES)
+    # Of each instant the rate of the amplitude, then the frequency.
+    further = np.zeros((len(amplitude), 2, 2 * (DEGREES + 1)))
+    further[:, 0, : DEGREES + 1] = amplitude[:, None] * powers
+    further[:, 1, DEGREES + 1 :] = powers
+    columns = further.reshape(len(table), -1)
+    alternative = rows_by_ratio(noise, gram, np.column_stack([table[:, :-1], columns, table[:, -1]]))
+    times = measured.extremum_time.values
+    ratio = variance_ratio(alternative, w * float(times[-1] - times[0]), 0.1)
+    white = alternative(ratio.ratio)
+    count = table.shape[1] - 1
+    designs = white.design[:, :count], white.design
+    without, residual = (_unexplained(white.target, design) for design in designs)
+    degrees_of_freedom = len(table) - count - columns.shape[1]
+    if degrees_of_freedom < 1 or residual <= 0.0:
+        return 1.0
+    statistic = (without - residual) / columns.shape[1] / (residual / degrees_of_freedom)
+    return float(scipy.stats.f.sf(statistic, columns.shape[1], degrees_of_freedom))
+
+
+def _unexplained(target: Array, design: Array) -> float:
+    """Sum of the squared residuals of a target on columns."""
+    size = np.linalg.norm(design, axis=0)
+    scaled = design / np.where(size > 0.0, size, 1.0)
+    residual = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
+    return float(residual @ residual)
+
+
+def _table_of(
+    groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset
+) -> tuple[Array, Array, Array]:
+    """Columns and residual of equations, with their covariance by unit noise and by a unit random force.
+
+    The two covariances are (band, row), the random force that of a unit of tau.
+    """
+    w, white = swing_frequency(measured), _at_noise(measured, 1.0)
+    order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
+    sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
+    impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
+    noise, gram = (covariance_band(part) for part in (sensor, impulses))
+    design = sp.block_diag([group.design for group in groups]).toarray()
+    table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
+    return table, noise, RandomForce.density_of(1.0, w) * gram
 
 
 def random_force_ratio(
@@ -209,15 +327,8 @@ def random_force_ratio(
     VarianceRatio
         Of the growth of the variance of v a unit of tau to the variance of the sensor's noise (rad^2).
     """
-    w, white = swing_frequency(measured), _at_noise(measured, 1.0)
-    order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
-    sensor = sp.vstack([group.noise(white) for group in groups]).tocsr()[order]
-    impulses = sp.vstack([group.impulses(white) for group in groups]).tocsr()[order]
-    noise, gram = (covariance_band(part) for part in (sensor, impulses))
-    gram = RandomForce.density_of(1.0, w) * gram
-    design = sp.block_diag([group.design for group in groups]).toarray()
-    table = np.column_stack([design, np.concatenate([group.residual for group in groups])])[order]
-
+    w = swing_frequency(measured)
+    table, noise, gram = _table_of(groups, measured)
     # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
     # half periods may look less noisy by chance: a random force would take what they lack.
     rows = rows_by_ratio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)

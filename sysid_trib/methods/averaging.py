@@ -1,6 +1,6 @@
 """The paper's identification: amplitude decay and frequency shift against the signatures of the forces."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
@@ -15,9 +15,15 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.forces.selection import forces_to_identify, refuse_sensors
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
-from sysid_trib.methods.auxiliary import AuxiliaryModel, averaged_equations, energy_balance
+from sysid_trib.methods.auxiliary import (
+    AuxiliaryModel,
+    amplitude_p_value,
+    averaged_equations,
+    energy_balance,
+    with_noises,
+)
 from sysid_trib.methods.classical import one_record
-from sysid_trib.methods.indirect import as_identification, indirect_estimate
+from sysid_trib.methods.indirect import IndirectEstimate, as_identification, as_measured, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -108,12 +114,14 @@ class Averaging(Constrained):
         method = replace(self, shapes=shapes)
         # The paper's rule has no errors that would know a random force.
         force = self.random_force if self.frequency == "fit" else "off"
+        unbounded = None
         while True:
             auxiliary = method._auxiliary(asked, constraint_map(constraints, asked, shapes))
             estimate = indirect_estimate(auxiliary, runs, correct=self.correct, random_force=force)
             value = dict(zip(asked.symbols, estimate.values.tolist(), strict=False))
             passed = {k: float(np.clip(value[k], low, high)) for k, (low, high) in wanted.bounds.items()}
             passed = {k: bound for k, bound in passed.items() if bound != value[k]}
+            unbounded = unbounded or estimate
             if not passed:
                 break
             # The furthest first: held there, it often frees the others.
@@ -126,8 +134,71 @@ class Averaging(Constrained):
                     f"With what is fixed, {at_bounds} would pass the bounds: nothing is left to fit; "
                     "fix other values, or fewer."
                 )
+        if unbounded is not estimate:
+            estimate = _with_errors_of_unbounded(estimate, unbounded)
         result = as_identification(method, decay, asked, estimate, library)
         return wanted.marked(result, constraints.fixed.keys() - wanted.fixed.keys())
+
+    def influence(
+        self,
+        decays: Sequence[xr.Dataset],
+        motions: Sequence[xr.Dataset],
+        asked: ForceLibrary,
+        free: ConstraintMap,
+        noises: Sequence[tuple[float, float]],
+    ) -> list[Array]:
+        """Compute how each sample moves coefficients and frequency before the bias is removed.
+
+        Parameters
+        ----------
+        decays : sequence of Dataset
+            The runs.
+        motions : sequence of Dataset
+            Motions of the identified model in these, at whose averages the equations are linear.
+        asked : ForceLibrary
+            The forces that were identified.
+        free : ConstraintMap
+            Their free coefficients.
+        noises : sequence of (float, float), rad and (rad/s^2)^2/Hz
+            Noise of a sample and random force in each run.
+
+        Returns
+        -------
+        list of (value, sample) array of float
+            Of each run; the frequency is the last value.
+        """
+        auxiliary = self._auxiliary(asked, free)
+        simulated = []
+        for decay, motion, (noise, density) in zip(decays, motions, noises, strict=True):
+            measured = auxiliary.measure(decay)
+            measured = with_noises(measured, noise, density) if density else measured
+            simulated.append(as_measured(auxiliary.measure(motion), measured))
+        return auxiliary.influence(auxiliary.fit(simulated), simulated, motions)
+
+    def amplitude_p_value(
+        self, decays: Sequence[xr.Dataset], motions: Sequence[xr.Dataset], asked: ForceLibrary
+    ) -> float:
+        """Test whether the residual of the averages depends on the amplitude, as no random force does.
+
+        Parameters
+        ----------
+        decays, motions, asked
+            As of `influence`.
+
+        Returns
+        -------
+        float
+            P-value of all runs (Bonferroni).
+        """
+        free = constraint_map(Constraints({}), asked, self.shapes)
+        auxiliary, p_values = self._auxiliary(asked, free), []
+        for decay, motion in zip(decays, motions, strict=True):
+            measured = auxiliary.measure(decay)
+            simulated = as_measured(auxiliary.measure(motion), measured)
+            first, of_motion = (auxiliary.fit([envelope]) for envelope in (measured, simulated))
+            rest = [first[name].without_bias(of_motion[name]).runs[0] for name in first]
+            p_values.append(amplitude_p_value(rest, measured))
+        return min(1.0, len(p_values) * min(p_values))
 
     @property
     def scope(self) -> MethodScope:
@@ -188,6 +259,17 @@ class Averaging(Constrained):
             curves=curves,
             means=means,
         )
+
+
+def _with_errors_of_unbounded(estimate: IndirectEstimate, unbounded: IndirectEstimate) -> IndirectEstimate:
+    """An estimate at its bounds with the covariance of the one that knows no bounds.
+
+    A coefficient at its bound is not known: the errors of the others allow for what it may be. What the
+    bounds leave in the residual widens them.
+    """
+    ratios = [max(1.0, of.birge_ratios[""]) for of in (estimate, unbounded)]
+    widening = max(1.0, ratios[0] / ratios[1])
+    return replace(estimate, covariance=widening**2 * unbounded.covariance)
 
 
 # Friction by which the simulated amplitude shrinks as the record's does; it is not reported.

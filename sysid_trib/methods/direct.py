@@ -30,6 +30,7 @@ from sysid_trib.likelihood.rows import (
     solve,
     strong_rows,
     weak_rows,
+    with_errors_of_bounded,
     with_errors_of_dropped,
 )
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
@@ -89,7 +90,8 @@ class Direct(Constrained):
     -----
     At convergence the residual angle is orthogonal to the sensitivities of the motion: the estimate has
     the variance of maximum likelihood in white noise. Fixed and tied coefficients are a linear map of the
-    columns. A coefficient that would pass its bound is held there; the errors are those of the others.
+    columns. A coefficient that would pass its bound is held there; the errors, its own too, are those of the
+    fit in which it is free.
     """
 
     scope: ClassVar = MethodScope(
@@ -184,6 +186,7 @@ class Direct(Constrained):
             kept = constraints.keep(active)
             again = refine_columns(after, after, kept)
             solution, refined = again or solve(replace(rows, runs=after), kept), again is not None
+        solution = with_errors_of_bounded(solution, constraints.keep(active))
         solution = with_errors_of_dropped(solution, active, constraints)
         estimate = _estimate(solution)
         result = identification(

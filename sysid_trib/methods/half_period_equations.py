@@ -60,9 +60,7 @@ class HalfPeriodEquations:
         measured : Dataset
             The envelope (see `envelope`, `with_random_force`).
         """
-        # Never less than rounding.
-        errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
-        parts = [self.slopes.multiply(errors.ravel())]
+        parts = [self.slopes.multiply(errors_of_half_periods(measured))]
         if DENSITY in measured:
             parts.append(np.sqrt(measured[DENSITY].item()) * self.impulses(measured))
         return sp.hstack(parts, format="csr")
@@ -353,6 +351,12 @@ def _linear(
         return sp.csr_matrix((entries, places), (len(target), 2 * half_periods))
 
     return design, target, instant, slopes
+
+
+def errors_of_half_periods(measured: xr.Dataset) -> Array:
+    """Standard errors of the extrema (rad), then of their times (s), never less than rounding."""
+    errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
+    return np.asarray(errors.ravel())
 
 
 def _sizes(measured: xr.Dataset) -> Array:

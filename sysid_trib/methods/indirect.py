@@ -174,7 +174,7 @@ def _corrected(
         model, simulated = auxiliary.model(values), []
         for run, (decay, envelope) in enumerate(zip(decays, measured, strict=True)):
             motion, starts[run] = _motion_from_start(model, decay, starts[run], float(biased[-1]))
-            simulated.append(_as_measured(auxiliary.measure(motion), envelope))
+            simulated.append(as_measured(auxiliary.measure(motion), envelope))
         fit = auxiliary.fit_simulated(simulated, values, first)
         tried.append(values)
         steps.append(biased - auxiliary.values(fit))
@@ -212,7 +212,7 @@ def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) ->
     return np.asarray(tried[-1] + steps[-1] - (by_values + by_steps) @ part)
 
 
-def _as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
+def as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
     """The simulated envelope at the record's half periods and with its standard errors.
 
     Raises

@@ -12,6 +12,7 @@ from sysid_trib.cycles.signatures import averages, exactly_dependent, indistingu
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.constraints import Bounds, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.selection import known_coefficients
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 
 MOTION = "the motion"
@@ -133,6 +134,23 @@ def constrained(method: Method, constraints: Constraints) -> Method:
     if not isinstance(method, Constrained):
         raise UsageError(f"{scope_of(method).sentence_label} takes no fixed, bounded or tied coefficients.")
     return replace(method, constraints={**method.constraints, **constraints.table})
+
+
+def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Method) -> Constraints:
+    """Constraints, with the coefficients held that a library of one's own states if nothing else is asked.
+
+    Parameters
+    ----------
+    constraints : mapping of str to float, (float, float) or str
+        What is asked for.
+    library : ForceLibrary
+        Those offered.
+    method : Method
+        What its own constraints ask for is left to it.
+    """
+    asked = {*constraints, *getattr(method, "constraints", {})}
+    stated = {name: value for name, value in known_coefficients(library).items() if name not in asked}
+    return Constraints({**stated, **constraints})
 
 
 def with_random_force(method: Method, random_force: RandomForceOption) -> Method:

@@ -17,7 +17,15 @@ from sysid_trib.likelihood.random_force import RandomForceOption, check_random_f
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.motion_fit.least_squares import Fit, fitted, grown, stopped_by_bounds
+from sysid_trib.motion_fit.least_squares import (
+    NO_FITTED_MOTION,
+    Fit,
+    calmer,
+    fitted,
+    grown,
+    missed,
+    stopped_by_bounds,
+)
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
@@ -28,6 +36,9 @@ from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
 from sysid_trib.simulation.model import FREQUENCY, Model
+
+# A motion that leaves more than this part of a record does not follow it.
+LARGEST_UNFOLLOWED = 0.7
 
 
 @dataclass(frozen=True)
@@ -75,7 +86,8 @@ class Trajectory(Constrained):
     The window grows over the records unless the start already follows them; sensitivities are differences of
     exact motions, so that switching times and the stop take part. Of several runs each counts by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
-    rule; one that a bound stops is held there, and has the standard error 0 too.
+    rule. One that a bound stops is held there; the errors, its own too, are those of the fit in which it is
+    free.
     """
 
     reference_frequency: float | None = None
@@ -135,9 +147,10 @@ class Trajectory(Constrained):
         if stochastic_too:
             return stochastic_identification(self, *_with_random_force(self, problem, first, quick))
         fit = self._fitted_freely(problem, first)
+        parameters = fit.parameters
         while stopped := stopped_by_bounds(fit):
             fit = fitted(replace(fit.problem, parameters=fit.parameters.fix(stopped)), fit.values)
-        return _identification(self, fit)
+        return _identification(self, fit, fit.with_free(parameters))
 
     def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> Fit:
         """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none.
@@ -160,13 +173,22 @@ class Trajectory(Constrained):
         parameters = Parameters(
             offered, self.reference_frequency, self.fit_shapes, self.shapes, len(runs), constraints
         )
-        return FitProblem(parameters.completed(), records, runs, library)
+        parameters = parameters.completed()
+        if is_free_to_move(offered, parameters.constraints.fixed):
+            # No rate shows where a body is that may be anywhere.
+            held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
+            parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
+        return FitProblem(parameters, records, runs, library)
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
         """The fit of the free motion, in the noise of each run."""
-        fit = fitted(problem, grown(problem, first))
-        # Rounds in which noise and fit of several runs, or of coloured noise, follow each other.
-        for _ in range(3 if self.noise == "coloured" or len(problem.records) > 1 else 0):
+        fit = fitted(problem, grown(problem, calmer(problem, first)))
+        # Rounds in which noise and fit of several runs, or of coloured noise, follow each other. Where the
+        # motion does not follow the record there is no noise, and each round would take all evaluations.
+        rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
+        if rounds and missed(problem, fit.values) > LARGEST_UNFOLLOWED:
+            rounds = 0
+        for _ in range(rounds):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
         return fit
@@ -206,7 +228,9 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
     if no_start or method.start is not None or free:
-        per_run = np.array([(*first_guess(r.time, r.angle, w), 0.0) for r in problem.records])
+        # Of the runs themselves: a record may be of another quantity than the angle.
+        pairs = ((run.time.values.astype(float), run.angle.values.astype(float)) for run in problem.runs)
+        per_run = np.array([(*first_guess(time, angle, w), 0.0) for time, angle in pairs])
     else:
         assert quick is not None
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
@@ -229,7 +253,8 @@ def _with_random_force(
     while stopped := stopped_by_bounds(fit):
         problem = replace(problem, parameters=problem.parameters.fix(stopped))
         values = problem.parameters.expand(fit.values[problem.parameters.free])
-        fit, covariance, at = _likelier_of(problem, values, method)
+        # The errors stay those of the first fit, which allow for what the bounds hold.
+        fit, _, at = _likelier_of(problem, values, method)
     return fit, covariance, at
 
 
@@ -253,25 +278,24 @@ def _residuals(fit: Fit) -> list[Array]:
         counted.append(residual[record.uncounted :])
         unphysical |= np.max(np.abs(counted[-1])) > np.max(np.abs(record.angle))
     if unphysical:
-        raise DecayError(
-            "No motion of these forces follows the record; offer other forces or a shorter window."
-        )
+        raise DecayError(NO_FITTED_MOTION)
     return counted
 
 
-def _identification(method: Trajectory, fit: Fit) -> xr.Dataset:
+def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
+    """A fit as an identification, with the errors of the one in which no bound holds a parameter."""
     problem, parameters = fit.problem, fit.parameters
     residuals, runs = _residuals(fit), problem.runs
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
     reduced = fit.residual @ fit.residual / degrees_of_freedom
-    covariance = reduced * fit.covariance
+    covariance = reduced * unbounded.covariance
     noises = [sensor_noise(run) for run in runs]
     if any(record.inputs for record in problem.records):
         # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
         noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
             # In which the errors of a driven record are taken whose residual is not white.
-            covariance = fit.clustered_covariance(24)
+            covariance = unbounded.clustered_covariance(24)
     # Unit of what is compared.
     units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
     extra: dict[str, tuple[ArrayLike, str, str]]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import UsageError
+from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.motion_fit.parameters import Parameters
@@ -20,6 +20,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.simulate import trajectory
 
+NO_FITTED_MOTION = "No motion of these forces follows the record; offer other forces or a shorter window."
 # Relative step at which a fit with parameters held is done: its deviance is known to far less than 1.
 HELD_TOLERANCE = 1e-8
 
@@ -28,6 +29,8 @@ HELD_TOLERANCE = 1e-8
 WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
 # A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
 FOLLOWED = 0.1
+# A motion that is no nearer than this (RMS, of the record's) is no first guess to be held on to.
+FAR_GUESS = 0.7
 MAX_EVALUATIONS = 60
 # Part of its size on a window that a column must have across all others for the window to move its parameter:
 # what a window cannot tell stays, else rounding would decide where the next begins.
@@ -72,6 +75,14 @@ class Fit:
             white = replace(record, weight=1.0).white(residual)
             records.append(replace(record, weight=float(np.sqrt((len(white) - part) / (white @ white)))))
         return fitted(replace(problem, records=tuple(records)), self.values)
+
+    def with_free(self, parameters: Parameters) -> "Fit":
+        """The fit at the same values with the sensitivities of parameters of which more are free."""
+        if len(parameters.free) == len(self.parameters.free):
+            return self
+        problem = replace(self.problem, parameters=parameters)
+        sensitivity = problem.white_sensitivity(self.values, problem.residuals(self.values))
+        return replace(self, problem=problem, sensitivity=sensitivity)
 
     @cached_property
     def covariance(self) -> Array:
@@ -121,20 +132,36 @@ def grown(problem: FitProblem, values: Array) -> Array:
     A window may hold too little to tell forces apart: from a motion that is near the record the whole is
     tried first.
     """
-    away = _missed(problem, values)
+    away = missed(problem, values)
     if away < FOLLOWED:
         return values
     # One this near has not slipped out of phase.
     if away < 0.5:
         tried = fitted(problem, values).values
-        if _missed(problem, tried) < FOLLOWED:
+        if missed(problem, tried) < FOLLOWED:
             return tried
     for part in WINDOWS:
         values = fitted(problem.first(part), values, ridge=WINDOW_RIDGE).values
     return values
 
 
-def _missed(problem: FitProblem, values: Array) -> float:
+def calmer(problem: FitProblem, values: Array) -> Array:
+    """First guess, with all coefficients that are free at zero where its motion is farther from the records.
+
+    Many forces on few swings: the balance of forces may give coefficients whose motion runs away, from which
+    no fit comes back.
+    """
+    away = missed(problem, values)
+    if away < FAR_GUESS:
+        return values
+    parameters, calm = problem.parameters, values.copy()
+    calm[[parameters.index(symbol) for symbol in parameters.library.symbols]] = 0.0
+    low, high = parameters.limits
+    calm = parameters.expand(np.clip(calm, low, high)[parameters.free])
+    return values if away <= missed(problem, calm) else calm
+
+
+def missed(problem: FitProblem, values: Array) -> float:
     """RMS of the residual over that of the record, the largest of all runs."""
     pairs = zip(problem.residuals(values), problem.records, strict=True)
     return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)
@@ -168,9 +195,13 @@ def fitted(problem: FitProblem, values: Array, *, tolerance: float = CONVERGED, 
         here = parameters.expand(free)
         return problem.white_sensitivity(here, residuals(*free))
 
+    if not np.all(np.isfinite(problem.white(residuals(*inside)))):
+        raise DecayError(NO_FITTED_MOTION)
     rows = np.empty((0, len(inside)))
     if ridge:
         rows = ridge * np.diag(np.linalg.norm(sensitivity(inside), axis=0))
+        if not np.all(np.isfinite(rows)):
+            raise DecayError(NO_FITTED_MOTION)
     minimum = least_squares(
         lambda free: np.append(problem.white(residuals(*free)), rows @ (free - inside)),
         inside,

@@ -18,7 +18,7 @@ from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.results import schema, variables
 from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
-from sysid_trib.simulation.motions import SimulatedMotion
+from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD, STEPS_A_PERIOD, SimulatedMotion
 
 # A motion is out of all proportion beyond so many swings of the record.
 OUT_OF_PROPORTION = 10.0
@@ -137,8 +137,11 @@ class WhitenedRecord:
         self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
     ) -> SimulatedMotion | None:
         acting, (angle, rate, _) = replace(model, inputs=self.inputs), per_run.tolist()
+        # A motion without states takes so many steps only where it runs away.
+        plain = all(force.memoryless for force in model.library)
+        steps = FEW_STEPS_A_PERIOD if plain else STEPS_A_PERIOD
         try:
-            return simulate.trajectory(acting, self.time[:count], angle, rate, by=by)
+            return simulate.trajectory(acting, self.time[:count], angle, rate, by=by, most_steps=steps)
         except SimulationError:
             return None
 

@@ -14,8 +14,9 @@ from sysid_trib.cycles import one_cycle, signatures
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Force
 from sysid_trib.physics import model_estimate as estimates
+from sysid_trib.physics.si_units import check_angle_unit
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described, with_error
+from sysid_trib.results.variables import described, signal_units, with_error
 
 # Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
 POINTS = 1440
@@ -105,6 +106,7 @@ def dissipated_energy(
     """
     estimate, a = estimates.model_estimate(result), estimates.amplitude_row(amplitude)
     if inertia is not None:
+        check_angle_unit(signal_units(result))
         estimates.check_quantity("inertia", inertia, inertia_standard_error)
     at = np.broadcast_to(np.asarray(time, float), a.shape)
     sine = np.array([signatures.averages(f, a, estimate.shapes, at)[0] for f in estimate.forces])

@@ -10,6 +10,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.physics import model_estimate as estimates
+from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.records.units import METRES
 from sysid_trib.results.variables import described, signal_units, variable
 
@@ -39,7 +40,7 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     Raises
     ------
     UsageError
-        Not an identification, or no positive inertia.
+        Not an identification of an angle, or no positive inertia.
 
     Notes
     -----
@@ -258,6 +259,7 @@ def in_si_units(
         check_length_unit(unit)
         values = _in_si(estimate, mass, unit).assign(described("si_units", {"mass": mass}))
     elif inertia is not None:
+        check_angle_unit(signal_units(result))
         stiffness = estimates.propagate(lambda z: _stiffness(estimate, z), *estimate.with_inertia(*inertia))
         further = described("si_units", {"linear_stiffness": stiffness, "inertia": inertia})
         values = _in_si(estimate, inertia, None).assign(further)
@@ -290,6 +292,22 @@ def check_length_unit(unit: str) -> None:
         raise UsageError(
             f"A mass makes forces of a displacement in a unit of length; this record is in {unit}. "
             "Give its unit, --units mm, or of an angle the inertia, --inertia."
+        )
+
+
+def check_angle_unit(unit: str) -> None:
+    """Refuse a signal that is no angle.
+
+    Raises
+    ------
+    UsageError
+        With what to give instead.
+    """
+    # What was measured of an angle may be its rate, in rad/s.
+    if unit.partition("/")[0] != ANGLE_UNIT:
+        raise UsageError(
+            f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass of a "
+            "displacement, --mass, or the length of a pendulum, --length, which turns it into an angle."
         )
 
 

@@ -218,8 +218,9 @@ def _first_sentence(tree: xr.DataTree) -> str:
     """Which coefficients differ, and which do not."""
     data = tree.to_dataset()
     rows, test = layout.by_label(data, "force"), _test_of_all(data)
-    held = [name for name, row in rows.items() if not np.isfinite(row.z)]
-    others = [name for name, row in rows.items() if not row.differs.item() and name not in held]
+    bounded = _at_a_bound(data)
+    held = [name for name, row in rows.items() if not np.isfinite(row.z) and name not in bounded]
+    others = [n for n, row in rows.items() if not row.differs.item() and n not in (*held, *bounded)]
     parts = []
     for name, row in rows.items():
         if row.differs.item():
@@ -229,10 +230,17 @@ def _first_sentence(tree: xr.DataTree) -> str:
     if parts:
         rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
         rest += f"; not tested, since held in both: {', '.join(held)}" if held else ""
+        rest += f"; not tested, since at a bound: {', '.join(bounded)}" if bounded else ""
         return f"{'; '.join(parts)}{rest}."
     if data.attrs["verdict"] == "together they differ":
         return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
-    return f"No difference was found in {', '.join(others) or 'the samples'} ({test})."
+    rest = f"; not tested, since at a bound: {', '.join(bounded)}" if bounded else ""
+    return f"No difference was found in {', '.join(others) or 'the samples'} ({test}){rest}."
+
+
+def _at_a_bound(data: xr.Dataset) -> list[str]:
+    """Forces that are at a bound in one of the runs, so that no test rests on them."""
+    return [name for name in str(data.attrs.get("at_a_bound", "")).split(", ") if name]
 
 
 def _sufficient(tree: xr.DataTree) -> str:
@@ -241,6 +249,7 @@ def _sufficient(tree: xr.DataTree) -> str:
     contrast = data[["standard_error", "covariance"]].assign(
         coefficient=data.difference, active=("force", np.ones(data.sizes["force"], dtype=bool))
     )
+    contrast = contrast.drop_sel(force=_at_a_bound(data), other_force=_at_a_bound(data))
     for choice in sufficient_forces(contrast):
         of_each = [
             f"{name} by {layout.with_unit(layout.value_with_error(*pair), _force(tree, name).unit.item())}"
@@ -263,7 +272,10 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
         )
     at_bounds = [f"{symbol} in {name}" for name, run in _runs(tree) for symbol in at_bound(run)]
     if at_bounds:
-        yield f"At a bound, where an error has but one side and z counts too much: {', '.join(at_bounds)}."
+        yield (
+            "At a bound, where an error has but one side and z counts too much: "
+            f"{', '.join(at_bounds)}. No test rests on it (--bound NAME=-1:1 frees it)."
+        )
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]
     if methods[0] != methods[1]:
         yield f"The methods differ, {' and '.join(methods)}: a part of the differences may be theirs."

@@ -15,15 +15,22 @@ from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 
 ERRORS = (
-    "Errors: where what is left is white, by its size; else by blocks of the record (trajectory), or by "
-    "rows two periods apart or the random force that stands for what the model lacks (direct). "
-    "Differences are over the larger error of both."
+    "Errors: where what is left is white, by its size; with a random force that explains the record, by both "
+    "noises, and by how far the coefficient of an input is too small if that force is noise of the measured "
+    "input; else by blocks of the record (trajectory) or by rows two periods apart (direct), and by the "
+    "distance to the fit with a random force. Differences are over the larger error of both."
 )
 DRIVEN_VERDICTS = {
     "explained": "The record is explained: what its motion leaves is white.",
+    "explained with a random force": (
+        "The record is explained with a random force, as noise of the measured input is one: what is "
+        "predicted wrongly one sample ahead is white. Its free motion leaves {} (RMS)."
+    ),
     "approximate": "The model follows the record to {} (RMS); more than noise is left.",
     "not explained": "The model does not explain the record: its motion leaves {} (RMS).",
 }
+# A coefficient of less than so many of its errors may be zero.
+SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have another form."
 NO_MOTION = "With this drive the model has no steady motion here: friction holds it, or it grows."
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
@@ -39,8 +46,14 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     remains = f"{best.residual_rms.item():.3g} {unit}, {100.0 * best.residual_over_motion.item():.2g} %"
     first = DRIVEN_VERDICTS[compared.attrs["verdict_on_record"]].format(remains)
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
-    others = [f"whose motion leaves less than that of {name}" for name in results if name != answer]
-    why = (others or ["since no motion by the other method follows the record"])[0]
+    others = [name for name in results if name != answer]
+    why = f"whose motion leaves less than that of {others[0]}" if others else ""
+    if others and compared.attrs["verdict_on_record"] == "explained with a random force":
+        why = "which needs no free motion that follows the record"
+    own = results[answer].attrs.get("compared_in", "")
+    if own and not others:
+        why = f"which compares the {own} itself"
+    why = why or "since no motion by the other method follows the record"
     # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
     tested = dict(compared.z.to_series()) if "z" in compared else {}
@@ -48,10 +61,12 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     for name in layout.FREQUENCY_ROWS:
         z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
     sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
-    what = {"force": f"left ({unit})", "formula": "RMS of record minus motion"}
+    over = ("", " over w", " over w^2")[int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))]
+    compared_with = f"RMS of {own}{over} minus motion" if own else "RMS of record minus motion"
+    what = {"force": f"left ({unit})", "formula": compared_with}
     table = layout.coefficient_table(results, z, [what | sizes])
     return [
-        Block([first, f"The answer is {answer}'s, {why}."], ALWAYS),
+        Block([first, f"The answer is {answer}'s, {why}.", *_negative_damping(results[answer])], ALWAYS),
         Block(record),
         Block(title="At a glance"),
         Block([ERRORS], Layer.EXPLAIN, "Forces", table),
@@ -60,6 +75,23 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
         Block(_in_its_unit(results[answer], tree)),
         *sureness_blocks(tree),
     ]
+
+
+def _negative_damping(result: xr.Dataset) -> Iterator[str]:
+    """Say that the damping ratio is negative: such a model gives energy to the motion."""
+    for symbol in library_of(result).damping_factors:
+        of_force = result.sel(force=symbol)
+        value, error = of_force.coefficient.item(), of_force.standard_error.item()
+        if value >= 0.0:
+            continue
+        said = f"The damping is negative: {symbol} = {layout.value_with_error(value, error)}"
+        if value > -SIGNIFICANT * error:
+            yield f"{said}, by no more than its error; --bound {symbol}=0: excludes it."
+        else:
+            yield (
+                f"{said}, as if the motion gained energy. Look whether the input is late or early "
+                f"(offer gain_delay), whether a friction is missing, or exclude it: --bound {symbol}=0:."
+            )
 
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
@@ -106,14 +138,19 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
             f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
+        if note := record.attrs.get("note"):
+            sentences.append(f"{note}.")
     return Block(sentences, ALWAYS)
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
     """A prediction as plain data, under `test`; nothing where nothing was predicted."""
-    sources = [{"source": record.attrs.get("source", "")} for record in predicted]
-    pairs = zip(predicted, sources, strict=True)
-    return {"test": [layout.mapped(record, "prediction", of) for record, of in pairs]} if predicted else {}
+    rows = []
+    for record in predicted:
+        row = layout.mapped(record, "prediction", {"source": record.attrs.get("source", "")})
+        note = record.attrs.get("note", "")
+        rows.append(row | ({"note": note} if note else {}))
+    return {"test": rows} if rows else {}
 
 
 def response_blocks(response: xr.Dataset) -> Iterator[Block]:

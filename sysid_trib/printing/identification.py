@@ -133,15 +133,11 @@ def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
     """How methods agree, and the test behind it; nothing where one failed."""
     checked = tree["comparison"].to_dataset()
     attrs, p_value = checked.attrs, checked.p_value.item()
-    stretch, records, draws = (attrs.get(k) for k in ("compared_stretch", "simulated_records", "draws"))
-    part = "" if stretch is None else f", compared on stretches of {stretch:.3g} s,"
-    pair = f"{attrs['first'].capitalize()} and {attrs['second']}{part}"
+    pair = f"{attrs['first'].capitalize()} and {attrs['second']}"
     if findings.failures(tree):
         return
     if attrs["verdict"] == "unknown":
-        few = f" (both methods identified {records} of {draws} simulated records)"
-        why = f"the error of their difference could not be computed{few if records is not None else ''}"
-        yield f"{pair} cannot be compared: {why}."
+        yield f"{pair} cannot be compared: the error of their difference could not be computed."
         return
     explained, z = attrs.get("verdict_on_record", "").startswith("explained"), abs(checked.z.to_series())
     if attrs["verdict"] == "disagree":
@@ -154,12 +150,11 @@ def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
     else:
         how = f"{'agree within' if explained else 'differ by no more than'} their errors"
     yield f"{pair} {how}."
-    # The records that count are fewer than were drawn where the motion is pushed and one was not identified.
-    simulated = f"Hotelling, {draws if records is None else records} simulated records"
+    stated = attrs.get("errors") == "stated"
     yield (
         f"Their differences: chi-square {checked.chi_square.item():.3g} for "
         f"{checked.degrees_of_freedom.item()} of them, p = {p_value:.2g} "
-        f"({'stated errors' if attrs.get('errors') == 'stated' else simulated})."
+        f"({'the stated errors add' if stated else 'both methods see the same noise'})."
     )
 
 

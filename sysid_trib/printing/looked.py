@@ -14,7 +14,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import load_system, with_shipped
 from sysid_trib.printing import Block, layout
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.validation.drive import FittingModel
 
 # What the table of a library refers to, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -101,6 +104,8 @@ def loses_power(force: Force) -> str:
 FEW_SAMPLES = 20.0
 # An amplitude that falls by less than this factor hardly tells one law of damping from another.
 LEAST_FALL = 2.0
+# Amplitudes that an identification wants for each of its forces.
+AMPLITUDES_A_FORCE = 3
 # A drift that counts, beside the last amplitude.
 DRIFTS = 0.1
 # Power of the amplitude in the rate of decay that speaks for a law: -1 of dry friction, 1 of quadratic drag.
@@ -147,26 +152,128 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     }
 
 
-def pointed_options(tree: xr.DataTree, system_given: bool) -> dict[str, str]:
-    """Options of `identify` that the backbones of all decays point to.
+def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
+    """Options of `identify` that the backbones point to, and that the half periods of all decays can decide.
 
     Parameters
     ----------
     tree : DataTree
         Of `look`.
-    system_given : bool
-        Whether the user has said what swings.
+    system : str or None
+        What moves, if the user has said it.
     """
     decays = _decays(tree)
-    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
-    pointed = {s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s}
     library = load_library()
+    viscous = [*library.damping_factors][:1]
     # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
-    forces = [s for s in library.symbols if s in pointed | library.damping_factors.keys()]
-    # Of another system the frequency is another one's, and so are its forces.
-    options = {"forces": ",".join(forces)} if pointed else {}
-    options |= {"system": systems.pop()} if len(systems) == 1 and all(systems) else {}
-    return {} if system_given else options
+    pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
+    if not pointed:
+        pointed = [force.symbol for decay in decays if (force := library.role(_law_of(decay))) is not None]
+    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
+    of_record = systems.pop() if len(systems) == 1 else ""
+    moving = load_system(system or of_record or None)
+    if system is not None:
+        # What moves is what the user says; its forces are those of the system, if the record decides them.
+        pointed = [*moving.forces]
+    elif of_record:
+        pointed = [symbol for symbol in pointed if symbol in moving.forces]
+    known = with_shipped(library, pointed)
+    # Envelope and frequency at each amplitude, for the forces and the frequency.
+    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
+    kept = [*dict.fromkeys([*viscous, *pointed])][:most]
+    forces = ",".join(symbol for symbol in known.symbols if symbol in kept)
+    if system is not None:
+        return {} if set(kept) >= set(moving.forces) else {"forces": forces}
+    return {"forces": forces} | ({"system": of_record} if of_record else {})
+
+
+def _law_of(decay: xr.Dataset) -> str:
+    """The formula of the friction that the rates of decay at both ends speak for; viscous if none does."""
+    power = _power_of_rate(decay)
+    return "sign(v)" if power < -CLEAR_POWER else "v*abs(v)" if power > CLEAR_POWER else "2*v"
+
+
+def _power_of_rate(decay: xr.Dataset) -> float:
+    """Power of the amplitude with which the rate of decay goes; nan if the amplitude hardly falls."""
+    first, last = decay.first_damping_ratio.item(), decay.last_damping_ratio.item()
+    fall = decay.first_amplitude.item() / decay.last_amplitude.item()
+    if not (fall >= LEAST_FALL and first > 0.0 and last > 0.0):
+        return float("nan")
+    return float(np.log(first / last) / np.log(fall))
+
+
+# A model that leaves more than this part of the motion does not follow it.
+FOLLOWING_PART = 0.3
+
+
+def driven_look_blocks(
+    tree: xr.DataTree, sources: Sequence[str], models: Sequence[FittingModel], next_command: str
+) -> Iterator[Block]:
+    """What the command `look` prints of driven records.
+
+    Parameters
+    ----------
+    tree : DataTree
+        The records, with their inputs.
+    sources : sequence of str
+        What each record is.
+    models : sequence of FittingModel
+        The best one first.
+    next_command : str
+        To copy.
+    """
+    yield Block(list(dict.fromkeys(sources)))
+    for node in tree.children.values():
+        run = node.to_dataset()
+        yield Block([str(run.attrs.get("free_decay", "")), *_input_sentences(run)])
+    yield Block([_fit_sentence(models)])
+    yield Block([f"Next: {next_command}"])
+
+
+def driven_look_json(tree: xr.DataTree, models: Sequence[FittingModel], next_command: str) -> dict[str, Any]:
+    """The facts about driven records as plain data."""
+    return {
+        "records": [layout.mapped(record, "record") for record in tree.children.values()],
+        "decays": [],
+        "driven": True,
+        "models": [
+            {"system": model.system, "forces": list(model.forces), "residual_over_motion": model.residual}
+            for model in models
+        ],
+        "next": next_command,
+    }
+
+
+def fitting_options(models: Sequence[FittingModel], system: str | None) -> dict[str, str | None]:
+    """Options of `identify` for the model that fits driven records best; none if a system is given."""
+    if system is not None or not models[0].residual < FOLLOWING_PART:
+        return {}
+    best = models[0]
+    return {"system": best.system} if best.system else {"forces": ",".join(best.forces)}
+
+
+def _input_sentences(run: xr.Dataset) -> Iterator[str]:
+    """The range of each input, and that of the signal."""
+    for name, known in inputs_of(run).items():
+        unit = run[name].attrs.get("units", "")
+        low, high = float(known.values.min()), float(known.values.max())
+        yield f"Driven: input {name} goes from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
+    own = "measured" if "measured" in run else "angle"
+    low, high = float(run[own].min()), float(run[own].max())
+    unit = run[own].attrs.get("units", "")
+    yield f"The signal goes from {low:.4g} to {high:.4g} {unit}; it is no free decay."
+
+
+def _fit_sentence(models: Sequence[FittingModel]) -> str:
+    """How much of the motion each kind of model leaves."""
+    said = []
+    for model in models:
+        kind = f"--system {model.system}" if model.system else f"an oscillator with {','.join(model.forces)}"
+        if model.residual < 1.0:
+            said.append(f"{kind} leaves {100.0 * model.residual:.2g} %")
+    if not said:
+        return "A first fit of an oscillator, and of each system, does not follow the motion."
+    return f"A first fit, of the motion: {'; '.join(said)}."
 
 
 def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
@@ -187,22 +294,47 @@ def _sentences(decay: xr.Dataset) -> list[str]:
             value["samples_per_period"] < FEW_SAMPLES
         ),
         f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping from "
-        "another: record longer": fall < LEAST_FALL,
+        "another: record longer": 1.0 < fall < LEAST_FALL,
+        "the amplitude does not fall: the motion is driven, or the record is too short to show its damping. "
+        "If it is driven, name what drives it, --input COLUMN or FILE:COLUMN": fall <= 1.0,
         f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or by "
         "forces that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
     }
     said = [limit for limit, applies in limits.items() if applies]
-    if fall >= LEAST_FALL and first > 0.0 and last > 0.0:
-        said.append(_law(float(np.log(first / last) / np.log(fall))))
-    pointed = decay.attrs["points_to"]
+    if np.isfinite(power := _power_of_rate(decay)):
+        said.append(_law(power))
+    pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
+    modal = (
+        f"Several modes: {several}. What is said is of the one of {1.0 / value['period']:.3g} Hz, to which "
+        "the others are noise: filter the signal to a band about it."
+    )
     return [
+        *([modal] if several else []),
         f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
         f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}"
         f"{rates if np.isfinite(first + last) else ''}.",
         f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
-        *([f"{'; '.join(said).capitalize()}."] if said else []),
+        *([f"{said[0][0].upper()}{'; '.join(said)[1:]}."] if said else []),
         *([f"{pointed[0].upper()}{pointed[1:]}."] if pointed else []),
+        *_sentences_on_systems(decay),
     ]
+
+
+def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
+    """What each system leaves of the frequency, what the columns say, and a scale that is off."""
+    attrs = {name: str(value) for name, value in decay.attrs.items()}
+    said = []
+    if ranked := attrs["predicted_by"]:
+        said.append(f"Of the change of the frequency with amplitude, {ranked}.")
+    if columns := attrs["columns_point_to_system"]:
+        said.append(f"The columns {columns} are those of a {attrs['points_to_system']}.")
+    if scale := attrs["points_to_scale"]:
+        factor = f"{scale} ± {attrs['points_to_scale_error']}"
+        said.append(
+            f"The frequency fits if the angle is {factor} times that of the file: a scale error of the film "
+            f"or encoder is the plain reading (--scale {scale})."
+        )
+    return said
 
 
 def _law(power: float) -> str:

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.printing import Block, Layer, layout
 from sysid_trib.printing.sureness import NOT_FOLLOWED, not_followed
-from sysid_trib.results.effects import SIGNIFICANT_ERRORS
+from sysid_trib.results.effects import SIGNIFICANT_ERRORS, at_bound
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation import findings, lack_of_fit
 from sysid_trib.validation.verdict import p_value_of_dependence
@@ -220,13 +220,15 @@ UNIDENTIFIABLE = {
 
 def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
     """Which coefficients of results are fixed, tied or at a bound, in a sentence; none if none is."""
-    parts = []
+    parts, results = [], list(results)
     for result in results:
         for symbol, row in layout.by_label(result, "force").items():
             if kind := row.coords.get("constraint", xr.DataArray("")).item():
                 parts.append(kind if "=" in kind else f"{symbol} is {kind} ({row.coefficient.item():.6g})")
     if parts:
-        yield f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these."
+        bounded = list(dict.fromkeys(symbol for result in results for symbol in at_bound(result)))
+        allowed = f", but those at a bound ({', '.join(bounded)}) are free in them" if bounded else ""
+        yield f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these{allowed}."
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:

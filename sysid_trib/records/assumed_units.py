@@ -9,6 +9,7 @@ from scipy.special import ellipk
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, RecordError, UsageError
 from sysid_trib.records import half_periods, half_sines, reading, tables, units as lab
+from sysid_trib.records.clock import are_whole
 from sysid_trib.records.column import Column
 from sysid_trib.records.free_decay import free_decay
 
@@ -30,6 +31,7 @@ def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tup
     if given and lab.TIME_UNITS.get(stated, lab.TIME_UNITS[given]) != lab.TIME_UNITS[given]:
         raise _contradicted(time, stated, "time-units", given)
     unit = given or stated or {"millis": "ms", "micros": "us"}.get(time.base)
+    unit = unit or lab.noted_time_unit(table.notes) or None
     if unit and unit not in lab.TIME_UNITS:
         wrong = f"{time.source}: the unit {unit!r} of column {time.name} is unknown"
         raise RecordError(f"{wrong}; give --time-units (time_units= in Python): {lab.OFFERED_TIME_UNITS}.")
@@ -74,40 +76,6 @@ def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
     return None, "unit of time not stated: taken as s, though its stamps are whole" * are_whole(stamps)
 
 
-def are_whole(stamps: Array) -> bool:
-    """True if stamps are whole numbers, one or more apart."""
-    stamps = stamps[np.isfinite(stamps)]
-    return bool(stamps.size > 1 and np.all(stamps == np.round(stamps)) and np.median(np.diff(stamps)) >= 1.0)
-
-
-def check_period(time: Array, values: Array, whole: bool, source: str) -> None:
-    """Ask for the unit of times that nothing states, where in seconds no laboratory has such a period.
-
-    Parameters
-    ----------
-    time, values : (sample,) array of float
-        The signal; times as they stand.
-    whole : bool
-        Whether the stamps are whole numbers.
-    source : str
-        Of whom the question speaks.
-
-    Raises
-    ------
-    RecordError
-        With the period, and what to give.
-    """
-    periods = half_periods.dominant_periods(time, values)
-    # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
-    longest = 60.0 if whole else 1000.0
-    if periods and not 5e-5 < periods[0] < longest:
-        raise RecordError(
-            f"{source}: nothing states the unit of its times: the period would be {periods[0]:.3g} s in s, "
-            f"{1e-3 * periods[0]:.3g} s in ms, {1e-6 * periods[0]:.3g} s in us; give it, --time-units "
-            f"{lab.OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, --sampling-rate HZ."
-        )
-
-
 def unit_of(
     table: tables.FileTable, column: Column, how: reading.Reading, time: Array, values: Array
 ) -> tuple[lab.SignalUnit, str]:
@@ -120,7 +88,9 @@ def unit_of(
     RecordError
         An amplitude that no oscillation has in this unit.
     """
-    stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes))
+    signals = [c for c in table.columns if c not in table.times]
+    place = signals.index(column) if column in signals else None
+    stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes, place, len(signals)))
     given = lab.signal_unit(how.units or "")
     if given and how.signal and given.quantity in lab.POSITIONS:
         # "deg" of a rate is deg/s.
@@ -135,7 +105,14 @@ def unit_of(
     unit, why = given or stated, ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
-        unit, why = _assumed_unit(table, column, time, values, meant)
+        # What is not named, or by its axis alone, may be an accelerometer.
+        nameless = how.quantity is None and lab.names_quantity(column.base) in ("", "displacement")
+        felt = _gravity_on_axes(table, column, signals, values) if nameless else ""
+        if not felt and meant in (None, ""):
+            _ask_at_gravity(column, values)
+        meant = "acceleration" if felt else meant
+        unit, why = _assumed_unit(table, column, time, values, meant, how.gravity)
+        why = felt or why
     if how.quantity not in (None, unit.quantity):
         if unit.quantity in lab.POSITIONS and (times := lab.INTEGRATIONS[how.quantity]):
             unit = replace(unit, text=f"{unit.text}{'/s' if times == 1 else '/s^2'}", quantity=how.quantity)
@@ -162,7 +139,12 @@ def _agree(stated: lab.SignalUnit, given: lab.SignalUnit) -> bool:
 
 
 def _assumed_unit(
-    table: tables.FileTable, signal: Column, time: Array, values: Array, meant: str | None
+    table: tables.FileTable,
+    signal: Column,
+    time: Array,
+    values: Array,
+    meant: str | None,
+    gravity: bool = True,
 ) -> tuple[lab.SignalUnit, str]:
     """Unit of a signal that nothing states, and the evidence for it.
 
@@ -175,6 +157,13 @@ def _assumed_unit(
         The signal without bad samples.
     meant : str, optional
         The quantity, if it is known.
+    gravity : bool
+        Whether it may be a pendulum.
+
+    Raises
+    ------
+    UsageError
+        An angle that may be in rad or in degrees, of a body that is no pendulum.
 
     Notes
     -----
@@ -189,7 +178,7 @@ def _assumed_unit(
         # In degrees: what is not named as an angle and swings farther is none.
         text, why = "au", "coefficients are in its unit, au"
     elif meant in (None, "", "angle"):
-        text, why = _of_angle(time, values, half)
+        text, why = _of_angle(time, values, half) if gravity else _of_angle_without_gravity(signal, half)
     elif meant == "rate":
         periods = half_periods.dominant_periods(time, values)
         far = half * (periods[0] if periods else 1.0) / (2.0 * np.pi)
@@ -199,11 +188,47 @@ def _assumed_unit(
         # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
         rest = float(np.median(values))
         text = "g" if 0.5 < abs(rest) < 1.2 else "m/s^2"
-        gravity = f", since it swings about {rest:.3g}, as gravity would" if text == "g" else ""
-        why = f"taken as {text}{gravity}"
+        since = f", since it swings about {rest:.3g}, as gravity would" if text == "g" else ""
+        why = f"taken as {text}{since}"
     unit = lab.signal_unit(text)
     assert unit is not None
     return unit, f"unit not stated: {why}"
+
+
+# An axis that points down shows gravity but for so much of it, in a sensor that is not calibrated; the three
+# axes of one show it together but for less.
+OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
+
+
+def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
+    """Why a column is an axis of an accelerometer in m/s^2: three of them rest at gravity; or nothing."""
+    axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
+    # More columns are gravity in some way by chance.
+    if len(axes) != 3 or column not in axes:
+        return ""
+    rests = [float(np.nanmedian(values if axis is column else axis.values)) for axis in axes]
+    together = float(np.sqrt(np.sum(np.square(rests))))
+    if abs(together / lab.STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
+        return ""
+    names = ", ".join(axis.name for axis in axes)
+    return f"unit not stated: taken as m/s^2, since {names} rest at {together:.3g} together, as gravity"
+
+
+def _ask_at_gravity(column: Column, values: Array) -> None:
+    """Ask what a column holds that swings about 9.8 and is not named.
+
+    Raises
+    ------
+    UsageError
+        An accelerometer would, and an angle hardly.
+    """
+    rest = float(np.median(values))
+    if abs(abs(rest) / lab.STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
+        raise UsageError(
+            f"{column.source}: nothing says what column {column.name} holds; it swings about {rest:.3g}, as "
+            "an accelerometer in m/s^2 under gravity does: say so, --units m/s^2, or what else it is, "
+            "--units deg (units= in Python)."
+        )
 
 
 def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
@@ -220,6 +245,29 @@ def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
                 f"{half:.3g} rad would rise by {100.0 * of_pendulum:.2g} % as it decays, and this one "
                 f"moves by {100.0 * seen:.2g} % (--units rad if it is no pendulum)"
             )
+    return "rad", "taken as rad"
+
+
+# rad; a wire or a spring is not turned by more than this many radians to either side.
+MOST_TURNED = 4.0 * np.pi
+
+
+def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
+    """Assume the unit of the angle of a body without gravity, which may turn further than a pendulum.
+
+    Raises
+    ------
+    UsageError
+        It may be in either unit.
+    """
+    if half > MOST_TURNED:
+        return "deg", f"in degrees, since a body does not swing to {half:.3g} rad"
+    if half > np.pi:
+        raise UsageError(
+            f"{signal.source}: nothing states the unit of column {signal.name}, which swings to {half:.3g}: "
+            "a body without gravity may turn so far in rad, or so little in degrees; give --units rad or deg "
+            "(units= in Python)."
+        )
     return "rad", "taken as rad"
 
 
@@ -247,6 +295,8 @@ def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
     for column in table.columns:
         second = column.cells
         if column is signal or not (signal.is_plain and column.is_plain) or second.size != values.size:
+            continue
+        if column.is_empty:
             continue
         radius = np.hypot(values.astype(float), second.astype(float))
         middle = float(np.nanmean(radius))

@@ -1,7 +1,7 @@
 """What stamps say of the clock: uniform and rounded, jittering, doubled, set back, with rows missing."""
 
 from collections.abc import Iterator
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,67 @@ AT_ONCE = 0.5
 GIVE_RATE = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
 
 
-# Times of a record (s, rising), rows of the file that they belong to, times at which the clock was set back:
-# what comes after is a piece of its own; and what was seen.
-Clock: TypeAlias = tuple[Array, Index, tuple[float, ...], tuple[str, ...]]
+# From when a clock counts, as a sentence says it.
+CLOCKS: dict[column.ClockKind, str] = {
+    "dates": "by dates without a time zone",
+    "universal": "in universal time (from 1970, or dates with a time zone)",
+    "day": "by the time of the day",
+    "stamps": "in seconds from an instant of its own",
+    "rows": "by its sampling rate from its first row",
+}
+# s since 1970: stamps of the years 1990 to 2100 count from there.
+COUNTED_FROM_1970 = 6.3e8, 4.1e9
+
+
+class Origin(NamedTuple):
+    """The instant that a record calls 0 s.
+
+    Attributes
+    ----------
+    kind : ClockKind
+        By which clock it counts.
+    instant : int, ns
+        By that clock.
+    """
+
+    kind: column.ClockKind
+    instant: int = 0
+
+    def later(self, seconds: float) -> "Origin":
+        """Return the origin so much later."""
+        return Origin(self.kind, self.instant + round(seconds * 1e9))
+
+
+class Clock(NamedTuple):
+    """Times of a record.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+        Rising.
+    rows : (sample,) array of int
+        Rows of the file that they belong to.
+    breaks : tuple of float, s
+        Times at which the clock was set back: what comes after is a piece of its own.
+    seen : tuple of str
+        What was seen of it.
+    counted_from : float, s
+        By the stamps, what the record calls 0 s.
+    """
+
+    time: Array
+    rows: Index
+    breaks: tuple[float, ...] = ()
+    seen: tuple[str, ...] = ()
+    counted_from: float = 0.0
+
+
+def seconds_between(first: Origin, other: Origin) -> float | None:
+    """Return the time (s) from one origin to another; None if no clock is common to both."""
+    own = {"rows": "stamps"}
+    if own.get(first.kind, first.kind) != own.get(other.kind, other.kind):
+        return None
+    return (other.instant - first.instant) * 1e-9
 
 
 def read_clock(
@@ -78,7 +136,8 @@ def read_clock(
     time, said = even or _without_rounding(given, decimal_step(given))
     time = time * factor
     # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
-    if abs(time[0]) > 1e6:
+    counted_from = float(time[0]) if abs(time[0]) > 1e6 else 0.0
+    if counted_from:
         sentences.append(f"counted from the first stamp, {given[0]:.10g}")
         time = time - time[0]
     still = np.flatnonzero(np.diff(time) <= 0.0)
@@ -89,7 +148,42 @@ def read_clock(
         raise RecordError(f"{wrong}; correct them, or {GIVE_RATE}")
     rate = f"{1.0 / signal.usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
-    return time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate)
+    return Clock(time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate), counted_from)
+
+
+def are_whole(stamps: Array) -> bool:
+    """Return true if stamps are whole numbers, one or more apart."""
+    stamps = stamps[np.isfinite(stamps)]
+    return bool(stamps.size > 1 and np.all(stamps == np.round(stamps)) and np.median(np.diff(stamps)) >= 1.0)
+
+
+def check_period(time: Array, values: Array, whole: bool, source: str, remedy: str) -> None:
+    """Ask for the unit of times that nothing states, where in seconds no laboratory has such a period.
+
+    Parameters
+    ----------
+    time, values : (sample,) array of float
+        The signal; times as they stand.
+    whole : bool
+        Whether the stamps are whole numbers.
+    source : str
+        Of whom the question speaks.
+    remedy : str
+        What to give.
+
+    Raises
+    ------
+    RecordError
+        With the period, and what to give.
+    """
+    periods = half_periods.dominant_periods(time, values)
+    # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
+    longest = 60.0 if whole else 1000.0
+    if periods and not 5e-5 < periods[0] < longest:
+        raise RecordError(
+            f"{source}: nothing states the unit of its times: the period would be {periods[0]:.3g} s in s, "
+            f"{1e-3 * periods[0]:.3g} s in ms, {1e-6 * periods[0]:.3g} s in us; {remedy}"
+        )
 
 
 def _rising(given: Array, source: str) -> tuple[Array, Index]:

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from datetime import datetime, time as clock_time
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -14,12 +14,16 @@ from sysid_trib.errors import RecordError
 from sysid_trib.records import units as lab
 from sysid_trib.records.signal import LARGEST_NUMBER
 
+# By what a clock counts (see `clock.CLOCKS`).
+ClockKind = Literal["dates", "universal", "day", "stamps", "rows"]
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
 MISSING_TEXTS = frozenset(lab.LAB_WORDS["missing"])
 DAY = 86400.0
 # The minus sign of Swedish and Norwegian settings.
 MINUS = "\u2212"
+# `Z`, `+01:00`, `UTC` behind a date.
+_ZONE = re.compile(r"\d\s*(?:Z|UTC|GMT|[+-]\d\d:?\d\d)$", re.IGNORECASE)
 _CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
 
 
@@ -66,8 +70,8 @@ class Column:
             A text that is no number, or an infinite value, with its row (from 1, below the header).
         """
         values = self.cells
-        if values.dtype.kind == "O" and all(isinstance(value, datetime) for value in values):
-            values = values.astype("datetime64[us]")
+        if self.holds_instants:
+            values = self._instants
         if values.dtype.kind in "mM":
             elapsed = values - values[0] if values.dtype.kind == "M" else values
             return np.asarray(elapsed / np.timedelta64(1, "ns"), dtype=float) * 1e-9
@@ -83,6 +87,36 @@ class Column:
                 said = f"is infinite ({count} such rows); cut them out, or keep the part between them."
             raise RecordError(f"{self.source}: row {row + 1} of column {self.name} {said}")
         return values
+
+    @cached_property
+    def holds_instants(self) -> bool:
+        """Return true if its cells are dates of Python, pandas or NumPy."""
+        instants = self.cells.dtype.kind == "O" and all(isinstance(value, datetime) for value in self.cells)
+        return self.cells.dtype.kind == "M" or (instants and self.cells.size > 0)
+
+    @cached_property
+    def _instants(self) -> Any:
+        """Return its dates; those with a time zone in UTC."""
+        if self.cells.dtype.kind == "M":
+            return self.cells
+        return pd.to_datetime(pd.Index(self.cells), utc=True).tz_localize(None).to_numpy()
+
+    @cached_property
+    def first_instant(self) -> tuple[ClockKind, int]:
+        """Return by which clock its numbers count (see `clock.CLOCKS`), and from when by that (ns)."""
+        if not self.is_dated or self.cells.dtype.kind == "m":
+            return "stamps", 0
+        if self.holds_instants:
+            zoned = self.cells.dtype.kind == "O" and self.cells[0].tzinfo is not None
+            first = pd.Timestamp(self._instants[0]).as_unit("ns").value
+            return "universal" if zoned else "dates", int(first)
+        texts = [str(value).strip().replace(",", ".") for value in self.cells]
+        if _of_the_day(texts) is not None:
+            return "day", 0
+        dates = _as_dates(texts[:1])
+        if dates is None:
+            return "stamps", 0
+        return "universal" if _ZONE.search(texts[0]) else "dates", int(dates.as_unit("ns")[0].value)
 
     def _of_texts(self) -> Array:
         if self.is_dated:
@@ -157,6 +191,11 @@ class Column:
         return self.cells.dtype.kind in "Mm" or (bool(dated) and all(dated))
 
     @property
+    def is_level(self) -> bool:
+        """True if it holds levels in dB, by its unit or its name."""
+        return lab.is_level(self.stated) or (not self.stated and lab.is_level(self.base))
+
+    @property
     def is_plain(self) -> bool:
         """True if the file has it as numbers."""
         return self.cells.dtype.kind in "fiu"
@@ -173,7 +212,9 @@ class Column:
         if lab.is_time(self.base, unit) or self.is_dated:
             return True
         like = re.match(r"(?:time|t|zeit)\b", self.base) is not None
-        return self.rises and (unit in lab.TIME_UNITS and self.base.endswith(" time") if unit else like)
+        # `plate t`, of a group of columns
+        of_group = self.base.endswith((" time", " t", " zeit"))
+        return self.rises and (unit in lab.TIME_UNITS and of_group if unit else like or of_group)
 
     @property
     def counts_rows(self) -> bool:
@@ -235,11 +276,16 @@ def _seconds(match: "re.Match[str]") -> float:
 
 def _of_dates(texts: list[str]) -> Array | None:
     """Seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
+    dates = _as_dates(texts)
+    return None if dates is None else np.asarray((dates - dates[0]).total_seconds(), dtype=float)
+
+
+def _as_dates(texts: list[str]) -> pd.DatetimeIndex | None:
+    """Parse dates in UTC; those without a time zone as if they were in it. None if they are none."""
     texts = [re.sub(r"(:\d\d:\d\d):(?=\d+$)", r"\1.", text) for text in texts]
     for style in ("ISO8601", "mixed"):
         try:
-            dates = pd.to_datetime(texts, format=style, utc=True)
+            return pd.to_datetime(texts, format=style, utc=True)
         except (ValueError, OverflowError):
             continue
-        return np.asarray((dates - dates[0]).total_seconds(), dtype=float)
     return None

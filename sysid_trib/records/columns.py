@@ -10,7 +10,7 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import cleaning, clock, equilibrium, free_decay, units as lab
+from sysid_trib.records import cleaning, clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
@@ -47,17 +47,29 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     given = None if how.time is None else table.find(how.time)
     if how.angle is not None:
         signal = table.find(how.angle)
+        _refuse_levels([signal])
         return [(given or own_time(table, signal), signal, "")]
     times = [given] if given else table.times
-    signals = [c for c in table.columns if c not in times and not c.is_empty and c.is_numeric]
+    numeric = [c for c in table.columns if c not in times and not c.is_empty and c.is_numeric]
+    signals = [c for c in numeric if not c.is_level]
+    acting: list[Column] = []
+    driven = bool(driving)
+    if not driven:
+        signals, acting = _without_drives(signals, times, table)
     if not signals:
+        _refuse_levels(numeric)
         raise RecordError(f"{table.source}: there is no column for the angle beside the time.")
     if not (how.sampling_rate or table.rate or times):
         # Without a clock it cannot be seen which column swings.
         raise RecordError(table.no_clock)
     runs = _runs(table, signals, times)
     if not runs:
-        return [_chosen(table, signals, times, how)]
+        try:
+            return [_chosen(table, signals, times, how)]
+        except (RecordError, UsageError):
+            if not (driven or acting):
+                raise
+        return [_chosen_of_driven(table, signals, times, acting)]
     first = runs[0][1]
     at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
@@ -66,6 +78,17 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
     return [(time, signal, why) for time, signal in pairs if signal in swings]
+
+
+def _refuse_levels(columns: list[Column]) -> None:
+    """Refuse columns of levels in dB: what swings is not in them."""
+    level = next((column for column in columns if column.is_level), None)
+    if level is not None:
+        raise RecordError(
+            f"{level.source}: column {level.name} is a level in dB, the logarithm of an amplitude: it shows "
+            "how fast a motion fades, but holds no oscillation; record the signal itself, such as the sound "
+            "pressure or the acceleration."
+        )
 
 
 def own_time(table: FileTable, signal: Column) -> Column | None:
@@ -97,10 +120,26 @@ def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[
     """
     runs = [(time, [c for c in signals if _time_of(table, c, times) is time]) for time in times]
     # What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
-    bare = re.compile(r"#?\d+|(?<=[ _])[a-d]$")
+    bare = re.compile(r"#?\d+|(?<=[ _])[a-d](?=$| )")
     patterns = {tuple(bare.sub("", c.base) for c in (time, *group)) for time, group in runs}
     fit = all(c.cells.size == time.cells.size for time, group in runs for c in group)
-    return runs if len(runs) > 1 and len(patterns) == 1 and fit and runs[0][1] else []
+    if len(runs) < 2 or len(patterns) > 1 or not fit or not runs[0][1] or _are_bodies(runs):
+        return []
+    return runs
+
+
+# What runs are called in a line above their columns.
+_RUN = re.compile(
+    r"\b(?:run|trial|test|try|rep|repeat|take|messung|versuch|lauf|essai|prova|ensayo|pomiar)\b"
+)
+
+
+def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
+    """True if columns are those of several bodies in one run: groups of their own names over equal times."""
+    first, *others = (time for time, _ in runs)
+    grouped = all(" " in time.base and not _RUN.search(time.base) for time, _ in runs)
+    named_before = grouped and all(lab.is_time(time.base.rpartition(" ")[2], "") for time, _ in runs)
+    return named_before and all(np.array_equal(first.cells, time.cells) for time in others)
 
 
 def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> Chosen:
@@ -112,6 +151,46 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     # Where each of them holds a text, the refusal says where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
     return own[chosen], chosen, why
+
+
+def _without_drives(
+    signals: list[Column], times: list[Column], table: FileTable
+) -> tuple[list[Column], list[Column]]:
+    """The columns without those that drive, and these; all, where what drives alone swings as a decay."""
+    acting = [c for c in signals if drives.is_named_as_drive(c)]
+    others = [c for c in signals if c not in acting]
+    if not acting or not any(drives.moves(c) for c in others):
+        return signals, []
+
+    def decays(columns: list[Column]) -> bool:
+        made = (_swing_of(c, _time_of(table, c, times)) for c in columns[:40])
+        return any(swing is not None and swing[0] is not None for swing in made)
+
+    return (signals, []) if decays(acting) and not decays(others) else (others, acting)
+
+
+def _chosen_of_driven(
+    table: FileTable, signals: list[Column], times: list[Column], acting: list[Column]
+) -> Chosen:
+    """The signal of a driven record: by its quantity, since no decay shows it; asked for if unclear."""
+    pool = [c for c in signals if drives.moves(c) and not drives.is_named_as_drive(c)] or signals
+    for quantity in ("angle", "displacement", "rate", "acceleration"):
+        known = [c for c in pool if c.quantity == quantity]
+        # A name says it where a unit is any number's: of a position in V no torque or temperature is one.
+        named = [c for c in known if c.quantity == lab.names_quantity(c.base)] or known
+        if len(named) == 1:
+            return _time_of(table, named[0], times), named[0], f"the one {quantity} of {len(signals)} columns"
+        if len(named) > 1:
+            pool = named
+            break
+    if len(pool) == 1:
+        return _time_of(table, pool[0], times), pool[0], f"of {len(signals)} columns"
+    drive = f'; column {acting[0].name} drives it: add --input "{acting[0].name}"' if acting else ""
+    listed = _listed(pool, dict.fromkeys(pool, (None, "")))
+    raise UsageError(
+        f"{table.source}: {listed} could each be the signal; name one, "
+        f'such as --angle "{pool[0].name}" (angle= in Python){drive}.'
+    )
 
 
 def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | None, str] | None:
@@ -126,7 +205,7 @@ def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | 
     with suppress(SysidTribError):
         stamps = np.arange(values.size) if time is None else time.numbers
         if stamps.size == values.size:
-            times, rows, _, _ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
+            times, rows, *_ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
             whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])
@@ -166,14 +245,23 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     if not any(swings[c][0] for c in pool):
         pool = named or pool
         reasons = "; ".join(f"{c.name}: {swings[c][1]}" for c in pool[:LISTED] if swings[c][1])
-        beat = "two modes beat" in reasons and "driven" not in reasons
-        driven = "is it driven? A free decay is needed: switch the drive off, and record what follows."
+        beat = (
+            re.search("two modes beat|several modes|rises again", reasons) is not None
+            and "driven" not in reasons
+        )
+        driven = (
+            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); else switch the drive "
+            "off, and record what follows."
+        )
         raise RecordError(
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
             f"{'record one mode alone.' if beat else driven}"
         )
+    swing, _ = swings[largest]
+    several = modes.modes(swing.time, swing.signal) if swing else []
+    modal = f" (several modes swing in {largest.name}: {modes.listed(several)})" if len(several) > 1 else ""
     raise UsageError(
-        f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
+        f"{source}: {_listed(pool, swings)} could each be the signal{modal}; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
 

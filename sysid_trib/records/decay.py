@@ -7,13 +7,18 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
 
 from sysid_trib.arrays import Array, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks, half_periods, inputs
+from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.signal import Piece, as_position, checked_signal, unit_of_signal
+
+# Part of a half period to which the extremum before the first zero crossing is known.
+EXTREMUM_ERROR = 0.003
 
 
 def free_part(swing: Swing) -> Swing:
@@ -25,6 +30,9 @@ def free_part(swing: Swing) -> Swing:
         inside = (smoothed >= halves.crossing[run.start]) & (smoothed <= halves.crossing[run.start + 1])
         top = smoothed[inside][np.argmax(np.abs(centred[inside]))]
         start = int(np.searchsorted(time, top))
+    else:
+        start = _release(swing, smoothed, centred)
+    if start:
         before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
     stop, after, stop_time = time.size, "", np.nan
     if run.stop < halves.sign.size - 1 or not _mirrors(smoothed, centred, swing, leading=False):
@@ -40,6 +48,37 @@ def free_part(swing: Swing) -> Swing:
             reason = ", in which it leaves the course of the decay" if free else f" in which it {reason}"
             after = f"the last {time[-1] - time[stop - 1]:.4g} s{reason}"
     return replace(swing, free=slice(start, stop), before=before, after=after, stop_time=float(stop_time))
+
+
+def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
+    """First sample at the extremum before the first zero crossing, 0 if the record is free before it, too.
+
+    What comes before that extremum may be the hand that holds the body, or moves it to its release. Free
+    motion takes a quarter period from the extremum to the crossing, a little more where it decays, and before
+    the extremum it is the mirror image of what follows, up to the decay, whatever the elastic forces.
+    """
+    time, run, peak = swing.time, swing.run, swing.peaks
+    duration = swing.halves.duration[run]
+    if duration.size < 4:
+        return 0
+    # Half periods of the same sign: an error of the equilibrium makes them as long.
+    half_period = duration[1] + np.clip(duration[1] - duration[3], -0.1 * duration[1], 0.1 * duration[1])
+    decay = max(0.0, float(np.log(peak[0] / peak[2])) / 2.0)
+    # Of the cosine whose amplitude decays; the extremum itself comes a little sooner.
+    middle = swing.halves.crossing[run.start] - 0.5 * half_period
+    extremum = middle - half_period * np.arctan(decay / np.pi) / np.pi
+    away = middle - smoothed[smoothed < extremum]
+    if away.size == 0:
+        return 0
+    start = int(np.searchsorted(time, extremum))
+    if away.max() > half_period:
+        return start
+    top, *image = CubicSpline(smoothed, centred)(middle + np.append(0.0, away))
+    missed = np.abs(centred[: away.size] - np.array(image) * np.exp(2.0 * decay * away / half_period))
+    slope = np.pi * abs(top) * np.sin(np.pi * away / half_period)
+    allowed = (0.05 + decay) * np.abs(top - image) + 2.0 * EXTREMUM_ERROR * slope
+    allowed += 5.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
+    return start if np.any(missed > allowed) else 0
 
 
 def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
@@ -230,7 +269,7 @@ def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
     decay : Dataset or sequence of Dataset
         `angle(time)` of one run, or of several.
     driven : bool
-        Whether a known input is taken.
+        Whether a known input is taken; a driven record is cleaned, and parted at its gaps.
 
     Raises
     ------
@@ -244,9 +283,29 @@ def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
         raise UsageError("No run is given; give at least one decay.")
     for run in runs:
         checked_signal(run)
+    if driven:
+        runs = [part for run in runs for part in driven_parts(run)]
+    for run in runs:
         if not driven:
             inputs.refuse_inputs(run)
+    if driven:
+        _refuse_mixed_inputs(runs)
     return runs
+
+
+def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
+    """Refuse runs whose inputs of one name are in different units."""
+    units: dict[str, set[str]] = {}
+    for run in runs:
+        for name, values in run.variables.items():
+            if values.attrs.get("role") == inputs.ROLE and (unit := values.attrs.get("units")):
+                units.setdefault(str(name), set()).add(str(unit))
+    for name, different in units.items():
+        if len(different) > 1:
+            raise UsageError(
+                f"The input {name} is in different units ({', '.join(sorted(different))}); runs of one "
+                "experiment have it in one: convert it."
+            )
 
 
 def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:

@@ -1,7 +1,8 @@
 """What files of many formats hold: vectors by their names, with units and notes; the content decides."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -14,6 +15,12 @@ from sysid_trib.records.text import read_text, table_in
 
 # Attributes of HDF5 that hold a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
+# Vectors of fewer numbers are no signal.
+FEWEST_OF_A_RECORD = 20
+# Objects of MATLAB that hold no signal.
+WITHOUT_NUMBERS = ("string", "categorical", "datetime", "duration", "function_handle", "containers.Map")
+# Texts of a list that are taken as a note.
+MOST_TEXTS = 100
 # Columns by name, in the order of the file; their units, where it states them apart from the names; and what
 # else it says: comment lines, texts and scalars as `name = value`.
 Contents: TypeAlias = tuple[dict[str, Any], dict[str, str], Sequence[str]]
@@ -141,9 +148,61 @@ def read_netcdf(path: Path) -> Contents:
 def read_matlab(path: Path) -> Contents:
     """The vectors in the variables of a MATLAB file."""
     from scipy.io import loadmat
+    from scipy.io.matlab import MatReadWarning
 
-    content = {k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")}
-    return dict(_flatten(content)), {}, _notes(content)
+    with warnings.catch_warnings():
+        # Objects have no names that it knows.
+        warnings.simplefilter("ignore", MatReadWarning)
+        loaded = loadmat(path, simplify_cells=True)
+    content = {k: v for k, v in loaded.items() if not k.startswith("__")}
+    columns = dict(_flatten(content))
+    _check_objects(path, list(_classes_in(content)), columns)
+    return columns, {}, _notes(content)
+
+
+def _is_object(value: Any) -> bool:
+    """True if a value is an object of MATLAB, of which its files say no more than the class."""
+    return isinstance(value, np.ndarray) and value.dtype.names == ("s0", "s1", "s2", "arr")
+
+
+def _classes_in(value: Any) -> Iterator[str]:
+    """Classes of the objects in a file of MATLAB."""
+    if _is_object(value):
+        yield str(_plain(value["s2"].ravel()[0]))
+    elif isinstance(value, dict):
+        for item in value.values():
+            yield from _classes_in(item)
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for item in value:
+            yield from _classes_in(item)
+
+
+def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any]) -> None:
+    """Refuse a file of MATLAB whose numbers are in objects, which nothing else can read.
+
+    Raises
+    ------
+    RecordError
+        With how to save what they hold.
+    """
+    kinds = [kind for kind in kinds if kind not in WITHOUT_NUMBERS]
+    vectors = [values for values in columns.values() if np.size(values) >= FEWEST_OF_A_RECORD]
+    # The times alone, as Simulink's `tout`, are no record.
+    if not kinds or len(vectors) > 1 or any(np.any(np.diff(values) < 0) for values in vectors):
+        return
+    held = ", ".join(dict.fromkeys(kinds))
+    how = {
+        "table": "writetable(T, 'record.csv')",
+        "timetable": "writetimetable(T, 'record.csv')",
+        "Simulink.SimulationOutput": "x = out.NAME; t = x.Time; y = x.Data; save('record.mat', 't', 'y')",
+        "Simulink.SimulationData.Dataset": (
+            "x = logsout{1}.Values; t = x.Time; y = x.Data; save('record.mat', 't', 'y')"
+        ),
+    }.get(kinds[0], "t = x.Time; y = x.Data; save('record.mat', 't', 'y')")
+    raise RecordError(
+        f"{path.name}: holds objects of MATLAB ({held}), whose numbers nothing but MATLAB can read; save "
+        f"them there as arrays: {how}; or have Simulink save arrays (To Workspace, format Array)."
+    )
 
 
 def read_numpy(path: Path) -> Contents:
@@ -158,11 +217,17 @@ def _notes(content: Any, name: str = "") -> list[str]:
     """Scalars and texts, as `name = value`."""
     if isinstance(content, dict):
         return [note for key, item in content.items() for note in _notes(item, str(key))]
+    if isinstance(content, list | np.ndarray) and 0 < len(np.atleast_1d(content)) <= MOST_TEXTS:
+        texts = np.ravel(np.atleast_1d(np.asarray(content, dtype=object))).tolist()
+        if all(isinstance(text, str) for text in texts):
+            return [f"{name} = {', '.join(text.strip() for text in texts)}"]
     return [f"{name} = {content}"] if isinstance(content, (str, int, float, np.number)) else []
 
 
 def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Vectors in structs, cells and matrices, named like `data.Y[0]`; samples run along the longer side."""
+    if _is_object(value):
+        return
     if isinstance(value, np.ndarray) and value.dtype.names:
         value = {field: value[field] for field in value.dtype.names}
     if isinstance(value, dict):
@@ -186,8 +251,12 @@ def read_hdf5(path: Path) -> Contents:
 
     units: dict[str, str] = {}
     notes: list[str] = []
+    objects: list[str] = []
 
     def content(item: Any, file: Any) -> Any:
+        if "MATLAB_object_decode" in item.attrs and isinstance(item, h5py.Dataset):
+            objects.append(str(_plain(item.attrs.get("MATLAB_class", "object"))))
+            return None
         facts = {key: _plain(value) for key, value in item.attrs.items() if np.ndim(value) == 0}
         unit = next((value for key, value in facts.items() if key.lower() in UNIT_ATTRIBUTES), "")
         notes.extend(f"{key} = {value}" for key, value in facts.items() if key.lower() not in UNIT_ATTRIBUTES)
@@ -207,6 +276,7 @@ def read_hdf5(path: Path) -> Contents:
 
     with h5py.File(path, "r") as file:
         columns = dict(_flatten(content(file, file)))
+    _check_objects(path, objects, columns)
     return columns, units, notes
 
 

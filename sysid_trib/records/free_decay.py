@@ -9,10 +9,11 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods
+from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.signal import Piece, as_record, checked_signal, uniform_pieces
+from sysid_trib.records.in_memory import as_record
+from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-150
@@ -178,9 +179,17 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         if piece is not longest and not _may_hold_another(*piece[:2], decays):
             continue
         try:
-            decay = _first(*piece, value, source)
+            swing = _swing(*piece, value, source)
         except DecayError as refusal:
             refusals.append(refusal)
+            continue
+        decay, reason = _free(swing, source)
+        if parts := _without_wrong_swings(swing, decay):
+            longest = max(parts, key=lambda part: part[0].size) if piece is longest else longest
+            waiting = [*parts, *waiting]
+            continue
+        if decay is None:
+            refusals.extend([reason] if reason else [])
             continue
         if decays and (not _alike(decay, decays[0]) or checks.is_held(decay, decays[0])):
             continue
@@ -189,8 +198,25 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         ends = slice(decay.free.stop, None), slice(decay.free.start)
         waiting = [*((decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
-        raise refusals[0]
+        raise _naming_modes(refusals[0], longest, source)
     return sorted(decays, key=lambda decay: decay.time[decay.free.start])
+
+
+# Refusals that several modes may be the cause of.
+_OF_MODES = re.compile(r"rises again|half period|does not decay|grows")
+
+
+def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
+    """A refusal with the frequencies of the modes that swing at once, where there are several."""
+    said = str(refusal).removeprefix(f"{source}: ")
+    several = modes.modes(*piece[:2]) if _OF_MODES.search(said) else []
+    if len(several) < 2:
+        return refusal
+    reason = re.split(r";|, at least", said)[0].rstrip(".")
+    return DecayError(
+        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); record one alone, or "
+        "filter the signal to a band about one."
+    )
 
 
 def _may_hold_another(time: Array, signal: Array, decays: list[Swing]) -> bool:
@@ -207,8 +233,8 @@ def _alike(swing: Swing, first: Swing) -> bool:
     return bool(alike and swing.peaks.max() > SMALLEST_FURTHER * first.peaks.max())
 
 
-def _first(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
-    """The decay that a piece holds, or the reason why it holds none."""
+def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
+    """The swing that a piece holds, after what is clipped, or the reason why it holds none."""
     if cleaning.pulses(signal):
         wrong = f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier"
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
@@ -218,9 +244,45 @@ def _first(time: Array, signal: Array, mended: str, value: float | None, source:
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)
-        return _first(time[first:], signal[first:], mended, value, source)
-    decay = free_part(checks.after_the_largest(checks.after_the_drive(swing), source))
-    return replace(decay, mended=mended)
+        return _swing(time[first:], signal[first:], mended, value, source)
+    return replace(swing, mended=mended)
+
+
+def _free(swing: Swing, source: str) -> tuple[Swing | None, DecayError | None]:
+    """The free part of a swing, or why it is none."""
+    try:
+        return free_part(checks.after_the_largest(checks.after_the_drive(swing), source)), None
+    except DecayError as refusal:
+        return None, refusal
+
+
+def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
+    """The parts of a piece between half periods that its sensor shows wrongly.
+
+    Nothing where there are none, or where they keep no decay from being found from its start on.
+    """
+    if decay is not None and decay.run.start == swing.run.start:
+        return []
+    wrong = checks.wrong_swings(swing)
+    if not wrong.size or (decay is not None and decay.run.start not in wrong):
+        return []
+    first, stop = swing.halves.samples(swing.time)
+    left_out = np.zeros(swing.time.size, dtype=bool)
+    for half in wrong:
+        left_out[first[half] : stop[half]] = True
+    listed = ", ".join(f"{swing.halves.crossing[half]:.4g}" for half in wrong[:3])
+    more = ", ..." if wrong.size > 3 else ""
+    said = (
+        f"{wrong.size} half period{'s' * (wrong.size > 1)} left out, from {listed}{more} s, whose amplitude "
+        "is off that of those before and after, as where a tracker is wrong"
+    )
+    bounds = np.flatnonzero(np.diff(left_out)) + 1
+    parts = [part for part in np.split(np.arange(swing.time.size), bounds) if not left_out[part[0]]]
+    # The part that is the likeliest to be a decay says it.
+    longest = max(range(len(parts)), key=lambda at: parts[at].size)
+    mended = [swing.mended] * len(parts)
+    mended[longest] = "; ".join(text for text in (swing.mended, said) if text)
+    return [(swing.time[part], swing.signal[part], text) for part, text in zip(parts, mended, strict=True)]
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:

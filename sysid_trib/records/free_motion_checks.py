@@ -47,6 +47,10 @@ def after_the_drive(swing: Swing) -> Swing:
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
+# What is left to do with a record that is no decay.
+AS_IT_IS = "name the forces that act (--forces) to take it as it is"
+
+
 def is_held(swing: Swing, decay: Swing) -> bool:
     """True if a drive holds the amplitude of a swing throughout, beside a decay of the same record."""
     peak, falling = swing.extrema, decay.extrema
@@ -67,7 +71,7 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         raise DecayError(
             f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
             f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
-            "record longer or widen the window, or name the forces that act (--forces) to take it as it is."
+            f"record longer or widen the window, or {AS_IT_IS}."
         )
     peak, scatter = swing.extrema, swing.scatter
     largest = int(np.argmax(peak))
@@ -80,11 +84,11 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
         wrong = f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed"
-        raise DecayError(f"{wrong}, or the forces that act (--forces), to take it as it is.")
+        raise DecayError(f"{wrong}, or {AS_IT_IS}.")
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
         wrong = f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period"
-        raise DecayError(f"{wrong}; is it driven? A free decay is needed.")
+        raise DecayError(f"{wrong}; is it driven? Name what drives it (--input), or give a free decay.")
     swing = _without_rises(peak[first:], replace(swing, run=slice(run.start + first, run.stop)), source)
     _refuse_beats(swing, source)
     return swing
@@ -154,6 +158,62 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
         f"{peak[rise]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
         "window before, or start it after."
     )
+
+
+# A half period is wrong if it is off its neighbours on both sides by this part, while they go on decaying.
+WRONG_PART = 0.08
+# Most half periods that are wrong, of so many, and at least; they are no more than a swing or two in a row.
+WRONG_OF, FEWEST_WRONG = 30, 4
+
+
+def wrong_swings(swing: Swing) -> Index:
+    """Half periods that a sensor shows wrongly, as a tracker that follows something else for a swing.
+
+    Parameters
+    ----------
+    swing : Swing
+
+    Returns
+    -------
+    (wrong,) array of int
+        Their numbers in `swing.halves`. The amplitude is off what those on both sides say, and these are as
+        if nothing had been: after a push they are not.
+    """
+    none = np.zeros(0, dtype=np.int64)
+    run = swing.run
+    count = run.stop - run.start
+    if count < 3 * FEWEST_EXTREMA:
+        return none
+    peak = swing.halves.peak[run]
+    level = np.log(np.maximum(peak, 1e-300))
+    scatter = (4.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step) / peak
+    good = np.ones(count, dtype=bool)
+    for _ in range(max(FEWEST_WRONG, count // WRONG_OF) + 1):
+        # The good ones nearest on either side, of one side of the swing, since its middle may be off.
+        off = np.zeros(count)
+        for side in (0, 1):
+            kept = np.flatnonzero(good[side::2])
+            if kept.size < FEWEST_EXTREMA:
+                return none
+            off[side::2][kept] = _deviation_from_decay(level[side::2][kept])
+        far = np.where(np.abs(off) > WRONG_PART + scatter, np.abs(off), 0.0)
+        if not far.any():
+            break
+        good[int(np.argmax(far))] = False
+    else:
+        return none
+    return np.flatnonzero(~good) + run.start
+
+
+def _deviation_from_decay(level: Array) -> Array:
+    """By how much logarithms are off those on both sides, where these are a decay; else 0."""
+    off = np.zeros(level.size)
+    before, after = level[1:-3], level[3:-1]
+    around = np.stack([level[:-4], before, after, level[4:]])
+    off[2:-2] = level[2:-2] - np.median(around, axis=0)
+    # Of a push, or of beats, what follows is larger than what was before.
+    off[2:-2][after > before + 0.5 * WRONG_PART] = 0.0
+    return off
 
 
 def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:

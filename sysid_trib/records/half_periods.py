@@ -132,12 +132,33 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     """Periods of the line that is strongest by its rate and, if others, by the root of its rate or by itself.
 
     Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
-    line stands out of the spectrum's median, as it does not in noise.
+    line stands out of the spectrum's median, as it does not in noise. Where none does in the whole, a swing
+    that is soon damped away may in the part in which most happens.
     """
     good = np.isfinite(signal)
     time, signal = time[good], signal[good]
     if signal.size < 2:
         return []
+    interval = (time[-1] - time[0]) / (time.size - 1)
+    if periods := _periods_of_lines(signal, interval):
+        return periods
+    power = np.cumsum(np.square(signal - np.median(signal)))
+    length = signal.size // PART
+    while length >= SHORTEST_PART:
+        start = int(np.argmax(power[length:] - power[:-length]))
+        if periods := _periods_of_lines(signal[start : start + length], interval):
+            return periods
+        length //= PART
+    return []
+
+
+# A record in which no line stands out is searched in parts that are so many times shorter each, down to so
+# many samples.
+PART, SHORTEST_PART = 4, 32
+
+
+def _periods_of_lines(signal: Array, interval: float) -> list[float]:
+    """Periods of `dominant_periods` of samples with so much time between them."""
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
     # Few lines stand out: what follows is done with these alone.
@@ -150,7 +171,7 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
         return []
     periods: list[float] = []
     for peak in peaks:
-        period = float(size * (time[-1] - time[0]) / (time.size - 1) / index[peak])
+        period = float(size * interval / index[peak])
         # Of times near the smallest number a period may be zero.
         if period > 0.0 and not any(0.8 < period / other < 1.25 for other in periods):
             periods.append(period)

@@ -67,6 +67,41 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index
     return sample, half, inside / (edge[sample + 1] - edge[sample]), first
 
 
+def sample_responses(decay: xr.Dataset, extremum_time: Array) -> sp.csr_matrix:
+    """Compute how each sample moves extrema and times of the half-sines, (2 half periods, sample).
+
+    Parameters
+    ----------
+    decay : Dataset
+        `angle(time)` about its equilibrium, as `envelope` takes it.
+    extremum_time : (half_period,) array of float, s
+        Those of its half periods that are wanted, one after the other.
+
+    Returns
+    -------
+    sparse array of float
+        Derivatives of the extrema (positive), then of their times (s per unit of the signal), to first order.
+        The frequency of each half-sine is held: an extremum hardly depends on it.
+    """
+    time, angle, halves = equilibrium.with_half_periods(decay)
+    signed, instant, *_ = _half_sine_extrema(time, angle, halves)
+    sample, half, weight, first = _cells(time, halves)
+    inner = 2.0 * np.pi / (instant[2:] - instant[:-2])
+    w = np.concatenate((inner[:1], inner, inner[-1:]))
+    # About the extremum b cos(phase): a cosine adds to b, and a sine moves the extremum.
+    phase = w[half] * (time[sample] - instant[half])
+    cc, cs, ss, _, _ = equilibrium.harmonic_sums(phase, angle[sample], weight, first)
+    inverse = np.linalg.inv(np.stack([cc, cs, cs, ss], axis=1).reshape(-1, 2, 2))[half]
+    columns = weight[:, None] * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    cosine, sine = np.einsum("cij,cj->ic", inverse, columns)
+    values = np.concatenate([np.sign(signed)[half] * cosine, sine / (signed * w)[half]])
+    count = len(signed)
+    places = np.concatenate([half, count + half]), np.tile(sample, 2)
+    responses = sp.csr_matrix((values, places), (2 * count, len(time)))
+    wanted = np.argmin(np.abs(instant - extremum_time[0])) + np.arange(len(extremum_time))
+    return responses[np.concatenate([wanted, count + wanted])]
+
+
 EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, Array, Array]]] = {
     "half-sines": _half_sine_extrema,
     "analytic-signal": analytic_extrema,
@@ -226,15 +261,22 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
 
-    def matrix(pieces: Sequence[tuple[int, Array]]) -> sp.csr_matrix:
-        kinds = []
-        for kind, unit in enumerate((np.ones(count), 1.0 / b)):
-            by_half_period = sp.diags(size * (duration / np.pi) ** kind)
-            # The half period between extrema i - 1 and i has the number i.
-            shifts = ((sp.eye(count, count + 1, 1 - offset), part[None, :, kind]) for offset, part in pieces)
-            kinds.append(sp.diags(unit) @ sum(sp.kron(at @ by_half_period, part) for at, part in shifts))
-        return sp.vstack(kinds, format="csr")
+    # Of extrema, then of their times.
+    of_half_period = np.stack([size, size * (duration / np.pi)])
+    of_extremum = np.stack([np.ones(count), 1.0 / b])
 
-    offsets = range(1 - SPAN, SPAN + 1)
-    passing = matrix([(offset, passes[:, offset + SPAN - 1]) for offset in offsets])
-    return matrix([(1, lasting)]), passing
+    def matrix(offsets: Index, parts: Array) -> sp.csr_matrix:
+        """Responses (offset, impulse, 2) of the extremum so many behind the half period of an impulse."""
+        # The half period between extrema i - 1 and i has the number i.
+        half = np.arange(count) + 1 - offsets[:, None]
+        which, extremum = np.nonzero((half >= 0) & (half <= count))
+        half = half[which, extremum]
+        values = of_half_period.T[half][:, None] * parts[which]
+        values = of_extremum.T[extremum][:, None] * values
+        rows = extremum[:, None, None] + count * np.arange(2)
+        columns = IMPULSES * half[:, None, None] + np.arange(IMPULSES)[:, None]
+        places = np.broadcast_to(rows, values.shape).ravel(), np.broadcast_to(columns, values.shape).ravel()
+        return sp.csr_matrix((values.ravel(), places), (2 * count, IMPULSES * (count + 1)))
+
+    passing = matrix(np.arange(1 - SPAN, SPAN + 1), passes.transpose(1, 0, 2))
+    return matrix(np.ones(1, int), lasting[None]), passing

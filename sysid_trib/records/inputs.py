@@ -8,18 +8,22 @@ from functools import cached_property
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly, make_interp_spline
+from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
-from sysid_trib.records.signal import FEWEST_SAMPLES, checked_signal, unit_of_signal
+from sysid_trib.forces.library import load_library
+from sysid_trib.records import half_periods
+from sysid_trib.records.signal import checked_signal, unit_of_signal
 
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # What follows the signal's unit in that of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
+# The library whose forces hold inputs.
+SHIPPED = "inputs"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
 # Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
@@ -48,7 +52,7 @@ class KnownInput:
 
     elapsed: Array
     values: Array
-    between: str = "linear"
+    between: str = "smooth"
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.values)):
@@ -166,12 +170,35 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
         )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
-    if time[0] > start or time[-1] < float(record.time.values[-1]):
+    # Two clocks of large numbers have one instant but for their rounding.
+    rounding = 1e-3 * float(np.median(np.diff(record.time.values.astype(float))))
+    if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
         raise DecayError(
             f"The input {name} reaches from {reach}; cut the record (--window), or give all of the input."
         )
-    return KnownInput(time - start, given.values.astype(float), str(given.attrs.get("between", "linear")))
+    values = given.values.astype(float)
+    return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))
+
+
+# Levels of a signal that is switched, such as a square wave: more are the steps of a converter.
+MOST_LEVELS = 8
+
+
+def usual_between(values: Array) -> str:
+    """Say what an input is between its samples where its user does not: smooth, or held if it moves in steps.
+
+    A held input stands still between most samples, and its changes are leaps: of more than a step of the
+    sensor, or from one level to another of a few. A smooth signal in a coarse step, or a pulse, is smooth.
+    """
+    moves = np.diff(values)
+    changes = np.flatnonzero(moves)
+    if len(changes) < 2 or 2 * len(changes) > len(moves):
+        return "smooth"
+    isolated = np.diff(changes, prepend=-2) > 1
+    leaps = np.median(np.abs(moves[changes])) > 3.0 * half_periods.quantisation_step(values)
+    levels = np.unique(values).size
+    return "held" if np.mean(isolated) > 0.8 and (leaps or levels <= MOST_LEVELS) else "smooth"
 
 
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
@@ -215,7 +242,14 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
         if name != INPUT and name not in library.inputs:
             held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
             wrong = f"No force holds the input {name} ({held})"
-            raise UsageError(f"{wrong}; offer one that does (libraries/inputs.toml), or leave the input out.")
+            shipped = load_library(SHIPPED)
+            taking = [force.symbol for force in shipped if force.inputs == (name,)]
+            if taking:
+                offer = f"offer one that does (--forces {','.join([taking[0], *library.symbols])})"
+            else:
+                known = ", ".join(shipped.inputs)
+                offer = f"call it {known} (--input u=COLUMN), or offer a force of your own that holds it"
+            raise UsageError(f"{wrong}; {offer}, or leave the input out.")
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
@@ -235,36 +269,50 @@ def refuse_inputs(record: xr.Dataset) -> None:
         )
 
 
-def driven_part(record: xr.Dataset, window: tuple[float | None, float | None]) -> xr.Dataset:
-    """A driven record within a window, with a sentence on it (attrs `free_decay`).
+# An input that varies by less than this part of its size is constant.
+CONSTANT_WITHIN = 1e-12
+
+
+def is_constant(values: Array) -> bool:
+    """Return whether an input does not change but for rounding."""
+    return bool(np.ptp(values) <= CONSTANT_WITHIN * np.max(np.abs(values), initial=0.0))
+
+
+# A mean of this part of the standard deviation of a rate, or less, is a bias of the sensor.
+BIAS_PART = 0.1
+
+
+def integral_of_rate(time: Array, rate: Array) -> Array:
+    """Return the plain integral of a measured rate about its mean, without a small bias of the sensor."""
+    values = rate.astype(float)
+    mean = float(np.mean(values))
+    values = values - mean if abs(mean) <= BIAS_PART * float(np.std(values)) else values
+    integral = CubicSpline(time, values).antiderivative()(time)
+    return np.asarray(integral - np.mean(integral))
+
+
+def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
+    """Return a driven record whose rate or acceleration was measured with that as what is compared.
 
     Parameters
     ----------
     record : Dataset
-        `angle(time)` with inputs.
-    window : (float or None, float or None), s
-        First and last time; open where None.
+        As it is read; with `angle(time)`, and `rate(time)` or `acceleration(time)` (attribute `measured`).
 
-    Raises
-    ------
-    DecayError
-        The window holds too few samples.
-    UsageError
-        What was measured is a rate or an acceleration, which is fitted of free decays alone.
+    Returns
+    -------
+    Dataset
+        `measured(measured_time)`, what was measured. Of a rate `angle(time)` is its plain integral, in which
+        a driven motion that is slow is kept; of another quantity it is that of the record.
     """
-    if record.attrs.get("integrations"):
-        wrong = "A driven record is an angle or a displacement; this one is integrated"
-        raise UsageError(f"{wrong}. Name a column of these (--angle), or leave the input out.")
-    low, high = window
-    part = record.sel(time=slice(low, high))
-    if part.sizes["time"] < FEWEST_SAMPLES:
-        raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
-    names = list(inputs_of(record))
-    time, between = part.time.values, {str(part[name].attrs["between"]) for name in names}
-    units = [f"{name} ({part[name].attrs.get('units', 'unit not stated')})" for name in names]
-    step = float(np.median(np.diff(time)))
-    said = (
-        f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "
-        f"inputs {', '.join(units)}, {' and '.join(sorted(between))} between samples."
-    )
-    return part.assign_attrs(free_decay=said)
+    name = record.attrs.get("measured")
+    if not record.attrs.get("integrations"):
+        return record
+    measured, time = record[name], record.time.values.astype(float)
+    attrs = dict(measured.attrs) | {"long_name": f"{name} as measured"}
+    at = {"measured_time": ("measured_time", time, {"units": "s", "long_name": "time"})}
+    record = record.assign(measured=xr.DataArray(measured.values, at, "measured_time", attrs=attrs))
+    if name == "rate":
+        record = record.assign(angle=record.angle.copy(data=integral_of_rate(time, measured.values)))
+    said = f"the {name} itself is compared with the motion; its integral is where the fit begins"
+    return record.assign_attrs(integration=said)

@@ -204,6 +204,9 @@ def _read(reader: str, path: str) -> tuple[str, str]:
             return LINKED, said
         if reader != "read_tree":
             getattr(formats, reader)(Path(path))
+    except RecordError:
+        # The reader knows what is wrong: the process that asked meets it as well.
+        return WHOLE, ""
     except MemoryError:
         return DAMAGED, "it needs far more memory than its size lets expect"
     # Readers of foreign formats meet a damaged file with any exception at all.

@@ -11,10 +11,22 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records import assumed_units, cleaning, equilibrium, inputs, reading, tables, units as lab
+from sysid_trib.records import (
+    assumed_units,
+    cleaning,
+    drives,
+    equilibrium,
+    inputs,
+    reading,
+    tables,
+    units as lab,
+)
 from sysid_trib.records.columns import Chosen, choose_columns
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
+
+# Columns of a file that its record names.
+MOST_COLUMNS_NAMED = 30
 
 
 def read_record(
@@ -28,7 +40,7 @@ def read_record(
     time_units: str | None = None,
     length: float | None = None,
     input: str | Sequence[str] | Mapping[str, str | int] | None = None,
-    between: str = "smooth",
+    between: str | None = None,
 ) -> xr.Dataset:
     """Read an oscillation from a file.
 
@@ -58,9 +70,9 @@ def read_record(
         Columns of what drives the motion: `"V1"` is the input `u` of formulas, `{"u": "V1", "b": "V2"}` are
         several by their names; `"base.mat:y"` is a column of another file, with its own clock, and
         `"*_y.mat:y"` of that whose name is most like the record's.
-    between : {"smooth", "linear", "held", "cubic"}
+    between : {"smooth", "linear", "held", "cubic"}, optional
         What inputs are between their samples: smooth, as of a signal that was measured without aliasing;
-        held, as a converter puts it out.
+        held, as a converter puts it out. Without it they are smooth, or held where they move in steps.
 
     Returns
     -------
@@ -130,11 +142,11 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
 def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.Dataset:
     time_column, column, why_this = columns
     values, absent = column.signal
-    clock, time_unit, said = row_times(table, time_column, column, values, how)
-    time, rows, breaks, seen = clock
+    times = row_times(table, time_column, column, values, how)
+    time, rows, breaks, seen, _ = times.clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [why_this, *said, absent]
+    said = [why_this, *table.said, *times.said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]
@@ -155,15 +167,20 @@ def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.
         "source": table.source,
         "signal": unit.quantity,
         "time_column": time_column.name if time_column else f"none, {1.0 / np.median(np.diff(time)):g} Hz",
-        "time_unit_in_file": time_unit,
+        "time_unit_in_file": times.unit,
         "angle_column": column.name,
+        # More are names that a program made.
+        "columns_in_file": "; ".join(other.name for other in table.columns[:MOST_COLUMNS_NAMED]),
         "angle_unit_in_file": unit.text,
         "clock": "; ".join(seen),
         "reading": "; ".join(text for text in (*said, why) if text),
     }
     if breaks:
         attrs["breaks"] = list(breaks)
-    return with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how)
+    if not how.inputs and (acting := drives.drives_among(table.columns, column)):
+        attrs["drives"] = [drive.name for drive in acting]
+    record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how, times.origin)
+    return inputs.with_own_quantity(record) if how.inputs else record
 
 
 def _as_record(

@@ -50,10 +50,12 @@ class Reading:
         Of an accelerometer from the axis of the pendulum that it is on.
     usual : str, optional
         What is usually measured of such a system: the signal's quantity where nothing says it.
+    gravity : bool
+        Whether the body may swing under gravity; if not, its frequency does not tell the unit of an angle.
     inputs : mapping of str to (str or int)
         Columns of inputs by the names that forces hold, `{"u": "V1"}`; of another file `base.mat:y`.
-    between : {"smooth", "linear", "held", "cubic"}
-        What inputs are between their samples (see `KnownInput`).
+    between : {"smooth", "linear", "held", "cubic"}, optional
+        What inputs are between their samples (see `KnownInput`); without it see `usual_between`.
     """
 
     time: str | int | None = None
@@ -65,8 +67,9 @@ class Reading:
     length: float | None = None
     distance: float | None = None
     usual: str | None = None
+    gravity: bool = True
     inputs: Mapping[str, str | int] = field(default_factory=dict)
-    between: str = "smooth"
+    between: str | None = None
 
     def __post_init__(self) -> None:
         for name, offered in (("signal", lab.SIGNALS), ("between", BETWEEN_SAMPLES)):

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,9 +13,18 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records import assumed_units, columns, units
-from sysid_trib.records.clock import Clock, read_clock
-from sysid_trib.records.column import Column
-from sysid_trib.records.inputs import ROLE
+from sysid_trib.records.clock import (
+    CLOCKS,
+    COUNTED_FROM_1970,
+    Clock,
+    Origin,
+    are_whole,
+    check_period,
+    read_clock,
+    seconds_between,
+)
+from sysid_trib.records.column import DAY, Column
+from sysid_trib.records.inputs import ROLE, usual_between
 from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.tables import FileTable, read_table
 
@@ -24,9 +33,37 @@ MOSTLY = 0.9
 _PACKETS = re.compile(r"\b(packet|paket|paquet|pkt|block|burst|seq|sequence)")
 
 
-def row_times(
-    table: FileTable, time: Column | None, signal: Column, values: Array, how: Reading
-) -> tuple[Clock, str, list[str]]:
+# What a file lacks that does not state the unit of its times.
+GIVE_UNIT = (
+    f"give it, --time-units {units.OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, "
+    "--sampling-rate HZ."
+)
+# Days of 1970-01-01 as spreadsheets and MATLAB count them, and the days of 1990 to 2100.
+SERIAL_DAYS = ((25569.0, 32874.0, 73051.0), (719529.0, 726834.0, 767011.0))
+
+
+class RowTimes(NamedTuple):
+    """Times of the rows of a signal.
+
+    Attributes
+    ----------
+    clock : Clock
+        Times in s, and the rows that they belong to.
+    unit : str
+        Of the times in the file.
+    said : list of str
+        What is to be said of it.
+    origin : Origin
+        What these times call 0 s.
+    """
+
+    clock: Clock
+    unit: str
+    said: list[str]
+    origin: Origin = Origin("rows")
+
+
+def row_times(table: FileTable, time: Column | None, signal: Column, values: Array, how: Reading) -> RowTimes:
     """Times of the rows of a signal.
 
     Parameters
@@ -41,12 +78,7 @@ def row_times(
 
     Returns
     -------
-    clock : Clock
-        Times in s, and the rows that they belong to.
-    unit : str
-        Of the times in the file.
-    said : list of str
-        What is to be said of it.
+    RowTimes
 
     Raises
     ------
@@ -58,6 +90,8 @@ def row_times(
     given, source = how.sampling_rate, table.source
     # A column of another length, or that does not move, cannot contradict a sampling rate.
     idle = time is None or time.cells.size != values.size or not time.is_plain or np.ptp(time.cells) == 0
+    # Nor can one that counts the rows.
+    idle = idle or (time is not None and not time.is_time and bool(np.all(np.diff(time.cells) == 1)))
     numbered, gaps = _numbered(table, (time, signal), values.size)
     if time is None or (given is not None and idle):
         rate = given or table.rate
@@ -65,7 +99,7 @@ def row_times(
             raise RecordError(table.no_clock)
         rows, said = np.arange(values.size), "" if given else f"sampling rate of {rate:g} Hz from its notes"
         counted = rows if numbered is None else numbered
-        return (counted / rate, rows, (), (f"{rate:g} Hz",)), "s", [said, gaps]
+        return RowTimes(Clock(counted / rate, rows, (), (f"{rate:g} Hz",)), "s", [said, gaps])
     stamps = time.numbers
     if stamps.size != values.size:
         raise RecordError(f"{source}: {stamps.size} times, {values.size} angles; name columns of one length.")
@@ -73,11 +107,26 @@ def row_times(
     if given is not None:
         rows = np.flatnonzero(np.isfinite(stamps))
         _check_rate(stamps[rows] * factor, given, time)
-        return (rows / given, rows, (), (f"{given:g} Hz as given",)), unit or "s", []
+        return RowTimes(Clock(rows / given, rows, (), (f"{given:g} Hz as given",)), unit or "s", [])
     clock = read_clock(stamps, factor, source, values, numbered)
     if unit is None:
-        assumed_units.check_period(clock[0], values[clock[1]], assumed_units.are_whole(stamps), source)
-    return clock, unit or "s", ["; ".join(text for text in (why, gaps) if text)]
+        check_period(clock.time, values[clock.rows], are_whole(stamps), source, GIVE_UNIT)
+    said = "; ".join(text for text in (why, gaps) if text)
+    return RowTimes(clock, unit or "s", [said], _origin(time, clock, unit))
+
+
+def _origin(time: Column, clock: Clock, unit: str | None) -> Origin:
+    """Return what the times of a clock call 0 s: stamps that are counted as a calendar does are dates."""
+    kind, instant = time.first_instant
+    counted = Origin(kind, instant).later(clock.counted_from)
+    low, high = COUNTED_FROM_1970
+    if kind == "stamps" and low < clock.counted_from < high and unit != "d":
+        return counted._replace(kind="universal")
+    days = clock.counted_from / units.TIME_UNITS["d"]
+    for epoch, first, last in SERIAL_DAYS if kind == "stamps" and unit == "d" else ():
+        if first < days < last:
+            return Origin("dates").later((days - epoch) * units.TIME_UNITS["d"])
+    return counted
 
 
 def _check_rate(stamps: Array, given: float, time: Column) -> None:
@@ -172,7 +221,9 @@ def _near(pattern: Path, record: Path) -> Path:
     return nearest[0]
 
 
-def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading) -> xr.Dataset:
+def with_inputs(
+    record: xr.Dataset, table: FileTable, rows: Index, how: Reading, origin: Origin
+) -> xr.Dataset:
     """A record with its inputs, each by its name.
 
     Parameters
@@ -186,6 +237,8 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading)
     how : Reading
         `inputs` are columns by name or number, formulas of them, or of another file as `base.mat:y`;
         `between` is what is between their samples.
+    origin : Origin
+        What the times of the record call 0 s.
 
     Returns
     -------
@@ -196,27 +249,27 @@ def with_inputs(record: xr.Dataset, table: FileTable, rows: Index, how: Reading)
     Raises
     ------
     UsageError
-        There is no such column or file.
+        There is no such column or file, or the clock of another file has no instant in common with that
+        of the record.
     RecordError
-        The input is constant, or not a number at each time.
+        The input is not a number at each time.
     """
     if not how.inputs:
         return record
-    record = record.assign_attrs(input_columns=json.dumps(dict(how.inputs)), between=how.between)
+    record = record.assign_attrs(input_columns=json.dumps(dict(how.inputs)))
+    if how.between is not None:
+        record.attrs["between"] = how.between
     for name, wanted, other in _sources(how.inputs):
         if other is None:
             whole, unit = _column(table, wanted)
             time, values = None, whole[rows]
         else:
-            time, values, unit = _of_file(other, wanted, how)
+            time, values, unit = _of_file(other, wanted, how, record, origin)
         if not np.all(np.isfinite(values)):
             wrong = f"{table.source}: the input {name} is not a number at each time"
             raise RecordError(f"{wrong}; fill it, or cut (--window).")
-        # An input that varies by less than this part of its size is constant.
-        if np.ptp(values) <= 1e-12 * np.max(np.abs(values), initial=0.0):
-            wrong = f"{table.source}: the input {name} is {values[0]:g} throughout"
-            raise RecordError(f"{wrong}; name another column, or none.")
-        attrs: dict[str, Any] = {"role": ROLE, "between": how.between, "long_name": f"input {name}"}
+        between = how.between or usual_between(values)
+        attrs: dict[str, Any] = {"role": ROLE, "between": between, "long_name": f"input {name}"}
         if unit is not None:
             is_angle = unit.position == "rad"
             values = values * unit.factor if is_angle else values
@@ -243,12 +296,28 @@ def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, 
         yield (name, column, Path(file)) if colon and file else (name, wanted, None)
 
 
-def _of_file(path: Path, wanted: str | int, how: Reading) -> tuple[Array, Array, units.SignalUnit | None]:
-    """Times, values and unit of a column of another file."""
+def _of_file(
+    path: Path, wanted: str | int, how: Reading, record: xr.Dataset, origin: Origin
+) -> tuple[Array, Array, units.SignalUnit | None]:
+    """Read a column of another file: times by the clock of the record, values and unit.
+
+    `origin` : what the times of the record call 0 s.
+    """
     if not path.is_file():
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
     table = read_table(path)
     column = table.find(wanted)
     how = replace(how, time=None)
-    (time, rows, _, _), _, _ = row_times(table, columns.own_time(table, column), column, column.numbers, how)
-    return time, column.numbers[rows], column.unit
+    times = row_times(table, columns.own_time(table, column), column, column.numbers, how)
+    later = seconds_between(origin, times.origin)
+    if later is None:
+        raise UsageError(
+            f"{record.attrs['source']} counts its times {CLOCKS[origin.kind]}, "
+            f"and {table.source} {CLOCKS[times.origin.kind]}: nothing says how the two clocks belong "
+            "together; write both files by one clock, or the input as a column of the record."
+        )
+    time = times.clock.time + later
+    if origin.kind == "day":
+        # Midnight may be between them: the beginning that is nearest.
+        time += DAY * np.round((record.time.values[0] - time[0]) / DAY)
+    return time, column.numbers[times.clock.rows], column.unit

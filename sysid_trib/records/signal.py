@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 import scipy.sparse as sp
 import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.linalg import solveh_banded
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
@@ -23,41 +23,6 @@ SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
 def unit_of_signal(record: xr.Dataset) -> str:
     """Unit of the `angle` of a record or decay; rad where none is stated."""
     return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
-
-
-def as_record(given: Any) -> Any:
-    """What a user has in memory as a Dataset with `angle(time)`; of dates times in s from the first on.
-
-    Parameters
-    ----------
-    given : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
-        Over time, or with a column `time`; of a DataFrame the column `angle`, or the only one; of an array
-        times and angles. Anything else comes back as it is.
-
-    Raises
-    ------
-    UsageError
-        It is not clear what the signal is.
-    """
-    if isinstance(given, pd.DataFrame):
-        table = given.set_index("time") if "time" in given.columns else given
-        if "angle" not in table.columns and table.shape[1] != 1:
-            names = ", ".join(map(str, table.columns))
-            raise UsageError(f"Which column is the signal? Name it angle; there are {names}.")
-        given = table["angle"] if "angle" in table.columns else table.iloc[:, 0]
-    if isinstance(given, np.ndarray):
-        if given.ndim != 2 or given.shape[1] != 2:
-            raise UsageError(f"An array is a record as (sample, 2), times and angles, not as {given.shape}.")
-        given = pd.Series(given[:, 1], index=given[:, 0])
-    record = given.to_xarray() if isinstance(given, pd.Series) else given
-    if isinstance(record, xr.DataArray):
-        if record.ndim != 1:
-            raise UsageError(f"A DataArray is a record over time alone; this one is over {record.dims}.")
-        record = record.rename({record.dims[0]: "time"}).rename("angle").to_dataset()
-    if isinstance(record, xr.Dataset) and "time" in record and record["time"].dtype.kind in "mM":
-        elapsed = (record["time"] - record["time"][0]) / np.timedelta64(1, "s")
-        record = record.assign_coords(time=elapsed.values)
-    return record
 
 
 def checked_signal(record: Any, *names: str) -> None:
@@ -89,7 +54,8 @@ def checked_signal(record: Any, *names: str) -> None:
         if variable.dtype.kind not in "fiu":
             raise UsageError(f"{source}: {name}(time) holds {variable.dtype}; give numbers in s and rad.")
         # Whatever is not finite is not below either.
-        bad = np.flatnonzero(~(np.abs(variable.values) <= LARGEST_NUMBER))
+        # In double precision: single has no numbers as large as the limit.
+        bad = np.flatnonzero(~(np.abs(variable.values.astype(float)) <= LARGEST_NUMBER))
         if bad.size:
             first, instant = bad[0], record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
@@ -101,7 +67,7 @@ def checked_signal(record: Any, *names: str) -> None:
     if np.any(np.diff(record.variables["time"].values.astype(float)) <= 0.0):
         raise DecayError(f"{source}: its times do not rise; sort them.")
     for name in ("time", "angle"):
-        values = record.variables[name].values
+        values = record.variables[name].values.astype(float)
         extent = float(np.max(values) - np.min(values))
         if 0.0 < extent < 1.0 / LARGEST_NUMBER:
             raise DecayError(f"{source}: {name} is flat at {values[0]:.3g} but for {extent:.3g}; scale it.")
@@ -204,6 +170,7 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
 
 
 DRIFT_DEGREE = 3
+SMALLEST_PIVOT = 1e-13
 
 
 def integrated(time: Array, signal: Array, period: float) -> Array:
@@ -240,11 +207,19 @@ def _drift(time: Array, signal: Array, period: float) -> Array:
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
-    design = sp.hstack([slow, *(sp.diags_array(wave(phase)) @ slow for wave in (np.cos, np.sin))]).tocsr()
-    # Normal equations: a few hundred unknowns of many thousand samples.
-    normal = (design.T @ design).toarray()
-    solution = np.linalg.lstsq(normal, design.T @ signal, rcond=1e-12)[0]
-    return np.asarray(slow @ solution[: slow.shape[1]])
+    waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
+    # The columns of one spline next to each other: the normal equations are banded, and their solution takes
+    # a time that goes with the number of periods.
+    columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
+    splines = slow.shape[1]
+    design = columns[:, np.arange(len(waves) * splines).reshape(len(waves), splines).T.ravel()].tocsr()
+    normal = design.T @ design
+    width = len(waves) * (DRIFT_DEGREE + 1)
+    band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(width)])
+    # Where samples are few a wave may be a sum of others: what is this small does not count.
+    band[0] += SMALLEST_PIVOT * band[0].max()
+    solution = solveh_banded(band, design.T @ signal, lower=True)
+    return np.asarray(slow @ solution[:: len(waves)])
 
 
 def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:

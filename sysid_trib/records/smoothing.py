@@ -210,18 +210,28 @@ def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float
 def first_frequency(runs: Sequence[xr.Dataset]) -> float:
     """Frequency from which fits of runs begin, by the median of theirs, rad/s.
 
-    What is driven, as by a belt, may swing beside its zero: about its own middle then.
-    """
+    What is driven, as by a belt, may swing beside its zero: about its own middle then. A driven run that does
+    not swing, as one that is lifted slowly, has no frequency beside others that do.
 
-    def frequency(run: xr.Dataset) -> float:
+    Raises
+    ------
+    DecayError
+        A free run has no whole half period, or none of the driven ones has.
+    """
+    frequencies, refusals = list[float](), list[DecayError]()
+    for run in runs:
         try:
-            return swing_frequency(run)
+            frequencies.append(swing_frequency(run))
         except DecayError:
             if not inputs.inputs_of(run):
                 raise
-            return swing_frequency(run, equilibrium=None)
-
-    return float(np.median([frequency(run) for run in runs]))
+            try:
+                frequencies.append(swing_frequency(run, equilibrium=None))
+            except DecayError as refusal:
+                refusals.append(refusal)
+    if not frequencies:
+        raise refusals[0]
+    return float(np.median(frequencies))
 
 
 def nominal_frequency(frequency: float) -> float:

@@ -20,6 +20,7 @@ from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
 from sysid_trib.records import formats, text, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.probe import check_binary
+from sysid_trib.records.row_order import in_order
 
 STANDARD_INPUT = "-"
 # Bytes; more is no record but a bomb.
@@ -42,17 +43,21 @@ class FileTable:
         What else it says: comment lines, texts and scalars as `name = value`.
     checksum : str
         SHA-256 of its content.
+    said : tuple of str
+        What was done to its rows.
     """
 
     source: str
     columns: tuple[Column, ...]
     notes: tuple[str, ...]
     checksum: str
+    said: tuple[str, ...] = ()
 
     @cached_property
     def rate(self) -> float | None:
         """Sampling rate (Hz) that its notes state, or that its rows have over a duration they state."""
-        return lab.noted_rate(self.notes, max(column.cells.size for column in self.columns))
+        rows = max(column.cells.size for column in self.columns)
+        return lab.noted_rate(self.notes, rows) or lab.bare_rate(self.notes, rows)
 
     @cached_property
     def times(self) -> list[Column]:
@@ -67,8 +72,16 @@ class FileTable:
             return filled[:1]
         # A number of the row stands before the time.
         if len(rising) > 1 and len(filled) > 2 and np.median(np.diff(rising[0].cells.astype(float))) == 1:
-            return rising[1:2]
-        return rising[:1]
+            rising = rising[1:]
+        return self._of_the_name(rising[0]) if rising else []
+
+    def _of_the_name(self, first: Column) -> list[Column]:
+        """Return a column of times, and those of its name further on: each run side by side has its own."""
+        bare = _without_number(first.base)
+        if not bare:
+            return [first]
+        after = self.columns[self.columns.index(first) + 1 :]
+        return [first, *(c for c in after if c.rises and _without_number(c.base) == bare)]
 
     def match(self, wanted: str | int | None) -> Column | None:
         """The column of that name, or else of that number from 0; None if there is no single one."""
@@ -119,6 +132,11 @@ class FileTable:
         )
 
 
+def _without_number(base: str) -> str:
+    """Strip the number or letter by which a name differs from its like, `timed 2` or `stamp b`."""
+    return re.sub(r"[ _.#]?\d+$|[ _][a-d]$", "", base)
+
+
 def read_table(path: Path) -> FileTable:
     """Read every column of a file, of what a .gz holds, or, by the path `-`, of standard input.
 
@@ -143,7 +161,9 @@ def read_table(path: Path) -> FileTable:
         columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
         if not any(column.cells.size for column in columns):
             raise RecordError(f"{file.name}: there are no numbers in it.")
-        return FileTable(source, columns, tuple(notes), hashlib.sha256(file.read_bytes()).hexdigest())
+        columns, said = in_order(columns)
+        checksum = hashlib.sha256(file.read_bytes()).hexdigest()
+        return FileTable(source, columns, tuple(notes), checksum, tuple(said))
 
 
 def _contents(path: Path) -> formats.Contents:

@@ -2,15 +2,25 @@
 
 import csv
 import re
+from collections import Counter
+from collections.abc import Sequence
 from io import StringIO
-from itertools import chain, pairwise
+from itertools import chain, combinations, pairwise
 from pathlib import Path
 
 import pandas as pd
 
 from sysid_trib.errors import RecordError
 from sysid_trib.records.column import MINUS, is_missing, is_number
-from sysid_trib.records.units import TIME_UNITS, is_known_unit, plain_unit
+from sysid_trib.records.units import (
+    TIME_UNITS,
+    is_known_unit,
+    is_time,
+    names_quantity,
+    noted_rate,
+    plain_unit,
+    split_header,
+)
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
 # Rows in which facts may stand next to the numbers.
@@ -83,15 +93,8 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
         delimiter, decimal = None, ","
-    # A logger that is started anew writes its head again.
-    head = {line.strip() for line in lines[max(0, start - 2) : start]}
-    block = [line for line in lines[start:] if line.strip() not in head | {""} and not _is_comment(line)]
-    # What a logger writes below the numbers is no row of them.
-    usual = _fields(block[0], delimiter)
-    while len(block) > 1 and _is_summary(_fields(block[-1], delimiter), usual):
-        block.pop()
-    rows, sign = StringIO("\n".join(block)), delimiter or r"\s+"
-    frame = pd.read_csv(rows, sep=sign, decimal=decimal, header=None, skipinitialspace=True, low_memory=False)
+    block = _rows_below(lines, start, delimiter)
+    frame = _as_frame(block, delimiter, decimal, path, len(header or ()))
     # A delimiter at the end of every line makes an empty last column.
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
@@ -100,6 +103,77 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
     texts = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
     facts = [" ".join(str(cell) for cell in row if cell == cell) for row in texts]
     return frame, header if named else None, [*lines[:start], *facts]
+
+
+def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tuple[int, str]]:
+    """The rows of numbers with their numbers in the file, from 1."""
+    # A logger that is started anew writes its head again, its dates being others.
+    head = {line.strip() for line in lines[max(0, start - 2) : start]} | {""}
+    keys = {_fields(line, delimiter)[0] for line in lines[:start] if line.strip() and not _is_comment(line)}
+    keys = {key for key in keys if not is_number(key) and not is_missing(key)}
+    block = [
+        (number, line)
+        for number, line in enumerate(lines[start:], start + 1)
+        if line.strip() not in head and not _is_comment(line)
+    ]
+    if keys:
+        block = block[:1] + [row for row in block[1:] if not _begins_with(row[1], keys, delimiter)]
+    # What a logger writes below the numbers is no row of them.
+    usual = _fields(block[0][1], delimiter)
+    while len(block) > 1 and _is_summary(_fields(block[-1][1], delimiter), usual):
+        block.pop()
+    return block
+
+
+def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
+    """True if the first cell of a line is one of these texts."""
+    first = next(iter(line.strip().split(delimiter, 1)), "")
+    return not is_number(first) and first.strip(" \t\"'") in keys
+
+
+def _as_frame(
+    block: list[tuple[int, str]], delimiter: str | None, decimal: str, path: Path, names: int
+) -> pd.DataFrame:
+    """Rows of text as a table.
+
+    Raises
+    ------
+    RecordError
+        A row holds more than the others, with its line in the file.
+    """
+
+    def table(lines: Sequence[str]) -> pd.DataFrame:
+        rows, sign = StringIO("\n".join(lines)), delimiter or r"\s+"
+        return pd.read_csv(
+            rows, sep=sign, decimal=decimal, header=None, skipinitialspace=True, low_memory=False
+        )
+
+    try:
+        return table([line for _, line in block])
+    except pd.errors.ParserError:
+        # Some rows have more cells than the first one: empty ones at their ends are none.
+        cells = [(number, _filled(line, delimiter)) for number, line in block]
+        width = max(names, Counter(len(row) for _, row in cells).most_common(1)[0][0])
+        for number, row in cells:
+            if len(row) > width:
+                wrong = f"line {number} has {len(row)} cells ({', '.join(row)[:60]}), the others have {width}"
+                raise RecordError(f"{path.name}: {wrong}; correct it, or cut it out.") from None
+        sign = delimiter or " "
+        return table([sign.join(_quoted(row + [""] * (width - len(row)), sign)) for _, row in cells])
+
+
+def _filled(line: str, delimiter: str | None) -> list[str]:
+    """Cells of a row up to the last one that is not empty."""
+    cells = line.strip(" \r\n").split(delimiter)
+    if '"' in line and delimiter is not None:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), cells)
+    while cells and not cells[-1].strip():
+        cells.pop()
+    return cells
+
+
+def _quoted(cells: list[str], delimiter: str) -> list[str]:
+    return [f'"{cell}"' if delimiter in cell else cell for cell in cells]
 
 
 def check_width(path: Path, columns: int) -> None:
@@ -200,9 +274,15 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 # Cells may be empty, but for the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
+                # `data:` stands below a fact.
+                goes_on = goes_on and not below.rstrip().endswith(":")
                 # A lone number above the header is no row.
                 single = len(fields) == 1 and any(sign in below for sign in ",;\t")
-                if (numbers if whole else any(map(is_number, fields))) and goes_on and not single:
+                # Facts that stand above a head are no rows.
+                partly = any(map(is_number, fields)) and (
+                    not below or any(map(is_number, _fields(below, delimiter)))
+                )
+                if (numbers if whole else partly) and goes_on and not single:
                     return delimiter, _first_row(lines, delimiter, start, len(fields))
     return None, None
 
@@ -218,41 +298,149 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
         if len(fields) != width:
             break
         numeric = [is_number(item) for item in fields]
+        # `sample_rate,1000` is a fact.
+        if not all(numeric) and noted_rate([lines[start - 1]], 1) is not None:
+            break
         if 2 * sum(numeric) < width and not (len(usual) > 1 and all(numeric[at] for at in usual)):
             break
         start -= 1
     return start
 
 
+# Lines above the numbers that may name columns: names, units, what they measure, and groups of them.
+HEAD_LINES = 6
+
+
 def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
-    """Names from the lines above the numbers, a line of units below them included."""
-    header: list[list[str]] = []
+    """Names from the lines above the numbers, with lines of units and of groups next to them."""
     # A line of dashes below the names is none of them.
-    for line in reversed([line for line in before if any(map(str.isalnum, line)) or "°" in line][-2:]):
-        text = line.lstrip("#%/! \t") if _is_comment(line) else line
-        separator = "," if delimiter is None and "," in text else delimiter
-        fields = _fields(text, separator)
-        if delimiter is None and len(fields) != width:
-            # `Time (s)   Angle (deg)`; `time.angle`
-            apart = (re.split(r"\s{2,}|\t", text.strip()), text.strip().split("."))
-            fields = next((split for split in apart if len(split) == width), fields)
-        # A last column of comments may be empty throughout.
-        wider = not header and delimiter is not None and len(fields) > width
-        if len(fields) != width and not wider and not (len(fields) == 1 and delimiter == ","):
+    lines = [line for line in before if any(map(str.isalnum, line)) or "°" in line][-HEAD_LINES:][::-1]
+    lines = [line.lstrip("#%/! \t") if _is_comment(line) else line for line in lines]
+    if not lines or _states_a_fact(lines[0], width):
+        return None
+    rows: list[list[str]] = []
+    for line in lines:
+        row = _names_in(line, delimiter, width, nearest=not rows)
+        if row is None:
             break
         # Letters of a column's name.
-        header.append([field[:1000] for field in fields])
-    if not header:
+        rows.append([cell[:1000] for cell in row])
+    if not rows:
         return None
-    last, above = header[0], header[1] if len(header) > 1 else []
+    at, units = _names_and_units(rows)
+    if at is None:
+        return [f"{'time' if plain_unit(item) in TIME_UNITS else 'signal'} ({item})" for item in rows[0]]
+    names = _with_groups(rows[at], lines[at + 1 :], delimiter)
+    return [_with_unit(name, unit) for name, unit in zip(names, units or [""] * len(names), strict=True)]
+
+
+def _states_a_fact(line: str, width: int) -> bool:
+    """True if a line above one column states a number, `sample_rate: 1000`, and names no column."""
+    stated = re.search(r"[:=,;\t]\s*[-+]?[\d.]", line) is not None
+    return width == 1 and (stated or noted_rate([line], 1) is not None)
+
+
+def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) -> list[str] | None:
+    """Cells of a line above the numbers, one a column; None if it has another number of them."""
+    separator = "," if delimiter is None and "," in line else delimiter
+    fields = _fields(line, separator)
+    if len(fields) != width and (delimiter is None or len(fields) == 1):
+        # `Time (s)   Angle (deg)`; `time.angle`; names are parted otherwise than numbers.
+        apart = [re.split(r"\s{2,}|\t", line.strip())]
+        apart += [line.strip().split(".")] if delimiter is None else []
+        apart += [_fields(line, other) for other in DELIMITERS if other not in (None, delimiter, separator)]
+        # A sentence has blanks, too.
+        words = line.split()
+        apart += [words] if any(is_time(*split_header(word)) for word in words) else []
+        fields = next(
+            (cells for cells in apart if len(cells) == width and not any(map(is_number, cells))), fields
+        )
+    # A last column of comments may be empty throughout.
+    wider = nearest and delimiter is not None and len(fields) > width
+    one_name = delimiter == "," and len(fields) == 1 and any(map(str.isalpha, fields[0]))
+    return fields if len(fields) == width or wider or one_name else None
+
+
+def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | None]:
+    """Which row names the columns, nearest first, and the row of their units; no row if all are units."""
+    last, above = rows[0], rows[1] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
-    named = len(above) == len(last) and not any(map(is_number, above)) and bool(above and above[-1])
-    if named and (bracketed or _are_units(last, known=False)):
-        units = [item if bracketed or not item else f"({item})" for item in last]
-        return [f"{name} {unit}".strip() for unit, name in zip(units, above, strict=True)]
-    if _are_units(last):
-        return [f"{'time' if plain_unit(item) in TIME_UNITS else 'signal'} ({item})" for item in last]
-    return last
+    if _are_names(above, last) and (bracketed or _are_units_of(last, above)):
+        return 1, last
+    # What is measured, or how, may stand below the units.
+    if len(rows) > 2 and _are_names(rows[2], above) and _are_units_of(above, rows[2]):
+        return 2, above
+    if _are_names(last, above) and _are_units_of(above, last, known=True):
+        return 0, above
+    return (None, None) if _are_units(last) else (0, None)
+
+
+def _are_names(row: list[str], others: list[str]) -> bool:
+    """True if a row could name the columns of another one."""
+    return bool(row) and len(row) == len(others) and not any(map(is_number, row)) and bool(row[-1])
+
+
+def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool:
+    """True if a row holds units of named columns: that of the time below its name, or others with it."""
+    of_time = any(
+        plain_unit(item.strip("[]() ")) in TIME_UNITS and is_time(*split_header(name))
+        for item, name in zip(row, names, strict=True)
+        if item != name
+    )
+    items = [item.strip("[]() ") for item in row]
+    filled = [item for item in items if item]
+    # `mm` below each of several names; `raw` and `counts` may be names themselves.
+    known_all = bool(filled) and all(is_known_unit(item) for item in filled)
+    known_all = known_all and not all(names_quantity(item.lower()) for item in filled)
+    return (of_time and not any(map(is_number, row))) or known_all or _are_units(items, known)
+
+
+# Letters of the longest unit that is not known.
+LONGEST_UNIT = 8
+
+
+def _with_unit(name: str, said: str) -> str:
+    """A name with what stands below it: its unit, or what is measured."""
+    plain = said.strip().removeprefix("(").removesuffix(")") if said.count("(") == 1 else said.strip()
+    plain = plain.strip("[] ")
+    if is_missing(plain) or plain.lower() == "none" or split_header(name)[1]:
+        return name
+    unit = plain_unit(plain)
+    words = " " in plain or len(plain) > LONGEST_UNIT or bool(names_quantity(plain.lower()))
+    if unit in TIME_UNITS or is_known_unit(unit) or not words:
+        return f"{name} ({plain})".strip()
+    return f"{name} {plain}"
+
+
+def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> list[str]:
+    """Names that repeat with that of their group before them, which a line above has once for all of it."""
+    repeated = [bool(name) and names.count(name) > 1 for name in names]
+    if not any(repeated) or delimiter is None:
+        return names
+    groups = [_filled_forward(line, delimiter, len(names)) for line in above]
+    for count in (1, 2):
+        for chosen in combinations([group for group in groups if group], count):
+            words = [
+                " ".join(dict.fromkeys(filter(None, cells[::-1]))) for cells in zip(*chosen, strict=True)
+            ]
+            full = [
+                f"{word} {name}".strip() if again else name
+                for name, word, again in zip(names, words, repeated, strict=True)
+            ]
+            if len({*full}) == len(full):
+                return full
+    return names
+
+
+def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
+    """Cells of a line, each empty one as the one before it; nothing if they are too many."""
+    cells = [cell.strip().strip("\"'").strip() for cell in line.strip("\r\n").split(delimiter)]
+    if len(cells) > width:
+        cells = cells[:width] if not any(cells[width:]) else []
+    repeated_cells: list[str] = []
+    for cell in cells:
+        repeated_cells.append(cell or (repeated_cells[-1] if repeated_cells else ""))
+    return repeated_cells + [repeated_cells[-1]] * (width - len(repeated_cells)) if repeated_cells else []
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:

@@ -3,8 +3,9 @@
 import re
 import tomllib
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -156,6 +157,10 @@ def _without_bracket(text: str) -> tuple[str, str]:
     return text, plain_unit(text) if plain_unit(text) in _NAMING_UNITS else ""
 
 
+# `V1`, `A0`: a channel in volts, or of an analogue input, and no rate or acceleration.
+_NUMBERED_CHANNEL = re.compile(r"[va][ _]?\d+")
+
+
 def names_quantity(base: str) -> str:
     """The quantity that a name usually means (`angle`, `rate`, ...), or nothing.
 
@@ -165,6 +170,8 @@ def names_quantity(base: str) -> str:
         Of `split_header`. The axis at its end does not count: `gyroscope y`.
     """
     base = _without_accents(base)
+    if _NUMBERED_CHANNEL.fullmatch(base):
+        return "displacement"
     first = base.split(" ")[0]
     for text in (base, re.sub(r"[ _]?(?:[xyz]|\d+|left|right)$", "", base), first if len(first) > 2 else ""):
         for quantity, names in LAB_WORDS["quantities"].items():
@@ -188,26 +195,34 @@ def _without_accents(text: str) -> str:
 
 
 _VALUE = r"(?P<value>\d[\d.]*(?:,\d+)?(?:e[+-]?\d+)?)"
+
+
+def _phrases(kind: str) -> str:
+    """A pattern of the spellings of some words, the longest first."""
+    words = sorted(map(_without_accents, LAB_WORDS[kind]), key=len, reverse=True)
+    return "|".join(r"[\s_-]*".join(re.escape(part) for part in word.split()) for word in words)
+
+
+# `Sampling rate (kHz): 2`, `sample_rate,1000,Hz`, `Abtastrate in Hz 1000`, `sampling_rate_hz: 1000`
+_STATED_UNIT = r"(?:(?:\s*in\s|\s*[/_]|\s)?\s*[\[(]?(?P<before>{0})[\])]?(?=[\W_]))?"
+_PER_SECOND = r"k?hz|k?sa?/s|scans/s|(?:samples|frames)/s(?:ec)?|k?sps"
 _RATES = (
-    # `fs = 200 Hz`, `Sampling rate (kHz): 2`
-    r"\b(?:fs|f_s|fps|sampl(?:e|ing)[ _]?(?:rate|frequency)|samplerate|abtast(?:rate|frequenz)|"
-    r"(?:frame|data|scan|actual|acq(?:uisition)?|daq|adc|clock|update)[ _]?rate|(?<![\w ])rate)\b"
-    r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"\s*(?P<after>k?hz)?",
+    rf"(?<![^\W_])(?:{_phrases('rates')}|(?<![\w ])(?:{_phrases('bare_rates')}))"
+    rf"{_STATED_UNIT.format(_PER_SECOND)}(?:\s+(?:is|was|of|ist|war|von))?\W{{0,4}}{_VALUE}"
+    r"\s*(?P<after>k?hz|k?sa?/s|k?sps)?",
+    # `1000 Hz sampling rate`
+    rf"(?<![\w.,]){_VALUE}\s*(?P<after>k?hz)\s+sampl",
     # `30 fps`, `65 samples/s`
     rf"(?<![\w.,]){_VALUE}\s*(?:(?:k?sa|k?s)/s|k?sps|fps|"
     r"(?:samples?|frames?)\s*(?:/|per)\s*s(?:ec(?:ond)?)?\b)",
 )
 # `dt = 5 ms`, LabVIEW's `Delta_X`
 _STEP = (
-    r"\b(?:dt|ts|delta[ _]?[tx]|(?:sampl(?:e|ing)|time)[ _]?(?:interval|step|period|time)|"
-    r"abtast(?:intervall|zeit))\b"
-    r"(?:\s*[\[(](?P<before>\w+)[\])])?\W{0,4}" + _VALUE + r"(?:\s*(?P<after>[mµu]?s)\b)?"
+    rf"(?<![^\W_])(?:{_phrases('steps')})(?![^\W_])"
+    rf"{_STATED_UNIT.format('[mµu]?s(?:ec)?')}\W{{0,4}}{_VALUE}(?:\s*(?P<after>[mµu]?s)\b)?"
 )
 _DURATION = rf"\b(?:duration|record(?:ing)?[ _]?length|acquisition[ _]?time)\b\W{{0,4}}{_VALUE}\s*(?:s\b|$)"
-_UNIT = (
-    r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:=\t])"
-    r"\s*['\"]?(?P<unit>[^\s'\",;]+)"
-)
+_UNIT = r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:=\t])(?P<units>.+)"
 
 
 def noted_rate(notes: Sequence[str], rows: int) -> float | None:
@@ -215,7 +230,9 @@ def noted_rate(notes: Sequence[str], rows: int) -> float | None:
 
     So many rows have one over a duration that it states, too.
     """
-    for note in notes:
+    # `dt:` may stand alone above its number.
+    two_lines = [f"{key} {value}" for key, value in pairwise(notes) if not re.search(r"\d", key)]
+    for note in (_without_accents(note) for note in [*notes, *two_lines]):
         for pattern in _RATES:
             if value := _value(match := re.search(pattern, note, re.IGNORECASE)):
                 return value * (1e3 if _unit_of(match, "hz").startswith("k") else 1.0)
@@ -228,10 +245,30 @@ def noted_rate(notes: Sequence[str], rows: int) -> float | None:
     return None
 
 
+def bare_rate(notes: Sequence[str], rows: int) -> float | None:
+    """Sampling rate (Hz) by a head of bare numbers, `90, 1000, 5.` above 5,000 rows; None without one.
+
+    Two of the numbers are the rate and the duration if their product is the number of the rows; the larger
+    one is the rate.
+    """
+    for note in notes:
+        words = re.split(r"[,;\s]+", note.strip(" ,;\t#%"))
+        if len(words) < 2 or not all(
+            re.fullmatch(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?", w, re.I) for w in words
+        ):
+            continue
+        for factor, other in combinations(map(float, words), 2):
+            if min(factor, other) > 1.0 and round(factor * other) in (rows, rows - 1):
+                return max(factor, other)
+    return None
+
+
 def _value(match: "re.Match[str] | None") -> float:
     """The positive number that a note states; 0 where it states none."""
     try:
-        return max(0.0, float(match["value"].replace(",", "."))) if match else 0.0
+        # `1,000` is a thousand.
+        text = re.sub(r"^([1-9]\d{0,2}),000$", r"\g<1>000", match["value"]) if match else "0"
+        return max(0.0, float(text.replace(",", ".")))
     except ValueError:
         return 0.0
 
@@ -242,7 +279,44 @@ def _unit_of(match: "re.Match[str] | None", usual: str) -> str:
     return str(units.get("after") or units.get("before") or usual).lower()
 
 
-def noted_unit(notes: Sequence[str]) -> str:
-    """Unit that comments or texts of a file state, `unit: rad`; nothing where none does."""
-    matches = (re.search(_UNIT, note, re.IGNORECASE) for note in notes)
-    return next((match["unit"] for match in matches if match), "")
+def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0) -> str:
+    """Unit of a signal that comments or texts of a file state, `unit: rad`; nothing where none does.
+
+    Parameters
+    ----------
+    notes : sequence of str
+    place : int, optional
+        Of the signal among the columns that are no times.
+    signals : int
+        How many of these there are: of a list of so many units it is that at its place.
+    """
+    for units in _noted_units(notes):
+        of_signals = [unit for unit in units if plain_unit(unit) not in TIME_UNITS]
+        if of_signals:
+            in_order = place is not None and len(of_signals) == signals
+            return of_signals[place if in_order and place is not None else 0]
+    return ""
+
+
+def noted_time_unit(notes: Sequence[str]) -> str:
+    """Unit of the times that a list of units states, `units = ms, mm`; nothing where none does."""
+    times = (unit for units in _noted_units(notes) for unit in map(plain_unit, units) if unit in TIME_UNITS)
+    return next(times, "")
+
+
+def _noted_units(notes: Sequence[str]) -> Iterator[list[str]]:
+    """Units that notes state, those of each."""
+    for match in filter(None, (re.search(_UNIT, note, re.IGNORECASE) for note in notes)):
+        items = (item.strip(" '\"[](){}") for item in re.split(r"[,;\t]", match["units"]))
+        # `rad, as calibrated`
+        yield [item if is_known_unit(item) else item.split()[0] for item in items if item]
+
+
+_LEVEL = re.compile(
+    r"(?<![^\W\d_])(?:db(?:[ -]?(?:[aczvumig]|fs|spl)(?![^\W_]))?(?![^\W_])|decibels?\b)", re.IGNORECASE
+)
+
+
+def is_level(text: str) -> bool:
+    """True if a unit or name is that of a level, `dB`, `dB(A)`, `SPL_dB`: the logarithm of an amplitude."""
+    return _LEVEL.search(text) is not None or text.strip().lower() in LAB_WORDS["levels"]

@@ -173,7 +173,7 @@ def _reading(attrs: Mapping[Any, Any]) -> dict[str, Any]:
         options["time_units"] = attrs["time_unit_in_file"]
     if "input_columns" in attrs:
         inputs = json.loads(attrs["input_columns"])
-        options |= {"input": inputs, "between": attrs["between"]}
+        options |= {"input": inputs} | {key: attrs[key] for key in ("between",) if key in attrs}
     if "length" in attrs:
         options["length"] = float(attrs["length"])
     return options

@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.results import files, schema, variables
@@ -17,12 +17,13 @@ ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 
 def in_model(result: xr.Dataset, symbol: str) -> bool:
     """True if a coefficient refers to the identification's own reference frequency."""
-    return bool(np.isclose(result.refers_to.sel(force=symbol), result.reference_frequency, rtol=1e-12))
+    return symbol in forces_in_model(result)
 
 
 def forces_in_model(result: xr.Dataset) -> list[str]:
     """Forces whose coefficient refers to the identification's own reference frequency."""
-    return [symbol for symbol in result.force.values.tolist() if in_model(result, symbol)]
+    own = np.isclose(result.refers_to.values, result.reference_frequency.item(), rtol=1e-12)
+    return [str(symbol) for symbol in result.force.values[own]]
 
 
 def comparable(*results: xr.Dataset) -> list[str]:
@@ -31,12 +32,28 @@ def comparable(*results: xr.Dataset) -> list[str]:
     Each has them in its model, and one at least leaves them free: what is fixed, tied or at a bound adds no
     difference of its own.
     """
+    in_models = [forces_in_model(result) for result in results]
+    constrained = [_constrained(result) for result in results]
     return [
         symbol
         for symbol in results[0].force.values.tolist()
-        if all(symbol in forces_in_model(r) for r in results)
-        and not all("constraint" in r.coords and r.constraint.sel(force=symbol).item() for r in results)
+        if all(symbol in forces for forces in in_models)
+        and not all(symbol in forces for forces in constrained)
     ]
+
+
+def held(result: xr.Dataset) -> Mask:
+    """True where a coefficient is fixed, (force,): it stays as it is at every reference frequency."""
+    if "constraint" not in result.coords:
+        return np.zeros(result.sizes["force"], dtype=bool)
+    return np.asarray(result.constraint.values == "fixed", dtype=bool)
+
+
+def _constrained(result: xr.Dataset) -> list[str]:
+    """Forces whose coefficient is fixed, tied or at a bound."""
+    if "constraint" not in result.coords:
+        return []
+    return [str(symbol) for symbol in result.force.values[result.constraint.values != ""]]
 
 
 def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
@@ -54,6 +71,33 @@ def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float)
     factors = reference_factors(result, kept, frequency)
     coefficients = result.coefficient.sel(force=list(kept)).values * factors
     return np.append(coefficients, result.asymptotic_frequency.item())
+
+
+def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
+    """Derivatives of `comparison_values` by the coefficients and the reference frequency.
+
+    Parameters
+    ----------
+    result, kept, frequency
+        As of `comparison_values`.
+
+    Returns
+    -------
+    (quantity, force + 1) array of float
+        Over the forces in the model (see `forces_in_model`), in their order, and the frequency.
+    """
+    symbols = forces_in_model(result)
+    coefficients = result.coefficient.sel(force=symbols).values
+    w = result.reference_frequency.item()
+    factors = reference_factors(result, kept, frequency)
+    powers = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
+    places = [symbols.index(symbol) for symbol in kept]
+    slopes = np.zeros((len(kept) + 1, len(symbols) + 1))
+    slopes[np.arange(len(kept)), places] = factors
+    slopes[:-1, -1] = powers * factors * coefficients[places] / w
+    acting = schema.library_of(result).select(symbols)
+    slopes[-1] = schema.asymptotic_frequency(acting, coefficients, w)[1]
+    return slopes
 
 
 def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:

@@ -14,12 +14,15 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.files import FORMAT_VERSION
 from sysid_trib.results.variables import Variable, described, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
 NOT_KEPT = "not kept"
+# Attribute of a result: units of the inputs that have one of their own.
+INPUT_UNITS = "input_units"
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,10 @@ def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, A
     runs = as_runs(decay, driven=True)
     names = [f.name for f in fields(method)] if is_dataclass(method) else []
     options = {name: getattr(method, name) for name in names}
-    return {
+    of_kind = {channel.input for channel in library.channels if channel.kind}
+    inputs = {name: runs[0][name].attrs.get("units") for name in inputs_of(runs[0]) if name not in of_kind}
+    kept = {INPUT_UNITS: json.dumps(inputs)} if any(inputs.values()) else {}
+    return kept | {
         "method": type(method).__name__.lower(),
         "options": json.dumps(options, default=lambda value: {NOT_KEPT: str(value)}),
         "sysid_trib_version": __version__,

@@ -208,6 +208,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     decays = [d for d in datasets if "angle" in d and UNIT_ATTR not in d.attrs]
     for decay in decays:
         checked_signal(decay)
+    _refuse_mixed_units([unit_of_signal(decay) for decay in decays] + _units_of_results(datasets))
     largest = max((float(np.abs(decay["angle"].values).max()) for decay in decays), default=0.0)
     displacements = [decay for decay in decays if not counts_angles(decay)]
     if not known and not displacements:
@@ -227,6 +228,22 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     size = 2.0 ** np.ceil(np.log2(largest / 0.5)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])
     return _SignalScale(unit, float(size), degrees, inputs)
+
+
+def _units_of_results(datasets: Sequence[xr.Dataset]) -> list[str]:
+    """Return the units in which results were identified: those of their noise."""
+    noises = [
+        d["noise"].attrs.get("units") for d in datasets if {"noise", "coefficient"} <= d.variables.keys()
+    ]
+    return [str(units).partition("/")[0] for units in noises if units]
+
+
+def _refuse_mixed_units(units: Sequence[str]) -> None:
+    """Refuse records and results that are not all in one unit."""
+    if len(different := sorted({*units})) > 1:
+        raise UsageError(
+            f"The records and results are in different units ({', '.join(different)}); convert them to one."
+        )
 
 
 def _degrees(given: Any) -> dict[str, notation.Powers]:

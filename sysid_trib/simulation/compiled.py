@@ -10,20 +10,55 @@ import math
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
 
 from sysid_trib.simulation import program as op
 
 # Numba's own types know half of its options.
 njit: Any = numba.njit
-NUMBA_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+# Nothing compiled makes an array or keeps one: without the counts of references, which every view of an array
+# would raise and lower, it takes half the time.
+NUMBA_OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+    "_nrt": False,
+}
 # Of what only compiled functions call: a way in from Python would take a third of the time to compile.
 inner: Any = njit(**NUMBA_OPTIONS, fastmath={"contract"}, no_cpython_wrapper=True)
+
+
+_COMPILING = "Compiling the simulator, once: up to a minute ..."
+
+
+class _RebuiltCache(FunctionCache):
+    """What numba keeps of a function on disk; a damaged file is compiled anew, not an error.
+
+    A file is cut short where a process was killed or the disk was full. Reading it raises any exception.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:
+            if sys.stderr.isatty():
+                print(_COMPILING, file=sys.stderr, flush=True)
+            # An index without entries: what is compiled now is written anew.
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        # Without room on the disk each process compiles for itself.
+        with suppress(Exception):
+            super().save_overload(sig, data)
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -35,7 +70,9 @@ def compiled(function: Callable[..., Any]) -> Any:
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, str(_folder())
     try:
-        return njit(**NUMBA_OPTIONS, cache=True)(function)
+        dispatcher = njit(**NUMBA_OPTIONS, cache=True)(function)
+        dispatcher._cache = _RebuiltCache(function)
+        return dispatcher
     except RuntimeError:
         return njit(**NUMBA_OPTIONS)(function)
     finally:
@@ -45,7 +82,7 @@ def compiled(function: Callable[..., Any]) -> Any:
 def tell_of_compiling() -> None:
     """Say on a terminal that the engine is compiled, where it was not kept."""
     if sys.stderr.isatty() and not any(_folder().rglob("*.nbi")):
-        print("Compiling the simulator, once: up to a minute ...", file=sys.stderr, flush=True)
+        print(_COMPILING, file=sys.stderr, flush=True)
 
 
 @cache
@@ -63,11 +100,12 @@ def _folder() -> Path:
     return base / "sysid_trib" / f"engine-{digest}"
 
 
+# The functions below are called most often. They take the arrays that they need one by one: a call costs each
+# number of the tuples, of which there are seventy in a program.
 @inner
-def _row_by_row(program, J, last, live):
-    """Slots up to `last` at order 0; signs follow their surfaces where `live`, else they stay."""
-    code, c = program.code, program.c
-    for s in range(program.inputs, last):
+def _row_by_row(code, c, J, first, last, live):
+    """Slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
+    for s in range(first, last):
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         if o == op.ADD:
             J[s, 0] = J[p, 0] + J[q, 0]
@@ -106,20 +144,24 @@ def _row_by_row(program, J, last, live):
 @inner
 def at_once(program, J):
     """All slots of a motion at order 0, on the branch of the signs in J."""
-    _row_by_row(program, J, program.main, program.main < 0)
+    _row_by_row(program.code, program.c, J, program.inputs, program.main, False)
 
 
 @inner
 def at_once_live(program, J, last):
     """Slots up to `last` at order 0; signs follow their surfaces."""
-    _row_by_row(program, J, last, last >= 0)
+    _row_by_row(program.code, program.c, J, program.inputs, last, True)
 
 
 @inner
 def order(program, J, k):
     """Order k >= 1 of the slots that change, from the orders below it."""
-    code, c = program.code, program.c
-    for s in program.rows:
+    _order(program.code, program.c, program.rows, J, k)
+
+
+@inner
+def _order(code, c, rows, J, k):
+    for s in rows:
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         t = 0.0
         if o == op.ADD:
@@ -132,15 +174,16 @@ def order(program, J, k):
         elif o == op.SCALE:
             t = J[p, 0] * J[q, k] if J[p, 0] != 0.0 else 0.0
         elif o == op.MUL:
+            u, w = J[p], J[q]
             if p == q:
                 for j in range((k + 1) // 2):
-                    t += J[p, j] * J[p, k - j]
+                    t += u[j] * u[np.uintp(k - j)]
                 t *= 2.0
                 if k % 2 == 0:
-                    t += J[p, k // 2] * J[p, k // 2]
+                    t += u[k // 2] * u[k // 2]
             else:
                 for j in range(k + 1):
-                    t += J[p, j] * J[q, k - j]
+                    t += u[j] * w[np.uintp(k - j)]
         elif o == op.DIV:
             t = J[p, k]
             for j in range(1, k + 1):
@@ -176,57 +219,68 @@ def order(program, J, k):
 
 
 @inner
-def _derivatives(program, J, T, k, slots):
-    """Order k of the derivatives of these slots, from the series and the orders below it."""
-    code, c, count = program.code, program.c, T.shape[2]
-    for s in slots:
-        o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
-        here = T[s, k]
-        if o <= op.LINEAR:
-            way = -1.0 if o == op.SUB else 1.0
-            factor = c[s] * J[r, 0] if o == op.LINEAR else way
-            of_factor = c[s] * J[q, k] if o == op.LINEAR else 0.0
-            for i in range(count):
-                here[i] = T[p, k, i] + factor * T[q, k, i] + of_factor * T[r, 0, i]
-            continue
-        if o in (op.SCALE, op.NEG):
-            factor, of_factor = (J[p, 0], J[q, k]) if o == op.SCALE else (0.0, 0.0)
-            for i in range(count):
-                here[i] = T[p, 0, i] * of_factor + factor * T[q, k, i] if o == op.SCALE else -T[p, k, i]
-            continue
+def _derivatives(code, c, J, T, k, s):
+    """Order k of the derivatives of a slot, from the series and the orders below it."""
+    count = T.shape[2]
+    o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
+    here = T[s, k]
+    if o <= op.LINEAR:
+        way = -1.0 if o == op.SUB else 1.0
+        factor = c[s] * J[r, 0] if o == op.LINEAR else way
+        of_factor = c[s] * J[q, k] if o == op.LINEAR else 0.0
         for i in range(count):
-            here[i] = 0.0
-        if o in (op.CONST, op.SIGN):
-            continue
-        for m in range(k + 1):
-            # What multiplies the derivatives of the operands, and of the slot itself, at order m.
-            of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
-            if o == op.MUL:
-                of_p, of_q = J[q, k - m], J[p, k - m]
-            elif o == op.DIV:
-                of_p, of_q = (1.0 if at_last else 0.0), -J[s, k - m]
-                of_s = 0.0 if at_last else -J[q, k - m]
-            elif o in (op.LOG, op.POWER):
-                of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]
-                of_s = 0.0 if at_last else -J[p, k - m]
-            else:
-                # d sin u = cos u du, d cos u = -sin u du, d exp u = exp u du, d tanh u = (1 - tanh^2 u) du
-                of_p = J[s, k - m] if o == op.EXP else -J[q, k - m] if o == op.PARTNER else J[q, k - m]
-            for i in range(count):
-                here[i] += of_p * T[p, m, i] + of_q * T[q, m, i] + of_s * T[s, m, i]
-        if o in (op.DIV, op.LOG, op.POWER):
-            divisor = J[q, 0] if o == op.DIV else J[p, 0]
-            for i in range(count):
-                here[i] /= divisor
+            here[i] = T[p, k, i] + factor * T[q, k, i] + of_factor * T[r, 0, i]
+        return
+    if o in (op.SCALE, op.NEG):
+        factor, of_factor = (J[p, 0], J[q, k]) if o == op.SCALE else (0.0, 0.0)
+        for i in range(count):
+            here[i] = T[p, 0, i] * of_factor + factor * T[q, k, i] if o == op.SCALE else -T[p, k, i]
+        return
+    for i in range(count):
+        here[i] = 0.0
+    if o in (op.CONST, op.SIGN):
+        return
+    for m in range(k + 1):
+        # What multiplies the derivatives of the operands, and of the slot itself, at order m.
+        of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
+        if o == op.MUL:
+            of_p, of_q = J[q, k - m], J[p, k - m]
+        elif o == op.DIV:
+            of_p, of_q = (1.0 if at_last else 0.0), -J[s, k - m]
+            of_s = 0.0 if at_last else -J[q, k - m]
+        elif o in (op.LOG, op.POWER):
+            of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]
+            of_s = 0.0 if at_last else -J[p, k - m]
+        else:
+            # d sin u = cos u du, d cos u = -sin u du, d exp u = exp u du, d tanh u = (1 - tanh^2 u) du
+            of_p = J[s, k - m] if o == op.EXP else -J[q, k - m] if o == op.PARTNER else J[q, k - m]
+        for i in range(count):
+            here[i] += of_p * T[p, m, i] + of_q * T[q, m, i] + of_s * T[s, m, i]
+    if o in (op.DIV, op.LOG, op.POWER):
+        divisor = J[q, 0] if o == op.DIV else J[p, 0]
+        for i in range(count):
+            here[i] /= divisor
 
 
 @inner
 def derivatives_at_once(program, J, T, last):
     """Derivatives of the slots up to `last` at order 0."""
-    _derivatives(program, J, T, np.int64(0), np.arange(program.inputs, last))
+    _at_order_0(program.code, program.c, J, T, program.inputs, last)
+
+
+@inner
+def _at_order_0(code, c, J, T, first, last):
+    for s in range(first, last):
+        _derivatives(code, c, J, T, np.int64(0), s)
 
 
 @inner
 def derivatives_of_order(program, J, T, k):
     """Order k >= 1 of the derivatives of the slots that change."""
-    _derivatives(program, J, T, k, program.rows)
+    _of_order(program.code, program.c, program.rows, J, T, k)
+
+
+@inner
+def _of_order(code, c, rows, J, T, k):
+    for s in rows:
+        _derivatives(code, c, J, T, k, s)

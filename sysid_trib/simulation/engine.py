@@ -7,7 +7,7 @@ series as well, cross zero.
 import numpy as np
 
 from sysid_trib.simulation import under_way as at
-from sysid_trib.simulation.branches import parameters_at, put, reverses, signs_of, state_at
+from sysid_trib.simulation.branches import parameters_at, reverses, signs_of, state_at
 from sysid_trib.simulation.compiled import compiled, inner
 from sysid_trib.simulation.surfaces import begun, free_step, held_step, released, stop, switched
 from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_of, series, value
@@ -132,27 +132,16 @@ def outcome_of(c, h, furthest, steps, most_steps):
     return at.STEPS if steps > most_steps else at.MOVING
 
 
-@inner
-def noted(times, count, tau):
-    """The list of times with one more."""
-    if count == len(times):
-        longer = np.empty(2 * count)
-        put(times, longer)
-        times = longer
-    times[count] = tau
-    return times
-
-
 @compiled
 def run(program, given, c, limits):
-    """Follow the motions of `given`, one after the other, and write its `rows` and `tangents`.
+    """Follow the motions of `given`, one after the other, and write its `rows`, `tangents` and `reversals`.
 
-    `limits`: rad beyond which one diverges, switchings and steps that all may take. Returns where the sign of
-    v changes, and how often; where it comes to rest for good, or nan; how it ended, at the clock.
+    `limits`: rad beyond which one diverges, switchings and steps that all may take. Returns how
+    often the sign of v changes; where it comes to rest for good, or nan; how it ended, at the clock.
     """
     furthest, budget, most_steps = limits
     piece, done, steps, held = np.int64(0), np.int64(0), 0, np.int64(at.FREE)
-    reversals, turns, rest, state = np.empty(64), np.int64(0), np.nan, at.MOVING
+    turns, rest, state = np.int64(0), np.nan, at.MOVING
     fresh, until = at_knot(program, given, c, piece, held), given.until[0]
     while state == at.MOVING:
         driven(given, c, piece)
@@ -192,7 +181,7 @@ def run(program, given, c, limits):
             fresh = at_knot(program, given, c, piece, held)
             until = given.until[given.marks[piece]] if ends else until
         if turned and reverses(program):
-            reversals = noted(reversals, turns, c.v[at.CLOCK, 0])
+            given.reversals[turns] = c.v[at.CLOCK, 0]
             turns += 1
         state = at.SWITCHES if budget < 0 else outcome_of(c, h, furthest, steps, most_steps)
-    return reversals, turns, rest, state
+    return turns, rest, state

@@ -230,7 +230,9 @@ def run(
     if not len(given.grid):
         return rows, tangents, np.empty(0), np.nan
     # One kind of array, for which it is compiled once.
-    parts = given._replace(rows=rows, tangents=tangents)._asdict()
+    # As often as it may switch, or begin anew.
+    reversals = np.empty(limits[0] + len(given.knots) + 2)
+    parts = given._replace(rows=rows, tangents=tangents, reversals=reversals)._asdict()
     given = under_way.Given(
         **{name: np.require(part, part.dtype, ["C", "W"]) for name, part in parts.items()}
     )
@@ -242,10 +244,10 @@ def run(
         # What is seen over w^p is less by p/w of itself where w is larger.
         powers = np.array([channel.power for channel in motion.channels])
         state.of_drive[:, by.index(FREQUENCY)] = -powers / model.reference_frequency
-    reversals, turns, rest, outcome = _engine()(program, given, state, (DIVERGED, *limits))
+    turns, rest, outcome = _engine()(program, given, state, (DIVERGED, *limits))
     if outcome != under_way.ENDED:
         _raise(outcome, state.v[under_way.CLOCK, 0] / model.reference_frequency)
-    return given.rows, given.tangents, reversals[:turns].copy(), rest
+    return given.rows, given.tangents, given.reversals[:turns].copy(), rest
 
 
 @cache

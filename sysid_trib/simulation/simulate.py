@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused
+from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused, usual_between
 from sysid_trib.simulation.model import Model, Vector
 from sysid_trib.simulation.motions import STEPS_A_PERIOD, Forcing, SimulatedMotion, integrate
 from sysid_trib.simulation.program import FORCING_NUMBERS
@@ -42,7 +42,8 @@ def simulate(
     seed : int
         Of the random force.
     known_input : (time,) array of float, rad/s^2, or KnownInput, optional
-        An acceleration a(t) in theta'' + w^2 (theta + f) = a; an array is linear between the times.
+        An acceleration a(t) in theta'' + w^2 (theta + f) = a. An array is smooth between the times, or held
+        where it moves in steps (`usual_between`); a `KnownInput` says it.
     inputs : mapping of str to (time,) array of float or KnownInput, optional
         Inputs by the names that forces hold, `{"u": ...}`, each in its own unit.
 
@@ -93,7 +94,8 @@ def simulate(
 
 def _known(values: ArrayLike | KnownInput, time: Vector) -> KnownInput:
     if not isinstance(values, KnownInput):
-        values = KnownInput(time - time[0], np.asarray(values, dtype=float))
+        values = np.asarray(values, dtype=float)
+        values = KnownInput(time - time[0], values, usual_between(values))
     if not np.array_equal(values.elapsed, time - time[0]):
         raise UsageError("A known input is to be sampled at the times of the simulation, from zero on.")
     return values

@@ -132,7 +132,7 @@ def stop(c):
 def switched(program, c, which, n, h):
     """Go on from a surface, with the jump of the derivatives; by what the motion is held there."""
     size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
-    moves, way = np.zeros(count), c.v[at.SIGNS, 0]
+    moves, way = c.v[at.SWITCHING_MOVES], c.v[at.SIGNS, 0]
     if count > 0:
         rate = slope(c.J[slot], n, h)
         for q in range(count):

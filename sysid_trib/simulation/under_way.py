@@ -17,10 +17,12 @@ MOTION_ENDS, INPUT_JUMPS = -2, -3
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
 # a motion that goes upwards or downwards from rest; tau and what rounding has left of it; room for surfaces
-# and states, with the largest derivatives so far; how much the surface that holds it moves with v.
+# and states, with the largest derivatives so far; how much the surface that holds it moves with v; by how
+# much the instant of a switching moves with each parameter.
 STATE, STATE_ROUNDING, MEMORY_NOW, MEMORY_BEFORE, SIGNS, ZEROS = range(6)
 MEMORY_UP, SIGNS_UP, MEMORY_DOWN, SIGNS_DOWN = range(6, 10)
 CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_AT_REST, GRIP = range(10, 18)
+SWITCHING_MOVES = 18
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
 # What a motion is held by, besides the number of a surface of which v is a part: nothing, rest.
@@ -85,6 +87,8 @@ class Given(NamedTuple):
         How many samples are those of a motion and of those before it.
     rows, tangents : (sample, state + memory + 1) and (sample, state + memory + 1, parameter) array of float
         The states, the memory, the acceleration, and their derivatives.
+    reversals : (reversal,) array of float
+        Where the sign of v changes, in tau.
     """
 
     knots: Any
@@ -98,6 +102,7 @@ class Given(NamedTuple):
     until: Any
     rows: Any = None
     tangents: Any = None
+    reversals: Any = None
 
 
 def new_state(program: Instructions, parameters: int) -> EngineState:
@@ -108,7 +113,7 @@ def new_state(program: Instructions, parameters: int) -> EngineState:
         np.zeros((slots, ORDER + 1)),
         np.zeros((slots, ORDER + 1, parameters)),
         np.zeros((3, slots, ORDER + 1)),
-        np.zeros((GRIP + 1, width)),
+        np.zeros((SWITCHING_MOVES + 1, width)),
         np.zeros((size, parameters)),
         np.zeros((program.channels, FORCING_NUMBERS + 2)),
         np.zeros((program.channels, parameters)),

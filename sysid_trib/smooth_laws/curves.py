@@ -17,9 +17,8 @@ CURVE_LIBRARY = "curves"
 FIRST_PLACES = {"v": 0.03, "x": 0.1}
 MIDDLE, GEOMETRIC_PARTS = 0.5, 8
 UPPER_PLACES = (0.6, 0.7, 0.8, 0.9)
-# Curves that are odd, and those that make a law differ between directions or sides.
+# Curves that are odd.
 ODD_CURVES = ("friction", "restoring")
-EVEN_CURVES = ("friction_even", "restoring_even")
 
 
 def ranges(decays: Sequence[xr.Dataset], frequency: float | None = None) -> dict[str, float]:

@@ -69,7 +69,7 @@ class LawFit:
         return size if np.isfinite(size) else float("inf")
 
 
-def _fit(
+def fit_of(
     runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
 ) -> LawFit:
     """Fit a law model with a method as it is."""
@@ -86,14 +86,20 @@ def fitted(
     What a model lacks within the cycle may be taken for a curve that no motion bears. A random force makes
     each half period an equation of its own, which is immune to that.
     """
-    fit = _fit(runs, method, model, lowest)
-    if fit.is_white or not model.odd:
+    without = replace(model.without_curves, reason=model.reason or NO_BETTER)
+    if not model.odd:
+        return fit_of(runs, method, without, lowest)
+    try:
+        fit = fit_of(runs, method, model, lowest)
+    except (SysidTribError, np.linalg.LinAlgError):
+        return fit_of(runs, method, without, lowest)
+    if fit.is_white:
         return fit
-    named = _fit(runs, method, replace(model.without_curves, reason=NO_BETTER), lowest)
+    named = fit_of(runs, method, without, lowest)
     if fit.residual_rms <= named.residual_rms or method.random_force != "off":
         return min((fit, named), key=lambda of: of.residual_rms)
     try:
-        other = _fit(runs, replace(method, random_force="estimated"), model, lowest)
+        other = fit_of(runs, replace(method, random_force="estimated"), model, lowest)
     except (SysidTribError, np.linalg.LinAlgError):
         return named
     return min((other, named), key=lambda of: of.residual_rms)
@@ -138,17 +144,21 @@ def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
     elif not even and len(runs) > 1:
         method = replace(method, own=symbols)
     try:
-        plain = _fit(runs, method, replace(model, even=()))
-        result = plain.followed.result
-        at = np.flatnonzero(np.isin([name.rsplit("_", 1)[0] for name in result.force.values], symbols))
-        at = np.union1d(at, np.flatnonzero(np.isin(result.force.values, symbols)))
-        values, covariance = result.coefficient.values[at], result.covariance.values[np.ix_(at, at)]
-        square = float(values @ np.linalg.pinv(covariance, hermitian=True) @ values)
-        if scipy.stats.chi2.sf(square, len(at)) >= EXTENSION_LEVEL:
+        plain = fit_of(runs, method, replace(model, even=()))
+        if p_value_of(plain.followed.result, symbols) >= EXTENSION_LEVEL:
             return None
-        return _fit(runs, method, model) if model.even else plain
+        return fit_of(runs, method, model) if model.even else plain
     except (SysidTribError, np.linalg.LinAlgError):
         return None
+
+
+def p_value_of(result: xr.Dataset, symbols: Sequence[str]) -> float:
+    """Return the p-value that some coefficients, or those of each run, are all zero (Wald's test)."""
+    names = result.force.values.tolist()
+    at = [i for i, name in enumerate(names) if name in symbols or name.rsplit("_", 1)[0] in symbols]
+    values, covariance = result.coefficient.values[at], result.covariance.values[np.ix_(at, at)]
+    square = float(values @ np.linalg.pinv(covariance, hermitian=True) @ values)
+    return float(scipy.stats.chi2.sf(square, len(at)))
 
 
 def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:

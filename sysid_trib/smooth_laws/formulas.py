@@ -1,9 +1,11 @@
 """From a law to formulas: the simplest sums of library forces that stay within its band."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array
@@ -16,11 +18,12 @@ from sysid_trib.results.variables import described
 
 # Most terms of a formula, and most formulas that are listed.
 MOST_TERMS, MOST_LISTED = 3, 6
-# Values of each shape parameter that are tried, evenly in the logarithm over the visited range.
-SHAPE_VALUES = 6
+# Values at which a shape parameter is tried first, evenly in the logarithm over the visited range.
+SHAPE_VALUES = 16
+SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5
 # Directions of a law's covariance below this part of the largest tell nothing but rounding.
-SMALLEST_VARIANCE = 1e-9
-VARIABLES = {"friction": ("speed", "v"), "restoring": ("displacement", "x")}
+SMALLEST_VARIANCE = 1e-5
+LAW_VARIABLES = {"friction": ("speed", "v"), "restoring": ("displacement", "x")}
 
 
 @signal_scale.in_units_of_the_motion
@@ -39,11 +42,11 @@ def formulas(result: xr.Dataset, law: str = "friction", candidates: ForceLibrary
     Returns
     -------
     Dataset
-        Over `alternative` (the fewest terms first, then by information) and `force` the `coefficient`, nan of
+        Over `alternative`, all with the fewest terms that suffice, and `force` the `coefficient`, nan of
         a force that is not in the formula, and its `standard_error`; `chi_square`, `information` (Akaike's,
         less the least), `largest_deviation` from the law over the half width of its band. Empty over
-        `alternative` where no formula of up to three terms stays inside. Forces with shape parameters occur
-        once for each value tried, which is in the symbol's `formula`.
+        `alternative` where no formula of up to three terms stays inside. The fitted value of a shape
+        parameter is in the force's `formula`.
 
     Raises
     ------
@@ -57,75 +60,160 @@ def formulas(result: xr.Dataset, law: str = "friction", candidates: ForceLibrary
     Every sum is solved by `WhitenedLeastSquares`, an optimiser of pysindy, on the features of
     `ForceFeatures`, in the metric of the law's covariance.
     """
-    if law not in VARIABLES:
+    if law not in LAW_VARIABLES:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
     if law not in result:
         raise DecayError("This identification holds no laws; make one by laws.")
-    variable, of = VARIABLES[law]
+    variable, of = LAW_VARIABLES[law]
     part = result.isel({variable: np.flatnonzero(result[f"{variable}_visited"].values)})
     places = part[variable].values
     w = result.reference_frequency.item()
-    offered = _candidates(candidates, of, float(np.max(np.abs(places))) / (w if of == "v" else 1.0))
-    columns = w**2 * _features(offered, places, of, w)
-    target, extra = part[law].values, np.zeros((len(places), 0))
-    if of == "x":
-        # The frequency is fitted with each formula.
-        target, extra = target - w**2 * places, w**2 * places[:, None]
     at = np.flatnonzero(result[f"{variable}_visited"].values)
-    whitening = _whitening(result[f"{law}_covariance"].values[np.ix_(at, at)])
-    half = 0.5 * (part[f"{law}_high"].values - part[f"{law}_low"].values)
-    rows = list(_inside(whitening, columns, extra, target, half))
-    return _as_dataset(rows, offered, law)
+    problem = _LawProblem(
+        places=places,
+        of=of,
+        frequency=w,
+        target=part[law].values - (w**2 * places if of == "x" else 0.0),
+        half=0.5 * (part[f"{law}_high"].values - part[f"{law}_low"].values),
+        whitening=_whitening(result[f"{law}_covariance"].values[np.ix_(at, at)]),
+    )
+    return _as_dataset(problem.formulas_inside(_candidates(candidates, of)), law)
 
 
-def _candidates(candidates: ForceLibrary | None, of: str, largest: float) -> ForceLibrary:
-    """Return the forces of one variable, those with a shape parameter once for each value of it."""
+def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
+    """Return the forces of one variable that a formula may hold."""
     if candidates is None:
         shipped = (*load_library(), *load_library(EFFECTS))
         candidates = ForceLibrary("candidates of formulas", tuple({f.symbol: f for f in shipped}.values()))
-    kept: list[Force] = []
-    for force in candidates:
-        memoryless = force.kind == "force" and force.memoryless and not force.holds_time
-        if not memoryless or force.channels or {"x", "v"} & set(force.formula.names) != {of}:
-            continue
-        if force.matches("x") or force.parity == "even" or len(force.shape) > 1:
-            continue
-        kept += _at_shapes(force, largest)
+    kept = [
+        force
+        for force in candidates
+        if force.kind == "force"
+        and force.memoryless
+        and not force.holds_time
+        and not force.channels
+        and {"x", "v"} & set(force.formula.names) == {of}
+        and force.parity != "even"
+        and not force.matches("x")
+        and len(force.shape) < 2
+    ]
     if not kept:
         raise UsageError(f"The candidates hold no force of {of} alone; offer some.")
-    return ForceLibrary("candidates of formulas", tuple(kept))
+    return kept
 
 
-def _at_shapes(force: Force, largest: float) -> Iterator[Force]:
-    """Yield a force, with its shape parameter written into the formula for each value tried."""
-    if not force.shape:
-        yield force
-        return
-    ((name, shape),) = force.shape.items()
-    low, high = max(shape.low, 0.03 * largest), min(shape.high, 1.5 * largest)
-    if not low < high:
-        low, high = shape.low, shape.high
-    for number, value in enumerate(np.geomspace(low, high, SHAPE_VALUES), 1):
-        written = force.with_instead(name, f"{value:.4g}")
-        yield Force(
-            symbol=f"{force.symbol}_at_{number}",
-            name=f"{force.name}, {name} = {value:.4g}",
-            formula=written.formula,
-            family=force.family,
-            meaning=force.meaning,
-            source=force.source,
+@dataclass(frozen=True)
+class LawFormula:
+    """A sum of forces that stays within the band of a law.
+
+    Attributes
+    ----------
+    forces : sequence of Force
+        Shape parameters are written into their formulas.
+    coefficients, errors : (force,) array of float
+    chi_square : float
+        Of the law minus the formula, in the metric of the law's covariance.
+    deviation : float
+        Largest deviation from the law, over the half width of its band.
+    """
+
+    forces: Sequence[Force]
+    coefficients: Array
+    errors: Array
+    chi_square: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class _LawProblem:
+    """A law over its visited range, and how sums of forces are held against it.
+
+    Attributes
+    ----------
+    places : (place,) array of float, rad/s or rad
+    of : {"v", "x"}
+    frequency : float, rad/s
+        w.
+    target, half : (place,) array of float, rad/s^2
+        The law without w^2 x, and the half width of its band.
+    whitening : (direction, place) array of float
+    """
+
+    places: Array
+    of: str
+    frequency: float
+    target: Array
+    half: Array
+    whitening: Array
+
+    def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
+        """Return the sums of the fewest terms within the band, one of them with a shape parameter at most."""
+        for count in range(1, MOST_TERMS + 1):
+            chosen = [
+                forces
+                for forces in itertools.combinations(offered, count)
+                if sum(bool(force.shape) for force in forces) <= 1
+            ]
+            inside = [formula for formula in map(self.best_of, chosen) if formula.deviation <= 1.0]
+            if inside:
+                # Longer ones hold these.
+                return sorted(inside, key=lambda formula: formula.chi_square)
+        return []
+
+    def best_of(self, forces: Sequence[Force]) -> LawFormula:
+        """Return the sum of forces that is nearest to the law, the shape parameter fitted too."""
+        shaped = [at for at, force in enumerate(forces) if force.shape]
+        if not shaped:
+            return self.solved(forces)
+        ((name, shape),) = forces[shaped[0]].shape.items()
+        largest = float(np.max(np.abs(self.places))) / (self.frequency if self.of == "v" else 1.0)
+        low, high = max(shape.low, SMALLEST_SHAPE * largest), min(shape.high, LARGEST_SHAPE * largest)
+        if not low < high:
+            low, high = shape.low, shape.high
+
+        def at_value(logarithm: float) -> LawFormula:
+            written = [
+                _with_value(force, name, np.exp(logarithm)) if force.shape else force for force in forces
+            ]
+            return self.solved(written)
+
+        grid = np.linspace(np.log(low), np.log(high), SHAPE_VALUES)
+        squares = [at_value(value).chi_square for value in grid]
+        nearest = int(np.argmin(squares))
+        ends = grid[max(0, nearest - 1)], grid[min(SHAPE_VALUES - 1, nearest + 1)]
+        fitted = scipy.optimize.minimize_scalar(
+            lambda value: at_value(value).chi_square, bounds=ends, method="bounded", options={"xatol": 1e-3}
+        )
+        return at_value(float(fitted.x))
+
+    def solved(self, forces: Sequence[Force]) -> LawFormula:
+        """Return the sum of forces that is nearest to the law."""
+        # Here, since importing pysindy takes as long as twenty identifications.
+        from sysid_trib.likelihood.pysindy_features import ForceFeatures, WhitenedLeastSquares
+
+        states = np.zeros((len(self.places), 2))
+        states[:, 0 if self.of == "x" else 1] = self.places / (self.frequency if self.of == "v" else 1.0)
+        features = ForceFeatures(ForceLibrary("terms of a formula", tuple(forces)))
+        columns = self.frequency**2 * np.asarray(features.fit(states).transform(states), dtype=float)
+        if self.of == "x":
+            # The frequency is fitted with each formula.
+            columns = np.column_stack([columns, self.frequency**2 * self.places])
+        white, white_target = self.whitening @ columns, self.whitening @ self.target
+        coefficients = WhitenedLeastSquares().fit(white, white_target).coef_[0]
+        residual = white_target - white @ coefficients
+        errors = np.sqrt(np.diag(np.linalg.pinv(white.T @ white)))
+        deviation = np.abs(columns @ coefficients - self.target) / self.half
+        count = len(forces)
+        return LawFormula(
+            forces, coefficients[:count], errors[:count], float(residual @ residual), float(deviation.max())
         )
 
 
-def _features(offered: ForceLibrary, places: Array, of: str, w: float) -> Array:
-    """Return the features of the forces at the places of a law, (place, force), rad."""
-    # Here, since importing pysindy takes as long as twenty identifications.
-    from sysid_trib.likelihood.pysindy_features import ForceFeatures
-
-    states = np.zeros((len(places), 2))
-    states[:, 0 if of == "x" else 1] = places / (w if of == "v" else 1.0)
-    features = ForceFeatures(offered)
-    return np.asarray(features.fit(states).transform(states), dtype=float)
+def _with_value(force: Force, name: str, value: float) -> Force:
+    """Return a force with its shape parameter written into the formula."""
+    number = f"{value:.4g}"
+    written = force.with_instead(name, number)
+    return replace(written, name=f"{force.name}, {name} = {number}", shape={})
 
 
 def _whitening(covariance: Array) -> Array:
@@ -135,56 +223,36 @@ def _whitening(covariance: Array) -> Array:
     return np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None])
 
 
-def _inside(
-    whitening: Array, columns: Array, extra: Array, target: Array, half: Array
-) -> Iterator[tuple[Sequence[int], Array, Array, float, float]]:
-    """Yield the sums that stay within the band: forces, coefficients, errors, chi-square, deviation."""
-    from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
-
-    white, white_target = whitening @ np.column_stack([columns, extra]), whitening @ target
-    others = list(range(columns.shape[1], white.shape[1]))
-    for count in range(1, MOST_TERMS + 1):
-        found = 0
-        for chosen in itertools.combinations(range(columns.shape[1]), count):
-            at = [*chosen, *others]
-            if len(at) >= len(white):
-                continue
-            fit = WhitenedLeastSquares().fit(white[:, at], white_target)
-            solved = fit.coef_[0]
-            deviation = np.abs(np.column_stack([columns, extra])[:, at] @ solved - target)
-            largest = float(np.max(deviation / half))
-            if not largest <= 1.0:
-                continue
-            residual = white_target - white[:, at] @ solved
-            inverse = np.linalg.pinv(white[:, at].T @ white[:, at])
-            errors = np.sqrt(np.diag(inverse))
-            found += 1
-            yield chosen, solved[:count], errors[:count], float(residual @ residual), largest
-        if found:
-            # The simplest formulas: longer ones hold these.
-            return
-
-
-def _as_dataset(
-    rows: Sequence[tuple[Sequence[int], Array, Array, float, float]], offered: ForceLibrary, law: str
-) -> xr.Dataset:
-    """Return the formulas by their information, over the forces that they hold."""
-    rows = sorted(rows, key=lambda row: row[3])[:MOST_LISTED]
-    used = sorted({force for row in rows for force in row[0]})
-    values, errors = np.full((2, len(rows), len(used)), np.nan)
-    for at, (chosen, solved, error, *_) in enumerate(rows):
-        places = [used.index(force) for force in chosen]
-        values[at, places], errors[at, places] = solved, error
-    information = np.array([square + 2.0 * len(chosen) for chosen, _, _, square, _ in rows])
+def _as_dataset(inside: Sequence[LawFormula], law: str) -> xr.Dataset:
+    """Return the formulas by their distance from the law, over the forces that they hold."""
+    listed = inside[:MOST_LISTED]
+    forces: dict[str, Force] = {}
+    names: list[list[str]] = []
+    for formula in listed:
+        of_formula = []
+        for force in formula.forces:
+            # The same force with another value of its shape parameter is another one.
+            same = (name for name, other in forces.items() if other.formula.text == force.formula.text)
+            symbol = next(same, "")
+            if not symbol:
+                count = sum(name.split("__")[0] == force.symbol for name in forces)
+                symbol = f"{force.symbol}__{count + 1}" if count else force.symbol
+                forces[symbol] = replace(force, symbol=symbol)
+            of_formula.append(symbol)
+        names.append(of_formula)
+    values, errors = np.full((2, len(listed), len(forces)), np.nan)
+    for at, (formula, of_formula) in enumerate(zip(listed, names, strict=True)):
+        places = [list(forces).index(symbol) for symbol in of_formula]
+        values[at, places], errors[at, places] = formula.coefficients, formula.errors
+    information = np.array([formula.chi_square + 2.0 * len(formula.forces) for formula in listed])
     data = {
         "coefficient": values,
         "standard_error": errors,
-        "chi_square": [row[3] for row in rows],
-        "information": information - information.min() if len(rows) else information,
-        "largest_deviation": [row[4] for row in rows],
+        "chi_square": [formula.chi_square for formula in listed],
+        "information": information - information.min() if len(listed) else information,
+        "largest_deviation": [formula.deviation for formula in listed],
     }
-    forces = [offered.forces[force] for force in used]
-    library = ForceLibrary(offered.title, tuple(forces))
-    coords = {"force": [force.symbol for force in forces], **schema.force_labels(forces)}
+    library = ForceLibrary("forces of formulas", tuple(forces.values()))
+    coords = {"force": list(forces), **schema.force_labels(library.forces)}
     attrs = {"law": law, "library": library.to_toml() if forces else ""}
     return xr.Dataset(described("law_formulas", data), coords, attrs)

@@ -22,6 +22,7 @@ from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.smooth_laws import bands, curves
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
+from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
 from sysid_trib.validation import cross_check, findings, model_error
 from sysid_trib.validation.driven import clock_of, is_driven
@@ -68,7 +69,8 @@ def laws(
         simultaneous 95 % band over the visited range), `_error_of_model` and `_covariance`;
         `speed_visited`, `displacement_visited`. `comparison` holds the difference of both methods' laws over
         its error at each speed and displacement. Its attrs say the preferred method (`answer`), what was
-        decided about even parts (`even`), and `reason` where the record decides no curve.
+        decided about even parts (`even`) and errors of the sensor (`sensor`), and `reason` where the record
+        decides no curve. Group `interaction` where the force is no sum of both laws (see `interaction`).
 
     Raises
     ------
@@ -127,7 +129,13 @@ def _identified(
     fits["direct"] = direct
     tell("errors")
     largest = _largest(runs)
-    return _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
+    tree = _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
+    if direct.model.odd and not direct.is_white:
+        tell("whether both laws add up")
+        products = interaction(direct, largest)
+        if products is not None:
+            tree["interaction"] = xr.DataTree(products)
+    return tree
 
 
 def _identified_driven(

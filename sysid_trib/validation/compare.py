@@ -12,7 +12,14 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, Constrain
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import METHODS
-from sysid_trib.methods.scope import Method, by_unique_label, constrained, force_scope, scope_of
+from sysid_trib.methods.scope import (
+    Method,
+    by_unique_label,
+    constrained,
+    force_scope,
+    scope_of,
+    with_stated,
+)
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
@@ -116,7 +123,7 @@ def compare(
     """
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    library = verdict.checked_library("compare", library, [method for _, method in pairs])
+    library = verdict.checked_library("compare", library, [method for _, method in pairs], decay)
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
@@ -148,7 +155,8 @@ def _compared(
     trials: dict[str, Trial] = {}
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
-        trials[label] = _try_method(method, parts, library, contactless, Constraints(constraints))
+        held = with_stated(constraints, library, method)
+        trials[label] = _try_method(method, parts, library, contactless, held)
     results = {label: result for label, (result, *_) in trials.items() if result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
@@ -200,7 +208,8 @@ def _try_method(
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
-        followed = verdict.with_model_in_errors(followed, method, library)
+        held = constrained(method, constraints)
+        followed = verdict.with_model_in_errors(followed, held, library)
     result, motions = followed.result, {"residual": in_all_runs(runs, followed.motions, envelopes)}
     reason = _complaint("its model", motions["residual"]) if forces["damped"] else "its model has no damping"
     if part is None:

@@ -1,28 +1,41 @@
 """Driven records: identified by the direct method and the trajectory, and predicted."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.errors import DecayError, SimulationError, Tell, UsageError, silent
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError, SimulationError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.records import inputs, smoothing
+from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import library_of, model_of, shape_values_of
+from sysid_trib.results.schema import INPUT_UNITS, library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described, group_names, noise_of_run
-from sysid_trib.simulation.initial_conditions import first_guess, first_zero, fit_start
+from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
+from sysid_trib.simulation.initial_conditions import (
+    MEASURED,
+    first_guess,
+    first_zero,
+    fit_start_of_several,
+    measured_motion,
+)
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
+from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
@@ -49,8 +62,9 @@ def identified_driven(
         The forces offered.
     direct, trajectory : Direct and Trajectory
         With `random_force="auto"` Direct is fitted without a random force and, where its motion leaves more
-        than noise, with one, which stands for what the model lacks; the one whose motion follows the record
-        better is taken.
+        than noise, with one. If that explains the record (its innovations are white, and it depends on
+        nothing), both methods have it. Else it stands for what the model lacks, and Direct is the fit whose
+        motion follows the record better.
     tell : Tell
 
     Returns
@@ -59,8 +73,8 @@ def identified_driven(
         Groups `record` (`record_1`, ... of several) with `simulated_angle(model, time)`; `direct` and
         `trajectory`; `comparison`: over `quantity` difference, standard error and z of both, over `model`
         `residual_rms`, `residual_over_noise`, `residual_over_motion`, `residual_p_value` that the residual
-        is white; attrs `answer`, the method that leaves less, and `verdict_on_record`. A method whose motion
-        does not follow the record is left out.
+        is white; attrs `answer`, the method that leaves less, or `direct` where a random force explains the
+        record, and `verdict_on_record`. A method whose motion does not follow the record is left out.
 
     Raises
     ------
@@ -68,7 +82,12 @@ def identified_driven(
         Neither follows the record.
     """
     runs = as_runs(decay, driven=True)
-    if direct.reference_frequency is None and is_free_to_move(library, Constraints(direct.constraints).fixed):
+    free = is_free_to_move(library, Constraints(direct.constraints).fixed)
+    _refuse_constant_push(runs, library, free)
+    if not free:
+        runs = [_without_bias(run) for run in runs]
+        decay = one_or_all(runs)
+    if direct.reference_frequency is None and free:
         # Nothing swings: the frequency is but a clock.
         clock = max(clock_of(run) for run in runs)
         direct = replace(direct, reference_frequency=clock)
@@ -76,13 +95,21 @@ def identified_driven(
     tell("direct")
     together = dict(enumerate(runs))
     best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
-    # A residual of so many times the noise is more than noise.
-    if direct.random_force == "auto" and _sizes(best)["residual_over_noise"] > 1.5:
-        stochastic = replace(direct, random_force="estimated").identify(decay, library)
-        best = min(best, FollowedRuns(together, stochastic), key=lambda of: _sizes(of)["residual_rms"])
-    slipped, models = _sizes(best)["residual_over_motion"] >= SLIPPED_PART, {"direct": best}
+    random_explains, stochastic = False, None
+    # What is integrated is no record in which a random force could be told from noise.
+    own_quantity = any(MEASURED in run for run in runs)
+    if direct.random_force == "auto" and not own_quantity and _sizes(best)["residual_p_value"] < WHITE_LEVEL:
+        tell("random force")
+        result = replace(direct, random_force="estimated").identify(decay, library)
+        stochastic = FollowedRuns(together, result)
+        random_explains = _random_force_explains(stochastic)
+        pair = [stochastic] if random_explains else [best, stochastic]
+        best = min(pair, key=lambda of: _sizes(of)["residual_rms"])
+    slipped, models = not _follows(best), {"direct": best}
     tell("trajectory")
-    begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force="off")
+    # The errors of a fit of the free motion do not know a random force, whose effect lasts long.
+    noise: RandomForceOption = "estimated" if random_explains else "off"
+    begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force=noise)
     if not slipped and not trajectory.start:
         # With the coefficients of all runs.
         result = best.result
@@ -94,13 +121,69 @@ def identified_driven(
     except DecayError:
         if slipped:
             raise
-    kept = {name: of for name, of in models.items() if _sizes(of)["residual_over_motion"] < SLIPPED_PART}
+    kept = {name: of for name, of in models.items() if _follows(of)}
+    if own_quantity and "trajectory" in kept:
+        # Direct is of the integral, whose noise is not white.
+        kept = {"trajectory": kept["trajectory"]}
+    if stochastic is not None and not random_explains and _follows(stochastic):
+        for name, of in kept.items():
+            if of is not stochastic:
+                wider = with_error_by_another_fit(of.result, stochastic.result)
+                kept[name] = of.with_result(wider)
     if not kept:
         raise DecayError(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
             "of it (--window)."
         )
-    return _tree(kept)
+    return _tree(kept, "direct" in kept and random_explains)
+
+
+def _without_bias(run: xr.Dataset) -> xr.Dataset:
+    """Return a run without the line that the bias of a rate makes in its integral: the body swings."""
+    if MEASURED not in run or run.attrs["measured"] != "rate":
+        return run
+    time = run.time.values.astype(float)
+    line = np.polynomial.Polynomial.fit(time, run.angle.values, 1)(time)
+    return run.assign(angle=run.angle.copy(data=run.angle.values - line))
+
+
+def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, free: bool) -> None:
+    """Refuse a force of an input alone that is constant in each run: it is the sensor's zero.
+
+    Raises
+    ------
+    DecayError
+        There is one. Of a body without a restoring force it accelerates, and is allowed.
+    """
+    known = [inputs.inputs_of(run) for run in runs]
+    for force in library if not free else ():
+        input_only = force.inputs and not {"x", "v", "t"} & force.formula.names
+        values = [of_run[name].values for of_run in known for name in force.inputs if name in of_run]
+        if input_only and values and all(inputs.is_constant(of) for of in values):
+            name, size = force.inputs[0], values[0][0]
+            raise DecayError(
+                f"The input {name} is {size:g} throughout and drives nothing: force '{force.symbol}' cannot "
+                "be told from the sensor's zero. Name another column, or give forces that hold the input "
+                "with the motion, such as u*x."
+            )
+
+
+def _follows(followed: FollowedRuns) -> bool:
+    """True if the motion of a model has not slipped out of phase with the records."""
+    return _sizes(followed)["residual_over_motion"] < SLIPPED_PART
+
+
+def _random_force_explains(stochastic: FollowedRuns) -> bool:
+    """True if the innovations of a fit with a random force are noise, and that force depends on nothing."""
+    try:
+        return verdict.has_white_residual(stochastic) and verdict.is_random(stochastic)
+    except (SysidTribError, np.linalg.LinAlgError):
+        return False
+
+
+def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> float:
+    """Return what the motion of a model leaves of runs over the RMS of these; infinite without a motion."""
+    return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
 
 
 def clock_of(record: xr.Dataset) -> float:
@@ -124,31 +207,62 @@ def _sizes(followed: FollowedRuns) -> dict[str, float]:
 
 def _sizes_of(followed: FollowedRuns) -> list[float]:
     runs, result = [*followed.runs.values()], followed.result
-    pairs = zip(runs, followed.motions, strict=True)
-    residuals = [run.angle.values - motion.x - motion.offset for run, motion in pairs if motion is not None]
+    of_runs = [_residual(followed, at) for at in followed.runs]
+    residuals = [residual for residual in of_runs if residual is not None]
     if len(residuals) < len(runs):
         return [np.inf] * len(SIZES)
-    of_runs = [root_mean_square(residual) for residual in residuals]
-    rms = root_mean_square(of_runs)
-    over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(of_runs)])
-    record = root_mean_square([float(run.angle.std()) for run in runs])
+    sizes = [root_mean_square(residual) for residual in residuals]
+    rms = root_mean_square(sizes)
+    over_noise = root_mean_square([size / noise_of_run(result, at) for at, size in enumerate(sizes)])
+    record = root_mean_square([_size_of(run, result) for run in runs])
     return [rms, over_noise, rms / record, min(1.0, len(runs) * min(map(white_p_value, residuals)))]
 
 
-def _tree(models: dict[str, FollowedRuns]) -> xr.DataTree:
+def _residual(followed: FollowedRuns, at: int) -> Array | None:
+    """Return what the motion leaves of a run, over w for each integration; None where it has no motion."""
+    run, result = followed.runs[at], followed.result
+    if MEASURED not in run:
+        motion = followed.motions[at]
+        return None if motion is None else run.angle.values - motion.x - motion.offset
+    model = replace(model_of(result, at), inputs=inputs.inputs_of(run))
+    start = float(np.ravel(result.start_angle)[at]), float(np.ravel(result.start_rate)[at])
+    try:
+        _, residual = measured_motion(model, run, start)
+    except SimulationError:
+        return None
+    return np.asarray(residual / _per_integration(run, result))
+
+
+def _per_integration(run: xr.Dataset, result: xr.Dataset) -> float:
+    """Return the reference frequency to the power of the integrations of what was measured."""
+    return float(result.reference_frequency.item() ** int(run.attrs.get("integrations", 0)))
+
+
+def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
+    """Return the standard deviation of what was measured, over w for each integration."""
+    own = MEASURED in run
+    return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
+
+
+def _tree(models: dict[str, FollowedRuns], random_explains: bool) -> xr.DataTree:
     names, results = list(models), [followed.result for followed in models.values()]
     sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
     compared = xr.Dataset(described("driven", sizes), {"model": names})
     if len(names) == 2:
         compared = compared.merge(_difference(*results))
-    best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
-    verdict = "approximate" if best.residual_over_motion <= APPROXIMATE_PART else "not explained"
+    if random_explains:
+        # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
+        best, said = compared.sel(model="direct"), "explained with a random force"
+    else:
+        best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
+        said = "approximate" if best.residual_over_motion <= APPROXIMATE_PART else "not explained"
+        said = "explained" if best.residual_p_value >= WHITE_LEVEL else said
     compared.attrs = {
         "first": names[0],
         "second": names[-1],
         "answer": best.model.item(),
         "driven": "yes",
-        "verdict_on_record": "explained" if best.residual_p_value >= WHITE_LEVEL else verdict,
+        "verdict_on_record": said,
     }
     records = with_motions(models)
     compared = compared.assign(findings.failure_of_models(records))
@@ -168,11 +282,13 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(data, {"quantity": [*symbols, "asymptotic_frequency"]})
 
 
+WORSE_THAN_REST = (
+    "This prediction is worse than no motion: the model has another frequency or damping on this record"
+)
 # Samples by which a start can be fitted.
 FEWEST_FITTED = 20
 
 
-@in_units_of_the_motion
 def predict(
     result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None = None, run: int = 0
 ) -> xr.Dataset:
@@ -194,18 +310,71 @@ def predict(
     -------
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor shows it, `residual(time)`; scalars
-        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s).
+        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s), and
+        `note`, a sentence where the prediction is worse than no motion.
 
     Raises
     ------
     DecayError
         The motion of the model cannot be computed here, or the warm-up leaves nothing.
     UsageError
-        The record lacks an input of the model.
+        The record lacks an input of the model, or is in a unit of another kind than the model.
+
+    Notes
+    -----
+    Signal and inputs are converted to the units in which the model was identified; the prediction is in them.
     """
-    (record,) = as_runs(record, driven=True)
+    (given,) = [record] if isinstance(record, xr.Dataset) else record
+    checked_signal(given)
+    (whole,) = driven_parts(given, across_gaps=True)
+    return _predict(result, _in_units_of(result, whole), warm_up=warm_up, run=run)
+
+
+def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
+    """Convert a record to the units of a result.
+
+    Raises
+    ------
+    UsageError
+        A unit of another kind.
+    """
+    unit, wanted = unit_of_signal(record), signal_units(result)
+    factor = _factor("The signal of the record", unit, wanted)
+    kinds = {channel.input: channel.kind for channel in library_of(result).channels}
+    known = json.loads(str(result.attrs.get(INPUT_UNITS, "{}")))
+    changed = record.copy()
+    for key, values in record.variables.items():
+        name, attrs = str(key), dict(values.attrs)
+        own, by, new = str(attrs.get("units", "")), 1.0, ""
+        if name in kinds:
+            target = wanted + inputs.PER_KIND[kinds[name]] if kinds[name] else known.get(name)
+            if own and target:
+                by, new = _factor(f"The input {name}", own, target), target
+        elif own.startswith(unit) and own.removeprefix(unit) in inputs.PER_KIND.values():
+            by, new = factor, wanted + own.removeprefix(unit)
+        if new and by != 1.0:
+            changed[name] = (values.dims, by * values.values, attrs | {"units": new})
+    return changed
+
+
+def _factor(what: str, unit: str, wanted: str) -> float:
+    """Return the factor between two units, or refuse by their names."""
+    factor = factor_between(unit, wanted)
+    if factor is None:
+        raise UsageError(
+            f"{what} is in the unit {unit}, and the model was identified in {wanted}, which is of another "
+            "kind; convert the record, or correct its unit."
+        )
+    return factor
+
+
+@in_units_of_the_motion
+def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int) -> xr.Dataset:
+    """Predict a record in the units of the result (see `predict`)."""
     library = library_of(result).in_run(run + 1)
     model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
+    if first_zero(model) is not None:
+        record = _without_bias(record)
     time = record.time.values.astype(float)
     counted = time >= time[0] + (warm_up or 0.0)
     if warm_up is not None and not FEWEST_FITTED <= np.count_nonzero(~counted) < len(time):
@@ -215,9 +384,14 @@ def predict(
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
-    start = first_guess(time, angle, model.reference_frequency)
+    # A spline knows nothing of what is in a gap.
+    gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
+    before = slice(gaps[0] + 1 if gaps.size else None)
+    start = first_guess(time[before], angle[before], model.reference_frequency)
+    if MEASURED in record:
+        return _predicted_measured(result, record, model, start, warm_up)
     try:
-        motion = fit_start(model, time[fitted], angle[fitted], start, offset=first_zero(model))
+        motion = fit_start_of_several(model, time[fitted], angle[fitted], start, offset=first_zero(model))
         x = motion.x if fitted.all() else trajectory(model, time, motion.angle, motion.rate).angle
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
@@ -226,4 +400,31 @@ def predict(
     rms = float(np.sqrt(np.mean(residual[counted] ** 2)))
     values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
     values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
-    return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0)
+    return _with_prediction(record, values, warm_up)
+
+
+def _with_prediction(
+    record: xr.Dataset, values: Mapping[str, Array | float], warm_up: float | None
+) -> xr.Dataset:
+    """Return the record with its prediction, and a note where this is worse than none."""
+    note = WORSE_THAN_REST if not values["residual_over_motion"] < 1.0 else ""
+    return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0, note=note)
+
+
+def _predicted_measured(
+    result: xr.Dataset, record: xr.Dataset, model: Model, start: tuple[float, float], warm_up: float | None
+) -> xr.Dataset:
+    """Predict a run of which a rate or an acceleration was measured: residuals are of that, over w."""
+    time = record.measured_time.values
+    first = 0 if warm_up is None else int(np.searchsorted(time, time[0] + warm_up))
+    try:
+        motion, residual = measured_motion(model, record, start, fitted=slice(None, first or None))
+    except SimulationError as error:
+        raise DecayError(f"The model has no motion on this record: {error}") from None
+    residual = residual / _per_integration(record, result)
+    rms = root_mean_square(residual[first:])
+    of_motion = float(np.std(record[MEASURED].values[first:])) / _per_integration(record, result)
+    values = {"predicted_angle": np.interp(record.time.values, time, motion.angle)}
+    values |= {"residual": np.interp(record.time.values, time, residual)}
+    scalars = {"residual_rms": rms, "residual_over_motion": rms / of_motion}
+    return _with_prediction(record, values | scalars, warm_up)

@@ -217,13 +217,13 @@ def _forces(results: Results) -> xr.Dataset:
 def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tuple[Array, Array]:
     """Coefficients and errors, (method, force), nan where a method has none.
 
-    Those that refer to another frequency by their definition, or cannot be converted, keep theirs.
+    Those that refer to another frequency by their definition, cannot be converted, or are held, keep theirs.
     """
     values, errors = np.full((2, len(results), forces.sizes["force"]), np.nan)
     for row, result in enumerate(results):
         if result is not None:
             symbols = result.force.values.tolist()
-            own = [references.in_model(result, symbol) for symbol in symbols]
+            own = [references.in_model(result, symbol) for symbol in symbols] & ~references.held(result)
             factors = np.where(own, references.reference_factors(result, symbols, reference), 1.0)
             at = forces.indexes["force"].get_indexer(symbols)
             values[row, at] = result.coefficient.values * factors

@@ -11,18 +11,17 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
-from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
-from sysid_trib.methods.scope import Method, constrained
+from sysid_trib.methods.scope import Method, constrained, with_stated
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
-from sysid_trib.validation.cross_check import SIMULATED_RECORDS, agreement_of, identified_and_checked
-from sysid_trib.validation.simulated_pairs import fewest_records
+from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
 
 
 @overload
@@ -66,13 +65,14 @@ def identify(
         `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
         reference frequency, but have a start, a sensor's zero and a noise of their own.
     library : ForceLibrary, optional
-        The forces offered; by default those of `contact_forces`.
+        The forces offered; by default those of `contact_forces`, and the first force of each input (`gain`).
     method : method, or two methods, optional
         One, such as `methods.Direct()`; or two that are held against each other, by default those of the
         command `identify` (`usual_methods`). Whether there is a random force is decided where a method's
         `random_force` is `auto`, the default (see `identifications`).
     constraints : mapping of str to float, (float, float) or str
-        What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`.
+        What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`. A coefficient
+        that a library of one's own states is held if nothing else is asked: `(None, None)` frees it.
     contactless : (float, float), rad/s
         Frequency without contact and its standard error, which adds alpha.
     tell : callable
@@ -97,8 +97,11 @@ def identify(
     """
     single = method is not None and not isinstance(method, Sequence)
     asked: Sequence[Any] = [method] if single else method or []  # type: ignore[assignment]
-    library = verdict.checked_library("identify", library, asked)
-    chosen = [constrained(kind, Constraints(constraints)) for kind in asked or usual_methods(decay, library)]
+    library = verdict.checked_library("identify", library, asked, decay)
+    chosen = [
+        constrained(kind, with_stated(constraints, library, kind))
+        for kind in asked or usual_methods(decay, library)
+    ]
     if single:
         (result,) = verdict.identifications(decay, library, chosen)
         return result if contactless is None else references.with_contactless_frequency(result, *contactless)
@@ -171,10 +174,7 @@ def _held_against_each_other(
         if not (isinstance(direct, Direct) and isinstance(trajectory, Trajectory)):
             raise UsageError("A driven record is identified by methods.Direct and methods.Trajectory.")
         return driven.identified_driven(decay, library, direct, trajectory, tell=tell)
-    slow = any(isinstance(method, Trajectory) for method in methods)
-    # A fit of the motion takes seconds: no more simulated records than decide whether the two agree.
-    draws = min(SIMULATED_RECORDS, fewest_records(len(library) + 1)) if slow else SIMULATED_RECORDS
-    tree = identified_and_checked(one_or_all(list(runs)), library, methods, draws=draws, tell=tell)
+    tree = identified_and_checked(one_or_all(list(runs)), library, methods, tell=tell)
     if len(runs) > 1:
         tell("each run by itself")
         second = tree[tree["comparison"].attrs["second"]].to_dataset()

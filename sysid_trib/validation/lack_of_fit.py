@@ -242,6 +242,11 @@ LEVEL_LINES, LEAK = 48, 4
 MOTION_HARMONICS = 7
 SLOWEST = 4.0
 NO_LINE = (float("nan"), float("nan"))
+# Significance level of a line.
+LINE_LEVEL = 1e-6
+# Of what harmonics leave, a line leaves no more than this part of the square; samples of the longest record
+# that is looked at so, and degrees of freedom at least.
+LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 
 
 def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
@@ -258,7 +263,7 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     excluded = _harmonics(time, motion, resolution, len(power))
     excluded[[0, -1]] = True
     if len(power) <= 2 * LEVEL_LINES or excluded.all():
-        return NO_LINE
+        return _line_alone(time, residual, motion)
     window = np.ones(2 * LEVEL_LINES + 1)
     window[LEVEL_LINES - LEAK : LEVEL_LINES + LEAK + 1] = 0.0
     counted = np.where(excluded, 0.0, 1.0)
@@ -267,8 +272,8 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     log_p = -count * np.log1p(power / np.maximum(total, 1e-300))
     at = int(np.argmin(np.where(excluded, 0.0, log_p)))
     # Significance level of the highest line among all.
-    if log_p[at] + np.log(counted.sum()) > np.log(1e-6):
-        return NO_LINE
+    if log_p[at] + np.log(counted.sum()) > np.log(LINE_LEVEL):
+        return _line_alone(time, residual, motion)
     # Where between the lines of the spectrum its peak is, by the ratio of the two highest amplitudes.
     left, peak, right = np.sqrt(power[at - 1 : at + 2])
     frequency = resolution * (at + (right / (peak + right) if right > left else -left / (peak + left)))
@@ -279,7 +284,70 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     return (frequency, float(np.sqrt(2.0) * np.std(line))) if marked else NO_LINE
 
 
-def _harmonics(time: Array, motion: tuple[Array, Array], resolution: float, count: int) -> Mask:
+def without_line(time: Array, residual: Array, frequency: float) -> Array:
+    """A residual without the line of this angular frequency (rad/s) and its mean."""
+    waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
+    return np.asarray(residual - waves @ np.linalg.lstsq(waves, residual, rcond=None)[0])
+
+
+def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
+    """`spectral_line` of what the harmonics of the motion leave, if it is little else than a line.
+
+    In a short record the harmonics leak into all of the spectrum. Here they are columns, of an amplitude that
+    goes with the motion's and changes slowly, and a line counts that takes most of the rest (F test).
+    """
+    samples = len(residual)
+    if samples > MOST_ALONE:
+        return NO_LINE
+    columns = _harmonic_columns(time, motion)
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = basis[:, sizes > 1e-6 * sizes[0]]
+    degrees = samples - basis.shape[1] - 3
+    rest = residual - basis @ (basis.T @ residual)
+    if degrees < FEWEST_DEGREES or not np.any(rest):
+        return NO_LINE
+    resolution = 2.0 * np.pi * (samples - 1) / (samples * (time[-1] - time[0]))
+    power = np.abs(np.fft.rfft(rest, 4 * samples)) ** 2
+    frequencies = 0.25 * resolution * np.arange(len(power))
+    own = _harmonics(
+        time, motion, 0.25 * resolution, len(power), most=1, leak=4 * LEAK, slowest=4.0 * SLOWEST
+    )
+    peak = frequencies[int(np.argmax(np.where(own, 0.0, power)))]
+    best = (np.inf, 0.0, 0.0)
+    for frequency in peak + 0.25 * resolution * np.linspace(-1.0, 1.0, 21):
+        waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin)])
+        waves = waves - basis @ (basis.T @ waves)
+        parts = np.linalg.lstsq(waves, rest, rcond=None)[0]
+        left = float(np.sum((rest - waves @ parts) ** 2) / np.sum(rest**2))
+        best = min(best, (left, float(frequency), float(np.hypot(*parts))))
+    left, frequency, amplitude = best
+    log_p = 0.5 * degrees * np.log(max(left, 1e-300)) + np.log(samples)
+    return (frequency, amplitude) if left < LEFT_BY_A_LINE and log_p < np.log(LINE_LEVEL) else NO_LINE
+
+
+def _harmonic_columns(time: Array, motion: tuple[Array, Array]) -> Array:
+    """What a motion and its harmonics leave: drifts, and harmonics whose amplitude changes slowly."""
+    x, v = motion
+    phase, size = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
+    s = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
+    columns = [s**power for power in range(4)]
+    for harmonic in range(1, MOTION_HARMONICS + 1):
+        for power in range(4 if harmonic == 1 else 2):
+            amplitude = size / size.max() * s**power
+            columns += [amplitude * np.cos(harmonic * phase), amplitude * np.sin(harmonic * phase)]
+    return np.column_stack(columns)
+
+
+def _harmonics(
+    time: Array,
+    motion: tuple[Array, Array],
+    resolution: float,
+    count: int,
+    *,
+    most: int = MOTION_HARMONICS,
+    leak: float = LEAK,
+    slowest: float = SLOWEST,
+) -> Mask:
     """Which lines a harmonic of the motion leaks into at its start, at its end, or between."""
     phase = np.unwrap(np.arctan2(-motion[1], motion[0]))
     quarter = max(2, len(time) // 4)
@@ -289,8 +357,8 @@ def _harmonics(time: Array, motion: tuple[Array, Array], resolution: float, coun
     # Means of quarters: a frequency that goes on evenly is beyond them at either end.
     low, high = low - (high - low) / 6.0, high + (high - low) / 6.0
     # What drifts slowly is no line.
-    excluded = at <= SLOWEST * resolution
-    for harmonic in range(1, MOTION_HARMONICS + 1):
+    excluded = at <= slowest * resolution
+    for harmonic in range(1, most + 1):
         middle, half = 0.5 * harmonic * (low + high), 0.5 * harmonic * (high - low)
-        excluded |= np.abs(at - middle) <= half + LEAK * resolution
+        excluded |= np.abs(at - middle) <= half + leak * resolution
     return np.asarray(excluded)

@@ -112,6 +112,31 @@ def fitted_parts(
     return FittedParts([part for part in parts if part is not None], held_out)
 
 
+def with_error_by_another_fit(result: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
+    """Return an identification whose errors allow for another fit of the same forces that is as plausible.
+
+    Parameters
+    ----------
+    result, other : Dataset
+        Identifications of the same forces and records, in different noises.
+
+    Returns
+    -------
+    Dataset
+        `covariance`, `standard_error` and the errors of both frequencies are the total ones, `error_of_model`
+        the distance to the other fit, with the errors of that one; `error_of_noise` is what the result
+        stated. What was held has no error.
+    """
+    own, count = np.nan_to_num(_numbers(result, STATED)), result.sizes["force"]
+    free = own > 0.0
+    changes = np.where(free, _numbers(other, ESTIMATED) - _numbers(result, ESTIMATED), 0.0)
+    errors = np.where(free, np.nan_to_num(_numbers(other, STATED)), 0.0)
+    of_model = np.outer(changes, changes) + np.diag(errors**2)
+    of = {"error_of_noise": own[:count], "error_of_model": np.sqrt(np.diag(of_model))[:count]}
+    total = _with_errors(result, np.ones(len(own)), of_model)
+    return total.assign(variables.described("identification", of))
+
+
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
     """Covariance of the error of a model: what numbers move between parts beyond what fewer data explain.
 

@@ -26,6 +26,8 @@ STEP_OUT, STEP_GROWTH, MOST_STEPS_OUT = 1.0, 1.5, 8
 END_TOLERANCE, MOST_LOOKS = 0.02, 4
 # The interval by the standard error is no good where an end is off by this part of it.
 OFF = 0.1
+# Part of a standard error.
+ROUNDING_OF_A_LIMIT = 1e-9
 # A deviance this far below zero is of another fit, which is the best; so often it is looked for anew.
 BETTER, MOST_FITS = -0.02, 3
 
@@ -80,12 +82,16 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         if likelihood.deviance_of(best) >= BETTER:
             break
         likelihood = replace(best, problem=likelihood.problem).in_its_noise()
-    estimate = likelihood.values[[likelihood.parameters.index(name) for name in names]]
+    places = [likelihood.parameters.index(name) for name in names]
+    estimate = likelihood.values[places]
     points: Array = np.full((2, len(profiles), max(map(len, profiles))), np.nan)
     for at, fits in enumerate(profiles):
         points[0, at, : len(fits)], roots = _roots(likelihood, fits)
         points[1, at, : len(fits)] = roots**2
-    low, high = (estimate + error * end for end in ends.T)
+    low, high = (
+        _at_limit(estimate + error * end, np.asarray(limit)[places], error)
+        for end, limit in zip(ends.T, likelihood.parameters.limits, strict=True)
+    )
     values = {
         "estimate": estimate,
         "standard_error": error,
@@ -97,6 +103,11 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     }
     attrs = {"confidence": CONFIDENCE, "threshold": float(scipy.stats.chi2.ppf(CONFIDENCE, 1))}
     return xr.Dataset(variables.described("profile", values), {"parameter": list(names)}, attrs)
+
+
+def _at_limit(value: Array, limit: Array, error: Array) -> Array:
+    """Values, those that are a limit but for rounding as the limit itself."""
+    return np.where(np.abs(value - limit) < ROUNDING_OF_A_LIMIT * error, limit, value)
 
 
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:

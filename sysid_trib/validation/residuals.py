@@ -186,6 +186,13 @@ def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise
     p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
     # The sensor's noise is above so many times the frequency of the swing: a line below is no part of it.
     in_band = line[0] < 6.0 * result.asymptotic_frequency.item()
+    if in_band and tracked is None and root_mean_square(residual) <= noise:
+        # It is in the noise that the record's own spline leaves: what is left beside it decides.
+        rest = lack_of_fit.without_line(time, residual, line[0])
+        return (
+            *(rms, root_mean_square(residual) / noise, departure),
+            *(_noise_p_value(rest, root_mean_square(rest), width, path, fitted), *line),
+        )
     return rms, root_mean_square(residual) / noise, departure, 0.0 if in_band else p_value, *line
 
 

@@ -15,6 +15,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import method_of, scope
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results.effects import at_bound
 from sysid_trib.results.variables import Variables, described, group_names, signal_units
 from sysid_trib.validation import cross_check, random_effects, refits
 from sysid_trib.validation.findings import error_parts, main_result
@@ -54,7 +55,8 @@ def difference(
         contact the paper's alpha, which is of frequencies, to the square of zeta), with its standard error;
         `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`; `reference_frequency`
         (rad/s). attrs: `verdict`, one of
-        `coefficients differ`, `together they differ`, `no difference`.
+        `coefficients differ`, `together they differ`, `no difference`; `at_a_bound`, coefficients that are at
+        a bound in one of the runs: they are not tested.
 
     Raises
     ------
@@ -86,12 +88,16 @@ def _difference(
         of_runs, by_noise, by_model = (np.array(part) for part in zip(*runs, strict=True))
         samples.append((*random_effects.mean_of_runs(of_runs, by_noise), by_model.mean(axis=0)))
     values, by_noise, between, freedoms, by_model = map(np.array, zip(*samples, strict=True))
-    variables = _contrast(values, by_noise, by_model, freedoms, level=level, of_model=of_model)
+    # At a bound an estimate has but one side: no test rests on it.
+    bounded = {symbol for member in members for symbol in at_bound(member)}
+    testable = np.array([symbol not in bounded for symbol in symbols])
+    variables = _contrast(values, by_noise, by_model, freedoms, testable, level=level, of_model=of_model)
     verdict = "together they differ" if variables["p_value_of_all"][1] < level else "no difference"
     attrs: dict[str, object] = {
         "verdict": "coefficients differ" if variables["differs"][1].any() else verdict,
         "level": level,
         "signal_units": signal_units(sides[0][0]),
+        "at_a_bound": ", ".join(symbol for symbol in symbols if symbol in bounded),
     }
     # A sample may lack the viscous force that the other has.
     factors = {s: f for member in members for s, f in schema.library_of(member).damping_factors.items()}
@@ -157,9 +163,19 @@ def _run(
 
 
 def _contrast(
-    values: Array, by_noise: Array, by_model: Array, freedoms: Array, *, level: float, of_model: Array | None
+    values: Array,
+    by_noise: Array,
+    by_model: Array,
+    freedoms: Array,
+    testable: Mask,
+    *,
+    level: float,
+    of_model: Array | None,
 ) -> Variables:
-    """Differences of the forces with their tests; of both samples what `mean_of_runs` gives."""
+    """Differences of the forces with their tests; of both samples what `mean_of_runs` gives.
+
+    `testable` : forces on which tests may rest, (force,).
+    """
     contrast, errors = values[0] - values[1], np.diagonal(by_noise + by_model, axis1=1, axis2=2)
     covariance = by_noise.sum(axis=0) + (by_model.sum(axis=0) if of_model is None else of_model)
     tested = np.any(errors > 0.0, axis=0)
@@ -170,11 +186,11 @@ def _contrast(
     known_by = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
     # The frequency is no force.
     contrast, error, z, covariance = contrast[:-1], error[:-1], z[:-1], covariance[:-1, :-1]
-    p_value, known = 2.0 * scipy.stats.t.sf(np.abs(z), known_by[:-1]), np.isfinite(z)
+    p_value, known = 2.0 * scipy.stats.t.sf(np.abs(z), known_by[:-1]), np.isfinite(z) & testable
     weights = covariance[known][:, known] / np.outer(error[known], error[known])
     statistic = float(z[known] @ np.linalg.pinv(weights, hermitian=True) @ z[known])
     values_of = {"difference": contrast, "standard_error": error, "z": z, "p_value": p_value}
-    values_of |= {"differs": _holm(p_value, level), "covariance": covariance}
+    values_of |= {"differs": _holm(np.where(testable, p_value, np.nan), level), "covariance": covariance}
     values_of |= {"chi_square": statistic, "degrees_of_freedom": float(known.sum())}
     values_of |= {"p_value_of_all": scipy.stats.chi2.sf(statistic, known.sum())}
     return described("difference", values_of)

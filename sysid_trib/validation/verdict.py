@@ -10,13 +10,14 @@ import xarray as xr
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
-from sysid_trib.methods import method_of
+from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs
-from sysid_trib.results import effects, signal_scale, variables
+from sysid_trib.results import effects, references, schema, signal_scale, variables
 from sysid_trib.validation import model_error
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
@@ -27,6 +28,8 @@ RESIDUAL_LEVEL = 1e-3
 DECIDING = ("direct", "trajectory")
 # Level at which a random force depends on something, and at which there is one at all.
 DEPENDENCE_LEVEL = 0.01
+# And at which the residual of a free motion depends on the amplitude, before a random force is looked for.
+AMPLITUDE_LEVEL = 1e-6
 # Noise of so many times that of the sensor is more than an error of its estimate.
 MARKED = 1.5
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
@@ -150,15 +153,23 @@ def p_value_of_dependence(tested: xr.Dataset) -> float:
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
 
 
-def checked_library(function: str, library: ForceLibrary | None, methods: Iterable[Any]) -> ForceLibrary:
-    """The library that is offered, by default that of the contact forces; what is no method is refused.
+def checked_library(
+    function: str, library: ForceLibrary | None, methods: Iterable[Any], decay: Decays
+) -> ForceLibrary:
+    """The library that is offered; what is no method is refused.
+
+    By default it is that of the contact forces, with the first force of each input of the records.
 
     Raises
     ------
     UsageError
         Something else in the place of a library or method, or a class in that of an object.
     """
-    library = load_library() if library is None else library
+    if library is None:
+        runs = [decay] if isinstance(decay, xr.Dataset) else [*decay]
+        of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
+        names = [name for known in of_runs for name in known if name != inputs.INPUT]
+        library = with_inputs_acting(load_library(), names)
     if not isinstance(library, ForceLibrary):
         raise UsageError(f"{function} wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
     for method in methods:
@@ -209,7 +220,9 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
     stochastic: dict[int, FollowedRuns] = {}
     # From here on a residual may be that of a random force, which is then looked for.
-    if open_ones and _residual(results[open_ones[-1]])[0] < 0.05:
+    # What depends on the amplitude is refused before the long search.
+    deciding = results[open_ones[-1]] if open_ones else None
+    if deciding and _residual(deciding)[0] < 0.05 and not _depends_on_amplitude(deciding):
         stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
     for at, method in enumerate(quiet):
         if at in stochastic:
@@ -217,6 +230,24 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
         else:
             results[at] = with_model_in_errors(results[at], method, library)
     return results
+
+
+def _depends_on_amplitude(followed: FollowedRuns) -> bool:
+    """True if the residual of the averages depends on the amplitude, as no random force does."""
+    moving = [motion for motion in followed.motions if motion is not None]
+    if len(moving) < len(followed.motions):
+        return False
+    runs, result = [*followed.runs.values()], followed.result
+    library = schema.library_of(result).select(references.forces_in_model(result))
+    free_motions = [
+        xr.Dataset({"angle": ("time", motion.x)}, {"time": run.time})
+        for run, motion in zip(runs, moving, strict=True)
+    ]
+    averaging = Averaging(shapes=schema.shape_values_of(result))
+    try:
+        return averaging.amplitude_p_value(runs, free_motions, library) < AMPLITUDE_LEVEL
+    except (SysidTribError, np.linalg.LinAlgError):
+        return False
 
 
 def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
@@ -252,6 +283,11 @@ def _is_open(method: Method) -> bool:
 def with_noise(method: Method, option: RandomForceOption) -> Method:
     """A method that leaves its noise open, with this one; any other as it is."""
     return with_random_force(method, option) if _is_open(method) else method
+
+
+def has_white_residual(followed: FollowedRuns) -> bool:
+    """True if the residual of a model, with a random force its innovations, is white noise."""
+    return _residual(followed)[0] >= RESIDUAL_LEVEL
 
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:

@@ -1,0 +1,92 @@
+"""The start model of a search as `identify` finds it: fitted in the sensor's noise alone."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.discovery.free_motion import FreeMotion, free_motion
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.fitted_model import FittedModel
+from sysid_trib.methods import Averaging, Direct, method_of
+from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.results.schema import model_of
+from sysid_trib.validation.residuals import FollowedRuns
+from sysid_trib.validation.verdict import with_model_in_errors
+
+
+@dataclass(frozen=True)
+class PlainStart:
+    """The start model fitted without a random force.
+
+    Attributes
+    ----------
+    result : Dataset
+        The identification of what was seen.
+    motions : list of FreeMotion
+        Its motion in each run.
+    """
+
+    result: xr.Dataset
+    motions: list[FreeMotion]
+
+    @property
+    def residual(self) -> float:
+        """RMS of the records minus the motions, rad."""
+        return residual_of_motions(self.motions)
+
+
+def residual_of_motions(motions: Sequence[FreeMotion]) -> float:
+    """RMS of records minus motions, rad; infinite where one is no number."""
+    rms = root_mean_square(np.concatenate([motion.residual for motion in motions]))
+    return rms if np.isfinite(rms) else float("inf")
+
+
+def plain_start(
+    seen: Sequence[xr.Dataset],
+    library: ForceLibrary,
+    constraints: Mapping[str, float],
+    reference_frequency: float | None,
+    start: FittedModel,
+) -> PlainStart | None:
+    """The better one of the fits that `identify` makes of the start model; None where there is none.
+
+    A fit with a random force follows a record whatever its forces lack. Its coefficients are those of the
+    balance of forces, and their free motion may slip out of phase.
+
+    Parameters
+    ----------
+    seen : sequence of Dataset
+        What the models are fitted to.
+    library : ForceLibrary
+        The forces of the start model.
+    constraints : mapping of str to float
+        Coefficients that are held.
+    reference_frequency : float or None, rad/s
+        w, where it is held.
+    start : FittedModel
+        The start model of the search, whose paths are the records.
+    """
+    # A driven motion does not slip, and its record has no noise that a spline would tell.
+    if any(map(inputs_of, seen)):
+        return None
+    starts, runs = list[PlainStart](), dict(enumerate(seen))
+    options: dict[str, Any] = {"reference_frequency": reference_frequency, "random_force": "off"}
+    options["constraints"] = dict(constraints)
+    for method in (Direct(**options), Averaging(**options)):
+        try:
+            result = method.identify(one_or_all(list(seen)), library)
+            model = model_of(result)
+            motions = [free_motion(model, rows.path, start.sensor(at)) for at, rows in enumerate(start.rows)]
+        except (SysidTribError, np.linalg.LinAlgError):
+            continue
+        starts.append(PlainStart(result, motions))
+    nearest = min(starts, key=lambda of: of.residual, default=None)
+    if nearest is None:
+        return None
+    followed = FollowedRuns(runs, nearest.result)
+    return replace(nearest, result=with_model_in_errors(followed, method_of(nearest.result), library).result)

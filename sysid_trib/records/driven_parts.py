@@ -1,0 +1,301 @@
+"""The parts of a driven record: without outliers, and without the gaps that nobody knows the motion in."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import make_interp_spline
+
+from sysid_trib.arrays import Array, Index
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records import cleaning, half_periods
+from sysid_trib.records.inputs import ROLE, KnownInput, inputs_of, integral_of_rate, is_constant
+from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
+
+# A part of a record that is used has so many samples, and lasts so many periods.
+FEWEST_IN_PART, SHORTEST_RUN = 20, 2.0
+# Where more of the steps are long, the clock is uneven, and no sample is missing.
+MOST_GAPS = 0.1
+# Degree of the spline through the samples that are there.
+DEGREE = 7
+# An input whose range is not so many times its noise is no smooth signal: none of its samples is an outlier.
+RANGE_OVER_NOISE = 15.0
+# An outlier leaps by so many times what any other sample is off the cubic through its neighbours.
+LEAP = 3.0
+# Samples at either end that have too few others beyond them to be filled: a bad one there is cut off.
+AT_END = 4
+# Outliers and gaps that a sentence lists.
+MOST_LISTED = 3
+
+
+def driven_parts(
+    record: xr.Dataset,
+    window: tuple[float | None, float | None] = (None, None),
+    *,
+    keep_outliers: bool = False,
+    across_gaps: bool = False,
+) -> list[xr.Dataset]:
+    """Part a driven record within a window at its gaps, each part with a sentence on it (attrs `free_decay`).
+
+    Parameters
+    ----------
+    record : Dataset
+        `angle(time)` with inputs; another one, or one that was parted before, comes back as it is.
+    window : (float or None, float or None), s
+        First and last time; open where None.
+    keep_outliers : bool
+        Whether single samples that leap out of the signal, or of a smooth input, are kept.
+    across_gaps : bool
+        Whether the record is needed as one: its inputs are then to be known in the gaps as well.
+
+    Returns
+    -------
+    list of Dataset
+        An outlier, and what is missing for a quarter of a period or less, is filled from the samples near it.
+        A longer gap parts the record.
+
+    Raises
+    ------
+    DecayError
+        The window holds too few samples, or no part between gaps is long enough.
+    UsageError
+        An input is not known in a gap.
+    """
+    if "free_decay" in record.attrs or not inputs_of(record):
+        return [record]
+    part = _own_quantity_at_samples(record).sel(time=slice(*window))
+    if part.sizes["time"] < FEWEST_SAMPLES:
+        raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
+    said: list[str] = []
+    if not keep_outliers:
+        part, said = _without_outliers(part)
+    time = part.time.values.astype(float)
+    periods = half_periods.dominant_periods(time, part.angle.values.astype(float))
+    period = periods[0] if periods else float(np.ptp(time))
+    gaps = _gaps(time, period, np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float)))
+    if across_gaps and gaps.size:
+        missing = [name for name, values in part.data_vars.items() if _is_at_samples(values)]
+        if missing:
+            raise UsageError(
+                f"The input {missing[0]} is missing in a gap of the record ({_listed_gaps(time, gaps)}); "
+                "predict a part without it (--window; record.sel(time=slice(...)) in Python)."
+            )
+        gaps = gaps[:0]
+    bounds = [0, *gaps.tolist(), len(time)]
+    pieces = [part.isel(time=slice(*ends)) for ends in pairwise(bounds)]
+    lasting = SHORTEST_RUN * period if len(pieces) > 1 else 0.0
+    fewest = FEWEST_IN_PART if len(pieces) > 1 else FEWEST_SAMPLES
+    kept = [p for p in pieces if p.sizes["time"] >= fewest and np.ptp(p.time.values) >= lasting]
+    if not kept:
+        raise DecayError(
+            f"Gaps part this record ({_listed_gaps(time, gaps)}), and none of its {len(pieces)} parts lasts "
+            "for two periods; record it without them."
+        )
+    if len(pieces) > 1:
+        used = "all" if len(kept) == len(pieces) else f"{len(kept)} of them"
+        said.append(
+            f"parted by {'a gap' if gaps.size == 1 else 'gaps'} ({_listed_gaps(time, gaps)}) into "
+            f"{len(pieces)} parts, {used} used as runs"
+        )
+    whole = [_filled(piece, period) for piece in kept]
+    return [_described(_own_quantity_apart(filled), [*said, *also]) for filled, also in whole]
+
+
+# What was measured of a driven record whose angle is its integral, and its times, as methods take them.
+MEASURED_ITSELF, OWN_TIMES = "measured", "measured_time"
+
+
+def _own_quantity_at_samples(record: xr.Dataset) -> xr.Dataset:
+    """Put a measured rate or acceleration over the times of the record, as the angle is."""
+    own = record.get(MEASURED_ITSELF)
+    if own is None or not np.array_equal(own.coords.get(OWN_TIMES, ()), record.time.values):
+        return record
+    return record.drop_dims(OWN_TIMES).assign({MEASURED_ITSELF: ("time", own.values, own.attrs)})
+
+
+def _own_quantity_apart(part: xr.Dataset) -> xr.Dataset:
+    """Put a measured rate or acceleration over times of its own."""
+    own = part.get(MEASURED_ITSELF)
+    if own is None or own.dims != ("time",):
+        return part
+    at = {OWN_TIMES: (OWN_TIMES, part.time.values.astype(float), {"units": "s", "long_name": "time"})}
+    return part.drop_vars(MEASURED_ITSELF).assign(
+        {MEASURED_ITSELF: xr.DataArray(own.values, at, OWN_TIMES, attrs=own.attrs)}
+    )
+
+
+def _signal_names(record: xr.Dataset) -> list[str]:
+    """Return the names of what was measured: the rate or acceleration itself where it is compared."""
+    if MEASURED_ITSELF in record:
+        return [MEASURED_ITSELF]
+    return [str(name) for name in ("angle", record.attrs.get("measured")) if name in record]
+
+
+def _shown(record: xr.Dataset, name: str) -> str:
+    """Return the name of a variable in a sentence: what was measured itself is a rate or an acceleration."""
+    return str(record.attrs.get("measured", name)) if name == MEASURED_ITSELF else name
+
+
+def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+    """Fill the outliers of a record from the samples near them, and say it."""
+    record, said = _without_bad_ends(record)
+    inputs = inputs_of(record)
+    for name in (*_signal_names(record), *inputs):
+        known = inputs.get(name)
+        values = record[name]
+        own = values[values.dims[0]].values.astype(float)
+        numbers = values.values.astype(float)
+        if known is not None and not _is_smooth(own, numbers, known):
+            continue
+        bad = _significant(own, numbers, _outliers(own, numbers))
+        if not bad.size:
+            continue
+        mended = _mended(own, numbers, bad)
+        record = record.assign({name: (values.dims, mended, values.attrs)})
+        if name == MEASURED_ITSELF and record.attrs.get("measured") == "rate":
+            record = record.assign(angle=record.angle.copy(data=integral_of_rate(own, mended)))
+        listed = ", ".join(f"{numbers[at]:.4g} at {own[at]:.6g} s" for at in bad[:MOST_LISTED])
+        more = ", ..." if bad.size > MOST_LISTED else ""
+        count = "1 outlier" if bad.size == 1 else f"{bad.size} outliers"
+        said.append(
+            f"{count} of {_shown(record, name)} left out and filled from the samples near ({listed}{more}; "
+            "--keep-outliers keeps them)"
+        )
+    return record, said
+
+
+def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+    """Cut off the first or last samples where one of these leaps, and say it."""
+    time, count = record.time.values.astype(float), record.sizes["time"]
+    low, high, said = 0, count, list[str]()
+    inputs = inputs_of(record)
+    for name in (*_signal_names(record)[:1], *(name for name in inputs if _is_at_samples(record[name]))):
+        values = record[name].values.astype(float)
+        if name in inputs and not _is_smooth(time, values, inputs[name]):
+            continue
+        spikes = cleaning.spikes(time, values)
+        if np.any(spikes < AT_END):
+            low, said = (
+                AT_END,
+                [*said, f"the first {AT_END} samples cut off, of which one of {_shown(record, name)} leaps"],
+            )
+        if np.any(spikes >= count - AT_END):
+            high = count - AT_END
+            said.append(f"the last {AT_END} samples cut off, of which one of {_shown(record, name)} leaps")
+    return record.isel(time=slice(low, high)), said
+
+
+def _outliers(time: Array, values: Array) -> Index:
+    """Find single samples that leap out of a signal whose frequency may change."""
+    if time.size < FEWEST_IN_PART:
+        return np.zeros(0, dtype=np.int64)
+    spikes = cleaning.spikes(time, values)
+    calm = np.delete(np.arange(time.size), spikes)
+    # As many knots as samples allow: a driven motion is faster at times than its period says.
+    shortest = cleaning.KNOTS * cleaning.SAMPLES_PER_INTERVAL * usual_step(np.diff(time))
+    both = np.union1d(spikes, calm[cleaning.outliers(time[calm], values[calm], shortest)]).astype(np.int64)
+    return both[(both >= AT_END) & (both < time.size - AT_END)]
+
+
+def _is_smooth(time: Array, values: Array, known: KnownInput) -> bool:
+    """Return true if an input moves smoothly most of the time: no noise, no pulses, no steps."""
+    reach = float(np.ptp(np.percentile(values, [10.0, 90.0])))
+    followed = known.between in ("smooth", "cubic")
+    return followed and reach > RANGE_OVER_NOISE * half_periods.noise_level(time, values)
+
+
+def _significant(time: Array, values: Array, bad: Index) -> Index:
+    """Return the outliers that leap far more than any other sample is off its neighbours.
+
+    A motion that sticks and slips, an input with kinks, or one that is hardly resolved, is off throughout.
+    """
+    for _ in range(2):
+        if not bad.size:
+            break
+        mended = _mended(time, values, bad)
+        usual = float(np.max(np.abs(np.diff(mended, 4)))) / 6.0
+        bad = bad[np.abs(values - mended)[bad] > LEAP * usual]
+    return bad
+
+
+def _mended(time: Array, values: Array, bad: Index) -> Array:
+    """Fill bad values from the samples near them."""
+    good = np.delete(np.arange(time.size), bad)
+    mended = values.copy()
+    mended[bad] = _between(time[good], values[good], time[bad])
+    return mended
+
+
+def _between(time: Array, values: Array, wanted: Array) -> Array:
+    degree = DEGREE if time.size > DEGREE else 1
+    return np.asarray(make_interp_spline(time, values, degree)(wanted))
+
+
+def _gaps(time: Array, period: float, breaks: Array) -> Index:
+    """Find the samples that come after a gap of over a quarter of a period, or a clock set back."""
+    steps = np.diff(time)
+    usual = usual_step(steps)
+    long = np.flatnonzero(steps > max(LONGEST_FILLED * period, PARTED_STEP * usual)) + 1
+    if long.size > MOST_GAPS * time.size:
+        long = long[:0]
+    inside = breaks[(breaks > time[0]) & (breaks <= time[-1])]
+    return np.union1d(long, np.searchsorted(time, inside)).astype(np.int64)
+
+
+def _listed_gaps(time: Array, gaps: Index) -> str:
+    listed = ", ".join(f"{time[at - 1]:.6g} to {time[at]:.6g} s" for at in gaps[:MOST_LISTED])
+    return listed + ", ..." * (gaps.size > MOST_LISTED)
+
+
+def _is_at_samples(values: xr.DataArray) -> bool:
+    """Return true if a variable is an input over the times of the record itself."""
+    return values.attrs.get("role") == ROLE and values.dims == ("time",)
+
+
+def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
+    """Fill the few samples that are missing within a part, and say it."""
+    time = record.time.values.astype(float)
+    steps = np.diff(time)
+    usual = usual_step(steps)
+    long = np.flatnonzero((steps > PARTED_STEP * usual) & (steps <= LONGEST_FILLED * period))
+    if not 0 < long.size <= MOST_GAPS * time.size:
+        return record, []
+    counts = np.round(steps[long] / usual).astype(int)
+    made = [np.linspace(time[at], time[at + 1], n + 1)[1:-1] for at, n in zip(long, counts, strict=True)]
+    new = np.concatenate(made)
+    if not new.size:
+        return record, []
+    whole = np.union1d(time, new)
+    known = inputs_of(record)
+    changed = {}
+    for key, values in record.data_vars.items():
+        name = str(key)
+        if values.dims != ("time",) or values.dtype.kind not in "fiu":
+            continue
+        # Where it was measured a sample stays as it is.
+        given = values.values.astype(float)
+        between = known[name].of(new - time[0]) if name in known else _between(time, given, new)
+        filled = np.empty(whole.size)
+        filled[np.searchsorted(whole, time)], filled[np.searchsorted(whole, new)] = given, between
+        changed[name] = (("time",), filled, values.attrs)
+    rest = record.drop_dims("time").assign_attrs(record.attrs)
+    made_whole = rest.assign(changed).assign_coords(time=("time", whole, record.time.attrs))
+    count = "1 missing sample" if new.size == 1 else f"{new.size} missing samples"
+    return made_whole, [f"{count} filled from the samples near"]
+
+
+def _described(record: xr.Dataset, said: Sequence[str]) -> xr.Dataset:
+    """Add to a part the sentence on it."""
+    time, known = record.time.values, inputs_of(record)
+    between = sorted({given.between for given in known.values()})
+    units = []
+    for name, given in known.items():
+        constant = f", constant at {given.values[0]:g}" if is_constant(given.values) else ""
+        units.append(f"{name} ({record[name].attrs.get('units', 'unit not stated')}{constant})")
+    step = float(np.median(np.diff(time)))
+    text = (
+        f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "
+        f"inputs {', '.join(units)}, {' and '.join(between)} between samples"
+    )
+    return record.assign_attrs(free_decay="; ".join([text, *said]) + ".")

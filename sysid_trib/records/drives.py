@@ -1,0 +1,64 @@
+"""Columns that drive a motion: by their names and units they are inputs, and no signal."""
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+from sysid_trib.errors import SysidTribError
+from sysid_trib.records import units as lab
+from sysid_trib.records.column import Column
+
+_WORDS = lab.LAB_WORDS["drives"]
+# Of the steps of an input that is held between changes, so many are zero.
+MOSTLY_HELD = 0.5
+
+
+def is_named_as_drive(column: Column) -> bool:
+    """Return whether name or unit of a column is that of what drives: a torque, a voltage, a command."""
+    if is_wanted(column):
+        return True
+    tokens = _tokens(column)
+    if tokens & {*_WORDS["no_drive"]}:
+        return False
+    return bool(tokens & {*_WORDS["names"]}) or column.stated in _WORDS["units"]
+
+
+def is_wanted(column: Column) -> bool:
+    """Return whether a column holds what the motion should be, such as a goal position: no force."""
+    return bool(_tokens(column) & {*_WORDS["wanted"]})
+
+
+def _tokens(column: Column) -> set[str]:
+    """Words of a name in lower case: `pwm` and `duty` of `PWM duty`, `u` of `data.u[0]` and `u1`."""
+    last = re.sub(r"\[\d+\]", "", column.base).rpartition(".")[2]
+    return {*re.findall(r"[^\W\d_]+", last)}
+
+
+def moves(column: Column) -> bool:
+    """Return whether a column holds numbers that change, and is no clock or counter."""
+    try:
+        values = column.values
+    except SysidTribError:
+        return False
+    finite = values[np.isfinite(values)]
+    return finite.size > 2 and bool(np.ptp(finite) > 1e-12 * np.max(np.abs(finite))) and not column.rises
+
+
+def drives_among(columns: Iterable[Column], signal: Column) -> list[Column]:
+    """Return the columns that may drive a signal, of its length: forces before wanted motions."""
+    driving = [
+        column
+        for column in columns
+        if column is not signal
+        and column.cells.size == signal.cells.size
+        and column.is_numeric
+        and is_named_as_drive(column)
+        and moves(column)
+    ]
+    return sorted(driving, key=is_wanted)
+
+
+def is_held(values: np.ndarray) -> bool:
+    """Return whether an input stays where it is from sample to sample most of the time, as a square wave."""
+    return bool(np.mean(np.diff(values) == 0.0) > MOSTLY_HELD)

@@ -1,0 +1,197 @@
+"""What a user has in memory as a record: its times and signal by the same names and units as in files."""
+
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from sysid_trib.errors import UsageError
+from sysid_trib.records import clock, units as lab
+from sysid_trib.records.column import Column
+from sysid_trib.records.signal import ANGLE_UNIT
+
+ANGLE, TIME = "angle", "time"
+
+
+def as_record(given: Any) -> Any:
+    """Turn what a user has in memory into a Dataset with `angle(time)`; dates become s from the first on.
+
+    Parameters
+    ----------
+    given : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
+        Over time, or with a column of times; of a DataFrame the column `angle`, or the only one that is one
+        or is there; of an array times and angles. Names say units as in files, `time (ms)`, `angle (deg)`.
+        Anything else comes back as it is.
+
+    Raises
+    ------
+    UsageError
+        It is not clear what the signal is, there are no times, or their unit cannot be the right one.
+    """
+    if isinstance(given, pd.DataFrame):
+        return _of_frame(given)
+    if isinstance(given, pd.Series):
+        name = ANGLE if given.name is None else given.name
+        return _of_columns(_of_index(given.index, "Series"), _column(name, given), "Series")
+    if isinstance(given, np.ndarray):
+        # A matrix has columns of two dimensions; a value that is masked is missing.
+        plain = np.ma.filled(given.astype(float), np.nan) if np.ma.isMaskedArray(given) else np.asarray(given)
+        if plain.ndim != 2 or plain.shape[1] != 2:
+            raise UsageError(f"An array is a record as (sample, 2), times and angles, not as {plain.shape}.")
+        return _of_columns(_column(TIME, plain[:, 0]), _column(ANGLE, plain[:, 1]), "array")
+    if isinstance(given, xr.DataArray):
+        if given.ndim != 1:
+            raise UsageError(f"A DataArray is a record over time alone; this one is over {given.dims}.")
+        given = _of_data_array(given)
+    return _in_numbers(given) if isinstance(given, xr.Dataset) else given
+
+
+def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
+    """Make the record of a DataFrame: its times are a column or the index."""
+    columns = {name: _column(name, frame.iloc[:, at]) for at, name in enumerate(frame.columns)}
+    exact = [column for name, column in columns.items() if name == TIME]
+    index_is_time = isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex) or (
+        frame.index.name is not None and _names_time(_column(frame.index.name, frame.index))
+    )
+    named = exact or [c for c in columns.values() if not index_is_time and _names_time(c)]
+    if len(named) > 1:
+        listed = ", ".join(column.name for column in named)
+        raise UsageError(f"Which column holds the times? Name it time; there are {listed}.")
+    time = named[0] if named else _of_index(frame.index, "DataFrame")
+    others = [column for column in columns.values() if column is not time]
+    # As it is called, as it is called without its unit, or what alone is an angle or alone there.
+    for pool in (
+        [column for column in others if column.name == ANGLE],
+        [column for column in others if column.base == ANGLE],
+        others if len(others) == 1 else [],
+        [column for column in others if column.quantity == ANGLE],
+    ):
+        if len(pool) == 1:
+            return _of_columns(time, pool[0], "DataFrame")
+    names = ", ".join(column.name for column in columns.values())
+    raise UsageError(f"Which column is the signal? Name it angle; there are {names}.")
+
+
+def _names_time(column: Column) -> bool:
+    """Return true if a header is that of times; a short one, `t`, too."""
+    return column.is_dated or lab.is_time(column.base, lab.plain_unit(column.stated))
+
+
+def _of_index(index: pd.Index, kind: str) -> Column:
+    """Take the times that an index holds.
+
+    Raises
+    ------
+    UsageError
+        It counts the rows, and nothing names it as times.
+    """
+    if isinstance(index, pd.MultiIndex):
+        raise UsageError(f"The index of this {kind} has several levels; make the times alone its index.")
+    column = _column(TIME if index.name is None else index.name, index)
+    named = index.name is not None and _names_time(column)
+    counts = column.is_plain and np.array_equal(column.cells, np.arange(len(index)))
+    if counts and not named:
+        raise UsageError(
+            f"This {kind} has no times: its index counts the rows. Give the times (s) as its index, such as "
+            "pd.Series(angle, index=np.arange(len(angle)) / sampling_rate)."
+        )
+    return column
+
+
+def _column(name: Hashable, values: Any) -> Column:
+    """Put values under a name, in which a unit may stand; dates with a time zone become those of UTC."""
+    stated = str(getattr(values, "attrs", {}).get("units", ""))
+    if isinstance(values, pd.PeriodIndex):
+        values = values.to_timestamp()
+    if isinstance(values, pd.Series | pd.Index):
+        if isinstance(values.dtype, pd.DatetimeTZDtype):
+            values = pd.DatetimeIndex(values).tz_convert("UTC").tz_localize(None)
+        numeric = pd.api.types.is_numeric_dtype(values.dtype)
+        values = values.to_numpy(dtype=float, na_value=np.nan) if numeric else values.to_numpy()
+    return Column.of_file(str(name), np.asarray(values), "record", stated)
+
+
+def _of_columns(time: Column, signal: Column, kind: str) -> xr.Dataset:
+    """Make the record of a column of times and one of the signal.
+
+    Raises
+    ------
+    UsageError
+        A unit of the times that is unknown, a period that no laboratory has in s, or a signal that is no
+        angle and no displacement.
+    """
+    stated = "" if time.is_dated else lab.plain_unit(time.stated)
+    if stated and stated not in lab.TIME_UNITS:
+        raise UsageError(
+            f"The unit {time.stated!r} of the times ({time.name}) is unknown; convert them to s, or name "
+            f"them with one of {lab.OFFERED_TIME_UNITS}."
+        )
+    seconds = time.numbers * lab.TIME_UNITS[stated or "s"]
+    unit = signal.unit
+    quantity = unit.quantity if unit and unit.known else lab.names_quantity(signal.base)
+    if quantity not in ("", *lab.POSITIONS):
+        raise UsageError(
+            f"The signal of this {kind} ({signal.name}) is of a quantity ({quantity}) that must be "
+            "integrated; save it as a file for read_record, or give an angle or a displacement."
+        )
+    values = signal.numbers * (unit.factor if unit else 1.0)
+    rises = np.all(np.isfinite(values)) and np.all(np.diff(seconds) > 0.0)
+    if not (time.is_dated or stated) and rises and clock.are_whole(seconds):
+        remedy = 'name them with their unit, such as "time (ms)", or convert them to s.'
+        clock.check_period(seconds, values, True, f"This {kind}", remedy)
+    attrs = {"units": unit.position if unit else ANGLE_UNIT}
+    return xr.Dataset({"angle": ("time", values, attrs)}, {"time": ("time", seconds, {"units": "s"})})
+
+
+def _of_data_array(given: xr.DataArray) -> xr.Dataset:
+    """Make the record of a DataArray over one dimension; its names say units that its attrs do not state."""
+    dim = given.dims[0]
+    name = ANGLE if given.name is None else given.name
+    record = given.rename({dim: TIME}).rename(ANGLE).to_dataset()
+    if TIME not in record.coords:
+        raise UsageError(f"This DataArray has no times: give it the coordinate {dim}, in s.")
+    stamps = record[TIME]
+    if stamps.dtype.kind not in "mM" and "units" not in stamps.attrs:
+        stated = lab.plain_unit(lab.split_header(str(dim))[1])
+        if stated in lab.TIME_UNITS:
+            seconds = stamps.values.astype(float) * lab.TIME_UNITS[stated]
+            record = record.assign_coords(time=(TIME, seconds, stamps.attrs | {"units": "s"}))
+    unit = Column.of_file(str(name), np.zeros(0), "record").unit
+    if unit is not None and "units" not in given.attrs and unit.quantity in lab.POSITIONS:
+        values = record[ANGLE].values * unit.factor
+        record[ANGLE] = (TIME, values, given.attrs | {"units": unit.position})
+    return record
+
+
+def _in_numbers(record: xr.Dataset) -> xr.Dataset:
+    """Convert dates of a Dataset to s from the first on, and numbers to the machine's order of bytes.
+
+    Raises
+    ------
+    UsageError
+        Some of its clocks hold dates and others numbers.
+    """
+    clocks = [str(name) for name in record.coords if name == TIME or str(name).endswith("_time")]
+    dated = [name for name in clocks if record[name].dtype.kind == "M"]
+    if dated and len(dated) < len(clocks):
+        others = ", ".join(name for name in clocks if name not in dated)
+        raise UsageError(
+            f"In this record {dated[0]} holds dates and {others} none: nothing says when these begin; give "
+            "both in s from one instant."
+        )
+    made = {}
+    if TIME in clocks and record[TIME].size:
+        origin = record[TIME].values[0]
+        for name in clocks:
+            if record[name].dtype.kind in "mM":
+                seconds = (record[name].values - origin) / np.timedelta64(1, "ns") * 1e-9
+                made[name] = (record[name].dims, seconds, {"units": "s"})
+    for key, variable in record.variables.items():
+        values = variable.dtype
+        if values.kind in "fiu" and (not values.isnative or (values.kind == "f" and values.itemsize < 8)):
+            made[str(key)] = (variable.dims, variable.values.astype(float), dict(variable.attrs))
+    return record.assign({k: v for k, v in made.items() if k not in record.coords}).assign_coords(
+        {k: v for k, v in made.items() if k in record.coords}
+    )

@@ -1,0 +1,139 @@
+"""Which forces fit a driven record: a few models of it, each by how much of the motion it leaves."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces import selection
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.library import load_library
+from sysid_trib.methods.direct import Direct
+from sysid_trib.records import drives, inputs
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.validation.driven import clock_of, residual_over_motion
+
+# Formulas of the forces of an oscillator, from the fewest on.
+OSCILLATORS = (
+    ("2*v",),
+    ("sign(v)", "2*v"),
+    ("2*v", "x**3"),
+    ("sign(v)", "2*v", "x**3"),
+    ("sign(v)", "2*v", "v*abs(v)", "x*abs(x)", "x**3"),
+)
+# A model of more forces is taken if it leaves less than this part of what the best of fewer leaves.
+LESS = 0.8
+# Samples that are looked at: so many a period of the fastest motion, and so many in all.
+PER_PERIOD, MOST_OF_RECORD = 40, 3000
+
+
+@dataclass(frozen=True)
+class FittingModel:
+    """A model that was tried.
+
+    Attributes
+    ----------
+    system : str
+        Name of a system of `libraries/systems.toml`; empty of an oscillator.
+    forces : tuple of str
+        Symbols of its forces.
+    residual : float
+        What its motion leaves, over the RMS of what was measured; infinite where it has no motion.
+    """
+
+    system: str
+    forces: tuple[str, ...]
+    residual: float
+
+
+def fitting_models(runs: Sequence[xr.Dataset]) -> list[FittingModel]:
+    """Return models of driven records, the one to take first, then the best of each other kind.
+
+    Parameters
+    ----------
+    runs : sequence of Dataset
+        `angle(time)` with inputs.
+
+    Notes
+    -----
+    Each is fitted by Direct to the first samples. An oscillator has the fewest forces that leave hardly more
+    than more of them do.
+    """
+    short = [_short(run) for run in runs[:1]]
+    names = [name for name in inputs.inputs_of(short[0]) if name != inputs.INPUT]
+    oscillators = _nested([_tried("", library, short) for library in _oscillators(names)])
+    # Of a system that always has a force, which makes another equation of it.
+    systems = [_of_system(system, names, short) for system in selection.shipped_systems() if system.held]
+    kinds = [oscillators, *systems]
+    # A system that is as good as an oscillator of more forces goes before it.
+    return sorted(kinds, key=lambda model: model.residual * (1.0 if model.system else 1.0 / LESS))
+
+
+def _oscillators(names: Sequence[str]) -> list[ForceLibrary]:
+    library = load_library()
+    made = []
+    for formulas in OSCILLATORS:
+        forces = (library.role(formula) for formula in formulas)
+        chosen = library.select(force.symbol for force in forces if force is not None)
+        made.append(selection.with_inputs_acting(chosen, names))
+    return made
+
+
+def _nested(models: Sequence[FittingModel]) -> FittingModel:
+    """Return the model of fewest forces that no larger one improves upon."""
+    best = models[0]
+    for model in models[1:]:
+        if model.residual < LESS * best.residual:
+            best = model
+    return best
+
+
+def _of_system(system: selection.System, names: Sequence[str], runs: Sequence[xr.Dataset]) -> FittingModel:
+    offered = selection.with_shipped(load_library(), system.symbols).select(system.symbols)
+    return _tried(system.name, selection.with_inputs_acting(offered, names), runs, system.held)
+
+
+def _tried(
+    system: str, library: ForceLibrary, runs: Sequence[xr.Dataset], held: Mapping[str, float] | None = None
+) -> FittingModel:
+    residual = np.inf
+    with suppress(SysidTribError, np.linalg.LinAlgError):
+        residual = _residual(runs[0], library, held=dict(held or {}))
+    return FittingModel(system, library.symbols, float(residual))
+
+
+@in_units_of_the_motion
+def _residual(decay: xr.Dataset, library: ForceLibrary, *, held: dict[str, float]) -> float:
+    frequency = clock_of(decay) if selection.is_free_to_move(library, held) else None
+    method = Direct(reference_frequency=frequency, random_force="off", refine=False, constraints=held)
+    return residual_over_motion([decay], method.identify(decay, library))
+
+
+def _short(run: xr.Dataset) -> xr.Dataset:
+    """Return the first samples of a run, as many a period as show its motion."""
+    step = float(np.median(np.diff(run.time.values)))
+    period = 2.0 * np.pi / clock_of(run)
+    every = max(1, int(period / PER_PERIOD / step))
+    known = inputs.inputs_of(run)
+    held = any(drives.is_held(known[name].values) for name in known)
+    # What is left out of an input that jumps would be seen as another drive.
+    every = 1 if held else every
+    part = run.isel(time=slice(None, MOST_OF_RECORD * every, every))
+    if "measured" in part:
+        part = part.sel(measured_time=part.time.values)
+    return part
+
+
+def between_of(run: xr.Dataset) -> str:
+    """Return what inputs are between their samples: `held` where one is constant for most steps."""
+    known = inputs.inputs_of(run)
+    return "held" if any(drives.is_held(of.values) for of in known.values()) else "smooth"
+
+
+def with_between(run: xr.Dataset, between: str) -> xr.Dataset:
+    """Return a run whose inputs are so between their samples."""
+    changed = {name: run[name].assign_attrs(between=between) for name in inputs.inputs_of(run)}
+    return run.assign(changed)
