@@ -12,7 +12,7 @@ from sysid_trib.smooth_laws import bands
 
 LAW_PLACES = {"friction": "speed", "restoring": "displacement"}
 # A restoring force below this part of w^2 x is none.
-ROUNDING = 1e-9
+NO_RESTORING_FORCE = 1e-9
 # More standard errors of both methods than this are a difference.
 LARGE_DIFFERENCE = 3.0
 
@@ -96,7 +96,7 @@ def curve_of(result: xr.Dataset, law: str) -> Curve:
 def restores(result: xr.Dataset) -> bool:
     """Return True if anything restores: a body that is free to move has no such law."""
     size = result.reference_frequency.item() ** 2 * np.abs(result.displacement.values)
-    return bool(np.any(np.abs(result.restoring.values) > ROUNDING * size))
+    return bool(np.any(np.abs(result.restoring.values) > NO_RESTORING_FORCE * size))
 
 
 def laws_in(result: xr.Dataset) -> list[str]:
