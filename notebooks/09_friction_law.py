@@ -1,13 +1,13 @@
 # %% [markdown]
 # # From a record to a friction law
 #
-# A bob on a string was filmed while it swung. No sum of a few named forces explains the record. Here its friction
-# is identified as a curve against speed, with a band, and the restoring force as a curve against
+# A bob on a string was filmed while it swung. No sum of a few named forces explains the record. Here its
+# friction is identified as a curve against speed, with a band, and the restoring force as a curve against
 # displacement. No formula is chosen.
 #
-# The record is not part of this repository. It is read from the folder that `SYSID_TRIB_DATA` names; who is online may
-# set `SYSID_TRIB_FETCH=1`, which fetches it from its public source ([measured.py](measured.py) says which) and
-# checks it.
+# The record is not part of this repository. It is read from the folder that `SYSID_TRIB_DATA` names; who is
+# online may set `SYSID_TRIB_FETCH=1`, which fetches it from its public source ([measured.py](measured.py)
+# says which) and checks it.
 
 # %%
 import os
@@ -61,8 +61,9 @@ if "string" in files:
     display(st.plots.laws(tree))
 
 # %% [markdown]
-# The grey part is not visited by the record. Dashed lines there are continuations. The restoring force is shown without
-# the straight line and without gravity, which `pendulum` holds: what is left is the sensor's, or the string's.
+# The grey part is not visited by the record. Dashed lines there are continuations. The restoring force is
+# shown without the straight line and without gravity, which `pendulum` holds: what is left is the sensor's,
+# or the string's.
 #
 # The numbers of the figure, as a table that can be published:
 
@@ -75,8 +76,8 @@ if "string" in files:
 # %% [markdown]
 # ## In SI units
 #
-# The laws are forces over the inertia. With the moment of inertia they are torques; over the load and the radius of a contact
-# they are coefficients of friction. A bob of 0.2 kg on a string of 0.66 m, say:
+# The laws are forces over the inertia. With the moment of inertia they are torques; over the load and the
+# radius of a contact they are coefficients of friction. A bob of 0.2 kg on a string of 0.66 m, say:
 
 # %%
 if "string" in files:
