@@ -51,7 +51,7 @@ print(f"The band holds the true law at {inside.sum()} of {len(v)} visited speeds
 
 # %%
 if "string" in files:
-    window = (None, 40.0) if QUICK else (None, None)
+    window = (None, 15.0) if QUICK else (None, None)
     decay = st.free_decay(st.read_record(files["string"]), window=window)
     print(decay.attrs["free_decay"])
     tree = st.laws(decay, "pendulum")
@@ -82,5 +82,6 @@ if "string" in files:
 # %%
 if "string" in files:
     mass, length = 0.2, 0.66
-    torque = mass * length**2 * best.friction
-    print(f"At {best.speed.values[20]:.2f} rad/s the friction takes {1e3 * torque.values[20]:.3g} mN m.")
+    torque = mass * length**2 * best.friction.values
+    at = np.argmin(np.abs(best.speed.values - 1.5))
+    print(f"At {best.speed.values[at]:.2f} rad/s the friction is {1e3 * torque[at]:.3g} mN m.")

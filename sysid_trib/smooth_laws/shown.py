@@ -135,9 +135,9 @@ def _odd_curve(result: xr.Dataset, law: str) -> Curve:
     whole, odd = curve_of(result, law), bands.odd_part(result, law)
     at = whole.places > 0.0
     values, errors = odd[law].values, odd[f"{law}_standard_error"].values
-    width = float(
-        np.nanmax((whole.high - whole.values)[at] / np.where(whole.errors > 0.0, whole.errors, np.nan)[at])
-    )
+    known = at & (whole.errors > 0.0)
+    ratios = (whole.high - whole.values)[known] / whole.errors[known]
+    width = float(np.max(ratios, initial=0.0))
     return Curve(
         whole.places[at], values, errors, values - width * errors, values + width * errors, whole.visited[at]
     )
