@@ -5,6 +5,6 @@ from sysid_trib.plots.named_effects import ranking as ranking, story as story
 from sysid_trib.plots.sureness import difference as difference, profile as profile, sensitivity as sensitivity
 
 from .at_a_glance import overview as overview
-from .laws import laws as laws
+from .law_curves import laws as laws
 from .over_time import frequency_shift as frequency_shift, motions as motions, weights as weights
 from .predicted import innovations as innovations, plan as plan, response as response
