@@ -57,9 +57,7 @@ def _outputs():
     """Every page that holds what a command prints, with the command; those on measured records take long."""
     for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
         for command in re.findall(r"^\$ (sysid-trib .+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
-            # Laws of a measured record take longer than a fit.
-            long = page.name != "README.md" or command.startswith("sysid-trib laws")
-            marks = [pytest.mark.slow] if long else []
+            marks = [pytest.mark.slow] if page.name != "README.md" else []
             yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
 
 
